@@ -1,13 +1,21 @@
-"""One style for the figures of the studies: colours that the colour-blind tell apart, and two formats."""
+"""One style for the figures of the studies: colours that the colour-blind tell apart, and two formats.
+
+A figure is lines of panels (`draw`), and a panel its labels and items (`panel`). An item draws itself into axes: a
+`curve`, one for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
+"""
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import cycle
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from studies.arrays import Array
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe & Ito (2008)
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -34,12 +42,130 @@ def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
     return drawing, drawing.subplots(lines, columns, squeeze=False)
 
 
+Item = Callable[[Axes], object]
+Value = str | int | Callable[[Any], float]
+UNITS = {"mm": 1e-3, "ms": 1e-3, "mN": 1e-3, "mm/N": 1e-3, "kPa": 1e3, "MPa": 1e6, "%": 1e-2}
+
+
+def draw(*lines: Sequence[Item]) -> Figure:
+    """Draw a figure of panels, line by line."""
+    drawing, grid = panels(len(lines), len(lines[0]))
+    for axes, item in zip(grid.ravel(), (item for line in lines for item in line), strict=True):
+        item(axes)
+    return drawing
+
+
+def panel(
+    x: str,
+    y: str,
+    *items: Item,
+    log: str = "",
+    ticks: Mapping[str, Any] | None = None,
+    above: float = 1.0,
+    legend: Mapping[str, Any] | None = None,
+    **limits: Any,
+) -> Item:
+    """Return a panel: labels with units, items, logarithmic axes ("x", "y" or "xy"), plain `ticks` by axis, the factor
+    on the upper limit that leaves room for the legend, arguments of the legend, and what `Axes.set` takes."""
+
+    def drawn(axes: Axes) -> None:
+        for item in items:
+            item(axes)
+        axes.set(xlabel=x, ylabel=y, **{f"{axis}scale": "log" for axis in log}, **limits)
+        for axis, values in (ticks or {}).items():
+            set_ticks(axes, axis, values)
+        if above != 1.0:
+            axes.set_ylim(top=above * axes.get_ylim()[1])
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(**legend or {})
+
+    return drawn
+
+
+def curve(x: Any, y: Any, label: str | None = None, style: str = "-", colour: str = "black", **looks: Any) -> Item:
+    """Return a curve in a style of matplotlib; `looks` are arguments of `Axes.plot`."""
+    return lambda axes: axes.plot(x, y, style, color=colour, label=label, **looks)
+
+
+def value(of: Value) -> Callable[[Any], float]:
+    """Return the function that reads a number of a row: a field by its name, with the unit that it is drawn in, as in
+    "drift [mm]"; the entry of a tuple by its place; or the function itself."""
+    if callable(of):
+        return of
+    if isinstance(of, int):
+        return itemgetter(of)
+    name, _, unit = of.rstrip("]").partition(" [")
+    return lambda row: getattr(row, name) / UNITS.get(unit, 1.0)
+
+
+def series(
+    groups: Mapping[str, Sequence[Any]],
+    x: Value,
+    y: Value,
+    line: str = "-",
+    markers: Sequence[str] = MARKERS,
+    colours: Sequence[str] = COLOURS,
+    **looks: Any,
+) -> Item:
+    """Return one curve for each group of rows, in a colour and with a marker of its own, labelled by its name; one that
+    begins with "_" is not in the legend."""
+
+    def drawn(axes: Axes) -> None:
+        for (label, rows), colour, marker in zip(groups.items(), cycle(colours), cycle(markers)):
+            values = [[value(of)(row) for row in rows] for of in (x, y)]
+            axes.plot(*values, marker + line, color=colour, label=label, **looks)
+
+    return drawn
+
+
+def unnamed(groups: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
+    """Return groups of rows whose curves are not in the legend."""
+    return {f"_{name}": rows for name, rows in groups.items()}
+
+
+def several(rows: Sequence[Any], x: Value, values: Mapping[str, Value], line: str = "-", **looks: Any) -> Item:
+    """Return one curve for each of several values of the same rows, as `series` does for one value of several."""
+    pairs = {label: [(value(x)(row), value(y)(row)) for row in rows] for label, y in values.items()}
+    return series(pairs, 0, 1, line, **looks)
+
+
+def laws(
+    functions: Iterable[Callable[[Array], Any]], x: Array, style: str = "-", colours: Sequence[str] = COLOURS
+) -> Item:
+    """Return the curve of each function over x, in the colours of a `series`."""
+
+    def drawn(axes: Axes) -> None:
+        for function, colour in zip(functions, cycle(colours)):
+            axes.plot(x, function(x), style, color=colour)
+
+    return drawn
+
+
+def both(*items: Item) -> Item:
+    """Return several items as one."""
+    return lambda axes: [item(axes) for item in items]
+
+
+def level(axis: str, value: float, label: str | None = None, style: str = "--", colour: str = "black") -> Item:
+    """Return a straight line through the panel where `axis` has a value."""
+    return lambda axes: (axes.axvline if axis == "x" else axes.axhline)(
+        value, color=colour, linestyle=style, linewidth=0.8, label=label
+    )
+
+
+def band(axis: str, low: float, high: float, label: str, colour: str = "black") -> Item:
+    """Return a stripe through the panel where `axis` is between two values."""
+    return lambda axes: (axes.axvspan if axis == "x" else axes.axhspan)(
+        low, high, color=colour, alpha=0.12, label=label
+    )
+
+
 def literal(words: str) -> str:
     """Return words as matplotlib draws them letter by letter: a dollar begins no formula."""
     return words.replace("$", r"\$")
 
 
-def ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
+def set_ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     """Set plain numbers on an axis, logarithmic or not."""
     {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:.3g}" for value in values])
     axes.minorticks_off()

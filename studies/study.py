@@ -9,19 +9,23 @@ printed with the table.
 import csv
 import io
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
+import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+from threadpoolctl import threadpool_limits
 
 from studies.output.files import read_json, unfinished, write_bytes, write_json, write_text
 from studies.output.lock import LOCK, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
+from studies.scenario.scenario import Scenario, parse
+from studies.scenario.toml import changed, read
 from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:
@@ -39,6 +43,8 @@ NAMES = (
     "taut_skin",
     "wound_closure",
 )
+R = TypeVar("R")
+K = TypeVar("K")
 PRESETS = ("quick", "full")
 WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "figure.svg")
 
@@ -47,12 +53,20 @@ class StudyError(ValueError):
     """A study that is refused before anything is computed."""
 
 
+Columns = Sequence[tuple[str, Callable[[Any], str]]]
+
+
 @dataclass(frozen=True)
 class Table:
     """`head`, each with its unit, and `lines` of as many cells."""
 
     head: Sequence[str]
     lines: Sequence[Sequence[str]]
+
+    @classmethod
+    def of(cls, columns: Columns, items: Iterable[Any]) -> "Table":
+        """Make a line for each item: a column is its head, and the function that writes its cell."""
+        return cls([head for head, _ in columns], [[cell(item) for _, cell in columns] for item in items])
 
     @property
     def markdown(self) -> str:
@@ -80,9 +94,52 @@ class Study:
     quick: Mapping[str, Any]
 
 
-def unit_field(text: str) -> Any:
+def unit_field(text: str, **default: Any) -> Any:
     """Declare a field of a row, with its unit."""
-    return field(metadata={"unit": text})
+    return field(metadata={"unit": text}, **default)
+
+
+def measured(text: str, of: Callable[[Any], Any]) -> Any:
+    """Declare a field of a row, with its unit, "" if it has none, and what measures it on the end of a run."""
+    return field(metadata=({"unit": text} if text else {}) | {"of": of})
+
+
+def measure(kind: Callable[..., R], end: Any, **known: Any) -> R:
+    """Return a row of what is known, and of its fields that are `measured` on the end of a run."""
+    found = {f.name: f.metadata["of"](end) for f in fields(cast(Any, kind)) if "of" in f.metadata}
+    return kind(**known, **{name: plain(value) for name, value in found.items()})
+
+
+def plain(value: Any) -> Any:
+    """Return a number or an array of numpy as Python's own number or a tuple."""
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def scene(name: str, values: Mapping[str, Any]) -> Scenario:
+    """Return the scenario of a study, `scene.toml` in its folder, with the values of some dotted keys."""
+    return parse(changed(read(Path(__file__).parent / name / "scene.toml"), values))
+
+
+def require(allowed: bool, given: str, remedy: str) -> None:
+    """Raise `StudyError` for arguments of a study that are not allowed."""
+    if not allowed:
+        raise StudyError(f"{given} is refused: {remedy}")
+
+
+def require_known(name: str, words: Sequence[str], known: Iterable[str]) -> None:
+    """Raise `StudyError` for a word that an argument of a study does not know."""
+    for word in words:
+        require(word in known, f"{name}: {word!r}", f"those known are {'; '.join(known)}")
+
+
+def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
+    """Return rows by a key, in the order of their first one."""
+    groups: dict[K, list[R]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
 
 
 Job = Callable[[], Any]  # gives a row, or several; what goes to another process is a partial of a module's function
@@ -104,9 +161,10 @@ def each(jobs: Sequence[Job]) -> Iterator[Any]:
 
 
 def rows_of(job: Job) -> Iterator[Any]:
-    """Yield the rows of a job as they are done."""
-    given = job()
-    yield from ([given] if is_dataclass(given) else given)
+    """Yield the rows of a job as they are done, with one thread of BLAS."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        given = job()
+        yield from ([given] if is_dataclass(given) else given)
 
 
 def outcome_of(job: Job) -> list[Any] | Exception:

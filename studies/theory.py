@@ -1,20 +1,108 @@
-"""Two holes of an elastic half-space: how far tensions move them, and the stress around them, in closed form.
+"""The closed forms that the studies are compared with.
 
-A hole on the surface is a disc, one below it a ball, each with the parabolic weight of a footprint. Between two holes
-both are points, which leaves out (a/w)² of what one does to the other: Mindlin's solution (J. Appl. Phys. 7 (1936)
-195), which is Kelvin's far from the surface and Cerruti's and Boussinesq's on it. The surface is z = 0, z points out.
+*Friction* at a hole, of a bending thread and round a capstan. *Strips and sheets* of exponential tissue. *Two holes of
+an elastic half-space*: how far tensions move them, and the stress around them. A hole on the surface is a disc, one
+below it a ball, each with the parabolic weight of a footprint. Between two holes both are points, which leaves out
+(a/w)² of what one does to the other: Mindlin's solution (J. Appl. Phys. 7 (1936) 195), which is Kelvin's far from the
+surface and Cerruti's and Boussinesq's on it. The surface is z = 0, z points out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from studies.arrays import Array
+from tissue import Material
+from tissue.materials.density import Sum
+from tissue.materials.isotropic import Exponential, Volumetric
 from tissue.sites import footprint, unbounded
 
 WEIGHT = "parabolic"
 STEP = 1e-4  # of a footprint, over which displacements are differenced
+
+
+# --- friction ---------------------------------------------------------------------------------------------
+
+
+def point_ratio(mu: float, turn: float) -> float:
+    """Return (1 + μt)/(1 − μt), t = tan θ/2, of one hole whose tangent is half-way, which turns a thread by `turn`
+    [rad]; infinite where it locks."""
+    mt = mu * np.tan(turn / 2)
+    return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
+
+
+def bent_ratio(mu: float, turn: float) -> float:
+    """Return T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the
+    same on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
+
+    def ratio(alpha: float) -> float:
+        return float((1 + mu * np.sin(turn - alpha)) / (1 - mu * np.sin(alpha)))
+
+    def jump_of_moment(alpha: float) -> float:
+        return float(ratio(alpha) * (1 - np.cos(alpha)) - (1 - np.cos(turn - alpha)))
+
+    return ratio(brentq(jump_of_moment, 1e-9, turn / 2))
+
+
+def capstan(mu: float, turn: float) -> float:
+    """Return the ratio of tensions at a post that a limp thread is turned round by `turn` [rad]."""
+    return float(np.exp(mu * turn))
+
+
+def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
+    """Return the tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
+
+    `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
+    between it and the hand slips: it lies between the hand's over and times their product.
+    """
+    reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
+    return np.clip(before, hand / reach, hand * reach)
+
+
+def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
+    """Return the tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after
+    the other and every hole slips at the same ratio, shape `(stitches - 1,)`."""
+    law, out = np.full(2, hold), []
+    for number in range(2, stitches + 1):
+        ratios = np.full(2 * number - 1, ratio)
+        law = tensions_by_law(np.append(law, [hold, hold]), pull, ratios)
+        out.append(law[3])
+        law = tensions_by_law(law, hold, ratios)
+    return np.array(out)
+
+
+# --- strips and sheets ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fibrous:
+    """Exponential tissue of E [Pa], ν and stiffening b."""
+
+    youngs_modulus: float
+    poisson_ratio: float
+    stiffening: float
+
+    def stress(self, *stretches: float) -> Array:
+        """Return the first Piola stress at three principal stretches, shape `(3, 3)` [Pa]."""
+        linear = Material(self.youngs_modulus, self.poisson_ratio, 1.0)
+        density = Sum([Exponential(linear.lame_mu, self.stiffening), Volumetric(linear.bulk_modulus)])
+        return np.asarray(density.stress(np.diag(stretches)[:, :, None])[:, :, 0])
+
+    def strip(self, stretch: float) -> tuple[float, float]:
+        """Return the nominal stress [Pa] and J of a strip at a stretch, free at its sides."""
+        low = 0.7 / np.sqrt(stretch)
+        side = float(brentq(lambda x: float(self.stress(stretch, x, x)[1, 1]), low, 1.5))
+        return float(self.stress(stretch, side, side)[0, 0]), stretch * side**2
+
+    def thinned(self, stretch: float) -> float:
+        """Return the stretch across a sheet that is free there, at a stretch of both directions of its plane [-]."""
+        low = 0.5 / stretch**2
+        return float(brentq(lambda x: float(self.stress(stretch, stretch, x)[2, 2]), low, 1.5))
+
+
+# --- two holes of a half-space ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -78,6 +166,11 @@ def half_ball() -> tuple[Array, Array]:
     ball = footprint.ball(WEIGHT)
     below = ball.points[:, 2] < 0.0
     return ball.points[below], 2.0 * ball.weights[below]
+
+
+def bend_length(EI: float, tension: float, turn: float) -> float:
+    """Return the length that an elastica of stiffness EI [N m²] takes to turn by `turn` [degree] from its line [m]."""
+    return float(2.0 * np.sqrt(EI / tension) * (1.0 - np.cos(np.radians(turn) / 2.0)))
 
 
 def hooke(slope: Array, nu: float) -> Array:

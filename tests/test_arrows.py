@@ -129,10 +129,10 @@ def test_every_folder_of_modules_is_installed() -> None:
 
 
 def test_every_scene_is_installed() -> None:
-    """Independent check: all scenario files are package data: the scenes with the surfaces that they read, and the one
-    that a new scenario begins as."""
+    """Independent check: all scenario files are package data: the scenes with the surfaces that they read, those of the
+    studies, and the one that a new scenario begins as."""
     data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
-    rooms = {room: ROOT / room.replace(".", "/") for room in ("studies.scenario", "studies.command")}
+    rooms = {room: ROOT / room.replace(".", "/") for room in ("studies", "studies.scenario", "studies.command")}
     scenes = {path for room, folder in rooms.items() for pattern in data[room] for path in folder.glob(pattern)}
     assert scenes == {path for kind in ("toml", "obj") for path in (ROOT / "studies").rglob(f"*.{kind}")}
     assert scenes

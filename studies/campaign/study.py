@@ -16,14 +16,13 @@ A case is gentle where its loads grow and a linear estimate moves its holes by l
 what a user expects to arrive; a hole that moves further is beyond a linear organ.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coupling.errors import CouplingError, InversionError, StepError, TogetherError, TurnedHoleError, UphillError
@@ -33,13 +32,13 @@ from coupling.run.watch import CREATED, CREATED_BDF2, given_back
 from coupling.step.diagnosis import frame_areas
 from studies.campaign.generator import KINDS, Case, cases
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
-from studies.figure import COLOURS, panels
+from studies.figure import COLOURS, Item, draw, panel, series
 from studies.output.records import Ending, Extremes, nothing_met
 from studies.scenario import ScenarioError, parse
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Study, Table, each, unit_field
+from studies.study import Columns, Study, Table, each, measure, measured, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 ASKED_SUDDEN = 0.9  # of the sudden dead loads
@@ -73,27 +72,39 @@ class Row:
     `lengths_apart` are from the same case in steps a quarter as long, NaN where it was not run, infinite where that did
     not complete."""
 
-    number: int
-    kind: str
-    suture: str
-    holes: int
-    youngs_modulus: float = unit_field("Pa")
-    demand: float = unit_field("footprints")
-    gentle: bool
-    cause: str
-    words: str
-    time: float = unit_field("s")
-    duration: float = unit_field("s")
-    steps: int
-    halved: int
-    median: float = unit_field("corrections")
-    high: float = unit_field("corrections, 99th percentile")
-    created: float = unit_field("-")
-    created_bdf2: float = unit_field("-")
-    span_ratio: float = unit_field("-")
-    said: str = ""
-    forces_apart: float = field(default=float("nan"), metadata={"unit": "-"})
-    lengths_apart: float = field(default=float("nan"), metadata={"unit": "-"})
+    number: int = measured("", lambda at: at.case.number)
+    kind: str = measured("", lambda at: at.case.kind)
+    suture: str = measured("", lambda at: at.case.tables["thread"]["suture"])
+    holes: int = measured("", lambda at: len(at.case.tables["piercing"]))
+    youngs_modulus: float = measured("Pa", lambda at: at.case.tables["tissue"]["youngs_modulus"])
+    demand: float = measured("footprints", lambda at: at.case.demand)
+    gentle: bool = measured("", lambda at: at.case.gentle)
+    cause: str = measured("", lambda at: at.end.cause)
+    words: str = measured("", lambda at: at.end.words)
+    time: float = measured("s", lambda at: at.tally.now.state.time if at.tally else 0.0)
+    duration: float = measured("s", lambda at: at.case.tables["solve"]["duration"])
+    steps: int = measured("", lambda at: len(at.taken))
+    halved: int = measured("", lambda at: at.tally.halved if at.tally else 0)
+    median: float = measured("corrections", lambda at: np.median(at.taken) if at.taken else np.nan)
+    high: float = measured(
+        "corrections, 99th percentile", lambda at: np.percentile(at.taken, 99) if at.taken else np.nan
+    )
+    created: float = measured("-", lambda at: at.tally.created if at.tally else 0.0)
+    created_bdf2: float = measured("-", lambda at: at.tally.created_bdf2 if at.tally else 0.0)
+    span_ratio: float = measured("-", lambda at: spans_of(at.tally.now) if at.tally else np.nan)
+    said: str = measured("", lambda at: " ".join(at.end.said))
+    forces_apart: float = unit_field("-", default=float("nan"))
+    lengths_apart: float = unit_field("-", default=float("nan"))
+
+    @property
+    def completed(self) -> bool:
+        """Whether the case arrived at its end."""
+        return self.cause == COMPLETED
+
+    @property
+    def apart(self) -> float:
+        """The larger of both distances [-]."""
+        return max(self.forces_apart, self.lengths_apart)
 
 
 @dataclass
@@ -154,7 +165,7 @@ def run(case: Case, most: int, quarter: bool = False) -> Row:
     """Run one case; `quarter`: again in steps a quarter as long, if it completes."""
     end = followed(case.tables, most)
     found = row(case, end)
-    return compared(case, found, end, most) if quarter and found.cause == COMPLETED else found
+    return compared(case, found, end, most) if quarter and found.completed else found
 
 
 def followed(tables: dict[str, Any], most: int) -> End:
@@ -185,10 +196,15 @@ def compared(case: Case, found: Row, end: End, most: int) -> Row:
     return replace(found, forces_apart=forces_apart(*pair), lengths_apart=lengths_apart(*pair))
 
 
+def spans_of(run: OrganRun) -> float:
+    """Return the spans at the holes of a run over √(EI/T) [-]."""
+    return span_ratio(run.system, run.state)
+
+
 def cause_of(error: CouplingError, now: OrganRun) -> str:
     """Name the cause of an error, from what it is and the state before it."""
     if isinstance(error, InversionError):
-        if span_ratio(now.system, now.state) > LAYER:
+        if spans_of(now) > LAYER:
             return "flip: spans longer than the bending layer"
         smallest = frame_areas(now.state.y)[now.state.present].min(initial=1.0)
         return "flip: hole turned beyond a linear organ" if smallest < TURNED else "flip"
@@ -203,51 +219,38 @@ def cause_of(error: CouplingError, now: OrganRun) -> str:
 
 def row(case: Case, end: End) -> Row:
     """Return the row of a case."""
-    tally = end.tally
-    taken = tally.corrections if tally else []
-    return Row(
-        number=case.number,
-        kind=case.kind,
-        suture=case.tables["thread"]["suture"],
-        holes=len(case.tables["piercing"]),
-        youngs_modulus=case.tables["tissue"]["youngs_modulus"],
-        demand=case.demand,
-        gentle=case.gentle,
-        cause=end.cause,
-        words=end.words,
-        time=tally.now.state.time if tally else 0.0,
-        duration=case.tables["solve"]["duration"],
-        steps=len(taken),
-        halved=tally.halved if tally else 0,
-        median=float(np.median(taken)) if taken else float("nan"),
-        high=float(np.percentile(taken, 99)) if taken else float("nan"),
-        created=tally.created if tally else 0.0,
-        created_bdf2=tally.created_bdf2 if tally else 0.0,
-        span_ratio=span_ratio(tally.now.system, tally.now.state) if tally else float("nan"),
-        said=" ".join(end.said),
-    )
+    taken = end.tally.corrections if end.tally else []
+    return measure(Row, SimpleNamespace(case=case, end=end, tally=end.tally, taken=taken))
 
 
 def share(rows: Sequence[Row]) -> str:
     """Write how many of the rows completed."""
-    done = sum(row.cause == COMPLETED for row in rows)
-    return f"{done} of {len(rows)}"
+    return f"{sum(row.completed for row in rows)} of {len(rows)}"
+
+
+def count(cause: str) -> Callable[[tuple[str, list[Row]]], str]:
+    """Return what writes how many of a group's rows ended by a cause."""
+    return lambda group: str(sum(row.cause == cause for row in group[1]))
+
+
+def middle(key: str) -> Callable[[tuple[str, list[Row]]], str]:
+    """Return what writes the median of a group's numbers of corrections."""
+    return lambda group: f"{np.median(n):.3g}" if (n := [getattr(r, key) for r in group[1] if r.steps]) else "-"
+
+
+COLUMNS: Columns = (
+    ("kind", lambda group: group[0]),
+    ("completed", lambda group: share(group[1])),
+    *((cause, count(cause)) for cause in CAUSES[1:]),
+    ("corrections, median", middle("median")),
+    ("99th percentile", middle("high")),
+)
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Make one line a kind of scenario, then the gentle ones and all of them."""
-    head = ("kind", "completed", *CAUSES[1:], "corrections, median", "99th percentile")
     groups = {kind: [row for row in rows if row.kind == kind] for kind in KINDS}
-    groups |= {"gentle": [row for row in rows if row.gentle], "all": list(rows)}
-    lines = []
-    for name, group in groups.items():
-        counted = Counter(row.cause for row in group)
-        stepped = [row for row in group if row.steps]
-        middle = [
-            f"{np.median([getattr(row, key) for row in stepped]):.3g}" if stepped else "-" for key in ("median", "high")
-        ]
-        lines.append((name, share(group), *(str(counted[cause]) for cause in CAUSES[1:]), *middle))
-    return Table(head, lines)
+    return Table.of(COLUMNS, [*groups.items(), ("gentle", [row for row in rows if row.gentle]), ("all", rows)])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -261,14 +264,13 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         f"case {row.number} ({row.kind}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
         f"{row.time:.4g} of {row.duration:.4g} s, spans over layer {row.span_ratio:.2g}"
         for row in rows
-        if row.cause != COMPLETED
+        if not row.completed
     ]
 
 
 def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
     """Say how many of the rows of a name completed, and whether as many as were asked."""
-    done = sum(row.cause == COMPLETED for row in rows)
-    word = "" if done >= asked * len(rows) else ", which is TOO FEW"
+    word = "" if sum(row.completed for row in rows) >= asked * len(rows) else ", which is TOO FEW"
     return f"{name} that completed: {share(rows)}{word} (asked are {asked:.0%})"
 
 
@@ -276,10 +278,8 @@ def makes(scheme: str, rows: Sequence[Row], made: Sequence[float], bound: float)
     """Say in how many cases a step of a `scheme` made more than a `bound` of the energy there was, `made` being the
     most of each [-]."""
     beyond = sum(part > bound for part in made)
-    text = (
-        f"cases in which a step of {scheme} made more than {bound:g} of the energy there was: {beyond} of {len(rows)}"
-    )
-    worst = int(np.argmax(made))
+    more, worst = f"made more than {bound:g} of the energy there was", int(np.argmax(made))
+    text = f"cases in which a step of {scheme} {more}: {beyond} of {len(rows)}"
     return f"{text}, at most {made[worst]:.2g} of it (case {rows[worst].number})" if beyond else text
 
 
@@ -289,8 +289,7 @@ def agreement(rows: Sequence[Row]) -> list[str]:
     again = [row for row in rows if not np.isnan(row.forces_apart)]
     if not again:
         return []
-    apart = [row for row in again if max(row.forces_apart, row.lengths_apart) > AGREED]
-    alike = [row for row in again if max(row.forces_apart, row.lengths_apart) <= ALIKE]
+    apart, alike = [row for row in again if row.apart > AGREED], [row for row in again if row.apart <= ALIKE]
     silent = [row for row in apart if not is_told(row)]
     moving = sum(MOVING in row.said.split() for row in silent)
     word = f", {len(silent)} of the others WITHOUT A REMARK on the steps, {moving} of them not at rest" if apart else ""
@@ -313,39 +312,31 @@ def is_told(row: Row) -> bool:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw how the cases of each kind ended, and where in demand and in spans over the layer."""
-    drawing, grid = panels(1, 2)
-    ends(grid[0, 0], rows)
-    places(grid[0, 1], rows)
-    return drawing
+    shown = [row for row in rows if row.span_ratio > 0.0 and row.demand > 0.0]
+    ended = {COMPLETED: [row for row in shown if row.completed], "not": [row for row in shown if not row.completed]}
+    bars = [bar(k, rows) for k in range(len(CAUSES))]
+    places = series(ended, "demand", "span_ratio", "", ["o", "x"])
+    small = {"fontsize": 6}
+    return draw(
+        [
+            panel("kind of scenario", "cases [-]", *bars, title="how they ended", legend=small),
+            panel("demand [footprints]", "span over √(EI/T) [-]", places, log="xy", title="where they ended"),
+        ]
+    )
 
 
-def colour_of(cause: str) -> str:
-    """Return the colour of a cause: one for all flips by the same."""
-    return {cause: COLOURS[k % len(COLOURS)] for k, cause in enumerate(CAUSES)}[cause]
-
-
-def ends(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw bars of the cases of each kind, by their end."""
-    bottom = np.zeros(len(KINDS))
-    for k, cause in enumerate(CAUSES):
-        size = np.array([sum(row.kind == kind and row.cause == cause for row in rows) for kind in KINDS])
-        if size.any():
-            hatch = "//" if k >= len(COLOURS) else None
-            axes.bar(KINDS, size, bottom=bottom, color=colour_of(cause), hatch=hatch, label=cause)
-        bottom = bottom + size
-    axes.set(xlabel="kind of scenario", ylabel="cases [-]", title="how they ended")
-    axes.legend(fontsize=6)
-
-
-def places(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw every case by its demand and by its spans over the bending layer."""
-    for done, marker, label in ((True, "o", COMPLETED), (False, "x", "not")):
-        shown = [row for row in rows if (row.cause == COMPLETED) == done and row.span_ratio > 0.0 and row.demand > 0.0]
-        x, y = [row.demand for row in shown], [row.span_ratio for row in shown]
-        axes.plot(x, y, marker, color=COLOURS[0 if done else 1], label=label)
-    axes.set(xscale="log", yscale="log", xlabel="demand [footprints]", ylabel="span over √(EI/T) [-]")
-    axes.set_title("where they ended")
-    axes.legend()
+def bar(k: int, rows: Sequence[Row]) -> Item:
+    """Draw how many cases of each kind ended by the cause k, above those that ended by the causes before."""
+    size, before = (
+        np.array([sum(row.kind == kind and row.cause in causes for row in rows) for kind in KINDS])
+        for causes in (CAUSES[k : k + 1], CAUSES[:k])
+    )
+    looks: dict[str, Any] = {
+        "color": COLOURS[k % len(COLOURS)],
+        "hatch": "//" if k >= len(COLOURS) else None,
+        "label": CAUSES[k],
+    }
+    return lambda axes: size.any() and axes.bar(KINDS, size, bottom=before, **looks)
 
 
 STUDY = Study(

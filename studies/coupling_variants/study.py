@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from coupling.errors import CouplingError
 from coupling.kernels.steps.audit import REMAINDER
@@ -30,10 +30,10 @@ from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.scenario import Scenario, parse
+from studies.figure import COLOURS, Item, curve, draw, level, panel, series, unnamed
+from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Study, StudyError, Table, each, unit_field
+from studies.study import Columns, Study, Table, each, grouped, measure, measured, require, scene
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -44,7 +44,6 @@ FOOTPRINT = 2e-3  # [m]
 HOLD, HOLD_STEP = 0.1, 2e-3  # the thread settles, always in one system [s]
 DURATION = 0.1  # of pull and release [s]
 WAY = 6e-3  # of the hand, out and back [m]
-HALF = 5e-3  # of the distance of the holes [m]
 CREATED = 0.1  # of the hand's work: a run whose lag has created more is unstable
 
 MILLI, KILO = 1e-3, 1e3
@@ -59,18 +58,18 @@ COLOUR_OF = dict(zip(("monolithic", "staggered", "linear"), COLOURS, strict=Fals
 class Row:
     """One run. `created` is over `external_work`, what the hand puts in while it gives, in the run of reference."""
 
-    way: str
-    inertia: bool  # of the organ
-    youngs_modulus: float = unit_field("Pa")
-    size: float = unit_field("m")  # of the mesh
-    dt: float = unit_field("s")
-    completed: bool
-    drift: float = unit_field("m")  # largest |P(s) − x|
-    moved: float = unit_field("m")  # farthest a hole moved
-    created: float = unit_field("-")
-    external_work: float = unit_field("J")
-    error: float = unit_field("-")  # of the exit's place, over how far it goes
-    solves: int = unit_field("linear systems")
+    way: str = measured("", lambda at: at.way)
+    inertia: bool = measured("", lambda at: at.tissue.inertia)  # of the organ
+    youngs_modulus: float = measured("Pa", lambda at: at.tissue.youngs_modulus)
+    size: float = measured("m", lambda at: at.tissue.mesh.h)  # of the mesh
+    dt: float = measured("s", lambda at: DURATION / at.n)
+    completed: bool = measured("", lambda at: at.run.completed)
+    drift: float = measured("m", lambda at: at.run.drift)  # largest |P(s) − x|
+    moved: float = measured("m", lambda at: at.run.moved)  # farthest a hole moved
+    created: float = measured("-", lambda at: at.run.created / at.whole.external_work)
+    external_work: float = measured("J", lambda at: at.whole.external_work)
+    error: float = measured("-", lambda at: error_of(at.run, at.whole))  # of the exit's place, over how far it goes
+    solves: int = measured("linear systems", lambda at: at.run.solves)
 
     @property
     def stable(self) -> bool:
@@ -85,63 +84,30 @@ def main(
     inertias: Sequence[bool] = (True, False),
 ) -> Iterator[Row]:
     """Yield every run. Raises `StudyError` for steps that share no times."""
-    if min(step_counts) < 1 or any(n % min(step_counts) for n in step_counts):
-        raise StudyError(f"step_counts = {list(step_counts)} is refused: give multiples of the smallest one")
-    with threadpool_limits(limits=1, user_api="blas"):
-        ways = [scenario(E, inertia, size) for inertia, E in product(inertias, stiffnesses)]
-        yield from each([partial(run_ways, way, size, sorted(step_counts)) for way in ways])
+    allowed = min(step_counts) >= 1 and not any(n % min(step_counts) for n in step_counts)
+    require(allowed, f"step_counts = {list(step_counts)}", "give multiples of the smallest one")
+    ways = [scenario(E, inertia, size) for inertia, E in product(inertias, stiffnesses)]
+    yield from each([partial(run_ways, way, sorted(step_counts)) for way in ways])
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:
-    """Make the scenario: a suture down into a block, under its surface, and up again; its end goes out and back, from
-    `HOLD` on."""
+    """Return the scene of an organ; its end goes out and back, from `HOLD` on."""
     phase = np.linspace(0.0, 1.0, 33)
     out = WAY * np.sin(np.pi * phase) ** 2
     hand = [[HOLD + DURATION * t, 0.02 + 0.8 * x, 0.0, 0.02 + 0.6 * x] for t, x in zip(phase, out, strict=True)]
-    hole = {
-        "direction": "normal",
-        "footprint": FOOTPRINT,
-        "subgrid": False,
-    }  # the same organ on every mesh it is run on
-    down, up = [-HALF, 0.0, 0.0], [HALF, 0.0, 0.0]
-    return parse(
-        {
-            "title": "staggered against monolithic",
-            "tissue": {
-                "youngs_modulus": youngs_modulus,
-                "poisson_ratio": 0.45,
-                "density": 1070.0,
-                "rayleigh": [0.0, 5e-4],
-                "inertia": inertia,
-                "clamp": ["bottom"],
-                "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": size},
-            },
-            "thread": {
-                "suture": "2-0 polypropylene",
-                "control_points": 30,
-                "damping": 20.0,
-                "path": [
-                    [-0.02, 0.0, 0.02],
-                    [-HALF, 0.0, 0.01],
-                    [-HALF, 0.0, -3e-3],
-                    [HALF, 0.0, -3e-3],
-                    [HALF, 0.0, 0.01],
-                    [0.02, 0.0, 0.02],
-                ],
-                "start": {"kind": "fixed"},
-                "end": {"kind": "driven", "waypoints": [[0.0, 0.02, 0.0, 0.02], *hand]},
-            },
-            "piercing": [{"name": "entry", "at": down, **hole}, {"name": "exit", "at": up, **hole}],
-            "solve": {"dt": HOLD_STEP, "duration": HOLD + DURATION},
-        }
-    )
+    values = {
+        "tissue.youngs_modulus": youngs_modulus,
+        "tissue.inertia": inertia,
+        "tissue.mesh.h": size,
+        "thread.end.waypoints": [[0.0, 0.02, 0.0, 0.02], *hand],
+    }
+    return scene("coupling_variants", values)
 
 
-def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Iterator[Row]:
+def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
     """Run one organ in all ways with all steps. The linear step knows no compliance that the spline lacks at a hole:
     it, and what it is compared with, do without."""
-    table, coarsest = scenario.tissue, step_counts[0]
-    assert table is not None
+    coarsest = step_counts[0]
     with_it = settle(assemble(scenario))
     without = settle(assemble(scenario.model_copy(update={"solve": scenario.solve.model_copy(update=LINEAR)})))
     references = [
@@ -150,21 +116,7 @@ def run_ways(scenario: Scenario, size: float, step_counts: Sequence[int]) -> Ite
     for way, n in product(WAYS, step_counts):
         (system, state), whole = (without, references[1]) if way == "linear" else (with_it, references[0])
         run = pull_and_release(system, state, WAYS[way], n, coarsest)
-        away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
-        yield Row(
-            way=way,
-            inertia=table.inertia,
-            youngs_modulus=table.youngs_modulus,
-            size=size,
-            dt=DURATION / n,
-            completed=run.completed,
-            drift=run.drift,
-            moved=run.moved,
-            created=run.created / whole.external_work,
-            external_work=whole.external_work,
-            error=float(away.max()) / whole.moved if run.completed else float("nan"),
-            solves=run.solves,
-        )
+        yield measure(Row, SimpleNamespace(way=way, tissue=scenario.tissue, n=n, run=run, whole=whole))
 
 
 def settle(assembly: Assembly) -> tuple[System, State]:
@@ -239,6 +191,12 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
     return run(True)
 
 
+def error_of(run: Outcome, whole: Outcome) -> float:
+    """Return how far the exit is at most from where another run has it, over its way; NaN if the run broke off."""
+    away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
+    return float(away.max()) / whole.moved if run.completed else float("nan")
+
+
 def hand_work(before: Energies, after: Energies) -> float:
     """Return the work that the hand puts in during a step, nothing while it takes [J]."""
     return max(0.0, after.external_work - before.external_work)
@@ -269,36 +227,37 @@ def largest_stable(runs: Sequence[Row]) -> float:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line an organ and way."""
+    """Make one line an organ and way: drift and energy at the steps next to those of COMPARED."""
     steps = " / ".join(f"{dt / MILLI:g}" for dt in COMPARED) + " ms"
-    head = (
-        "organ",
-        "E [kPa]",
-        "hole moves [mm]",
-        "way",
-        "largest stable step [ms]",
-        f"drift at {steps} [mm]",
-        f"energy created at {steps} [% of the hand's work]",
-        f"error of the exit at {EQUAL} linear systems [% of its way]",
+
+    def at_steps(runs: Sequence[Row], cell: Callable[[Row], str]) -> str:
+        chosen = [min(runs, key=lambda run: abs(np.log(run.dt / dt))) for dt in COMPARED]
+        return " / ".join(cell(run) if run.completed else "broke off" for run in chosen)
+
+    def moved(runs: Sequence[Row]) -> float:
+        whole = runs_of(rows, "monolithic", runs[0].inertia, runs[0].youngs_modulus)
+        return max(run.moved for run in whole) / MILLI
+
+    columns: Columns = (
+        ("organ", lambda runs: "with inertia" if runs[0].inertia else "quasi-static"),
+        ("E [kPa]", lambda runs: f"{runs[0].youngs_modulus / KILO:g}"),
+        ("hole moves [mm]", lambda runs: f"{moved(runs):.2g}"),
+        ("way", lambda runs: runs[0].way),
+        ("largest stable step [ms]", stable_text),
+        (f"drift at {steps} [mm]", lambda runs: at_steps(runs, lambda run: f"{run.drift / MILLI:.2g}")),
+        (
+            f"energy created at {steps} [% of the hand's work]",
+            lambda runs: at_steps(runs, lambda run: f"{100.0 * run.created:+.2g}"),
+        ),
+        (f"error of the exit at {EQUAL} linear systems [% of its way]", error_text),
     )
-    return Table(head, [table_line(rows, way, *organ) for organ in organs(rows) for way in WAYS])
+    return Table.of(columns, [runs_of(rows, way, *organ) for organ in organs(rows) for way in WAYS])
 
 
-def table_line(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[str]:
-    """Return the drift and energy at the steps next to those of COMPARED."""
-    runs = runs_of(rows, way, inertia, youngs_modulus)
-    chosen = [min(runs, key=lambda run: abs(np.log(run.dt / dt))) for dt in COMPARED]
+def error_text(runs: Sequence[Row]) -> str:
+    """Write the error at a number of linear systems [%]."""
     error = error_at(EQUAL, runs)
-    return [
-        "with inertia" if inertia else "quasi-static",
-        f"{youngs_modulus / KILO:g}",
-        f"{max(run.moved for run in runs_of(rows, 'monolithic', inertia, youngs_modulus)) / MILLI:.2g}",
-        way,
-        stable_text(runs),
-        " / ".join(f"{run.drift / MILLI:.2g}" if run.completed else "broke off" for run in chosen),
-        " / ".join(f"{100.0 * run.created:+.2g}" if run.completed else "broke off" for run in chosen),
-        "none" if np.isnan(error) else f"{100.0 * error:.2g}",
-    ]
+    return "none" if np.isnan(error) else f"{100.0 * error:.2g}"
 
 
 def error_at(cost: float, runs: Sequence[Row]) -> float:
@@ -338,100 +297,61 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw which steps are stable, error over cost, drift and created energy over the step: a line of panels for each
     kind of organ."""
-    kinds = list(dict.fromkeys(row.inertia for row in rows))
-    drawing, grid = panels(len(kinds), 4)
-    for line, inertia in zip(grid, kinds, strict=True):
-        stability_map(line[0], rows, inertia)
-        error_over_cost(line[1], rows, inertia)
-        for axes, value in ((line[2], drift), (line[3], created_share)):
-            for way, (E, marker) in product(("staggered", "linear"), organ_markers(rows, inertia)):
-                curve(axes, runs_of(rows, way, inertia, E), value, COLOUR_OF[way], marker, f"{way}, {E / KILO:g} kPa")
-        drift_axes(line[2])
-        energy_axes(line[3])
-    return drawing
+    return draw(
+        *(panels_of([row for row in rows if row.inertia == kind]) for kind in dict.fromkeys(r.inertia for r in rows))
+    )
 
 
-def organ_markers(rows: Sequence[Row], inertia: bool) -> list[tuple[float, str]]:
-    """Return the stiffness [Pa] and marker of every organ of a kind."""
-    return list(zip([E for kind, E in organs(rows) if kind == inertia], MARKERS, strict=False))
+def panels_of(rows: Sequence[Row]) -> list[Item]:
+    """Return the panels of a kind of organ."""
+    stiffnesses, kind = [E for _, E in organs(rows)], "organ with inertia" if rows[0].inertia else "quasi-static organ"
+    shown = min(stiffnesses, key=lambda E: abs(np.log(E / SHOWN)))
+    ways = grouped((row for row in rows if row.stable and row.youngs_modulus == shown), lambda row: row.way)
+    done = [row for row in rows if row.completed and row.way != "monolithic"]
+    by_organ = grouped(done, lambda row: f"{row.way}, {row.youngs_modulus / KILO:g} kPa")
+    unstable = {name: [row for row in runs if not row.stable] for name, runs in by_organ.items()}
+    colours = [COLOUR_OF[runs[0].way] for runs in by_organ.values()]
+    hollow: dict[str, Any] = {"colours": colours, "markerfacecolor": "white"}
+    step = "time step [ms]"
+    axis: dict[str, Any] = {"xlim": (0.06, 13.0), "ticks": {"x": TICKS}}
 
+    def state(row: Row) -> tuple[str, str]:
+        return row.way, "s" if row.completed else "x"
 
-def drift(run: Row) -> float:
-    """Return the drift of a run [mm]."""
-    return run.drift / MILLI
+    def place(row: Row) -> float:
+        return stiffnesses.index(row.youngs_modulus) + 0.25 * (1 - list(WAYS).index(row.way))
 
-
-def created_share(run: Row) -> float:
-    """Return the energy that a run created over the work of the hand."""
-    return run.created
-
-
-def stability_map(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
-    """Draw every run at its step and stiffness, the ways one below the other."""
-    stiffnesses = [E for E, _ in organ_markers(rows, inertia)]
-    for level, E in enumerate(stiffnesses):
-        for k, way in enumerate(WAYS):
-            states(axes, runs_of(rows, way, inertia, E), level + 0.25 * (1 - k), COLOUR_OF[way])
-    for way, colour in COLOUR_OF.items():
-        axes.plot([], [], "s", color=colour, label=way)
-    axes.set(ylim=(-0.6, len(stiffnesses) - 0.1), ylabel="Young's modulus [kPa]")
-    axes.set_yticks(range(len(stiffnesses)), [f"{E / KILO:g}" for E in stiffnesses])
-    axes.set_title(("organ with inertia" if inertia else "quasi-static organ") + "; □ creates energy, × breaks off")
-    axes.legend(loc="upper left", ncols=3, columnspacing=1.0, handletextpad=0.1)
-    over_steps(axes)
-
-
-def states(axes: Axes, runs: Sequence[Row], level: float, colour: str) -> None:
-    """Draw one line of the map: filled where stable, hollow where energy was created, a cross where the run broke
-    off."""
-    for run in runs:
-        face = colour if run.stable else "white"
-        marker = "s" if run.completed else "x"
-        axes.plot(run.dt / MILLI, level, marker, color=colour, markerfacecolor=face, markersize=4)
-
-
-def error_over_cost(axes: Axes, rows: Sequence[Row], inertia: bool) -> None:
-    """Draw the error of the exit over the linear systems solved, of the stable runs of one stiffness."""
-    E = min((E for kind, E in organs(rows) if kind == inertia), key=lambda E: abs(np.log(E / SHOWN)))
-    for way, marker in zip(WAYS, MARKERS, strict=False):
-        runs = [run for run in runs_of(rows, way, inertia, E) if run.stable]
-        values = [run.error for run in runs]
-        axes.plot([run.solves for run in runs], values, color=COLOUR_OF[way], marker=marker, label=way)
-    axes.set(xscale="log", yscale="log", xlabel="linear systems solved [-]", ylabel="error of the exit / its way [-]")
-    axes.set_title(f"{E / KILO:g} kPa, stable runs")
-    axes.legend()
-
-
-def curve(axes: Axes, runs: Sequence[Row], value: Callable[[Row], float], colour: str, marker: str, label: str) -> None:
-    """Draw one organ: filled where stable, hollow where not; nothing where the run broke off."""
-    dt, y = np.array([run.dt for run in runs]) / MILLI, np.array([value(run) for run in runs])
-    done, stable = np.array([run.completed for run in runs]), np.array([run.stable for run in runs])
-    axes.plot(dt[done], y[done], color=colour)
-    for chosen, face in ((stable, colour), (done & ~stable, "white")):
-        axes.plot(dt[chosen], y[chosen], marker, color=colour, markerfacecolor=face)
-    axes.plot([], [], marker=marker, color=colour, label=label)
-
-
-def drift_axes(axes: Axes) -> None:
-    """Draw the drift over the step."""
-    axes.set(yscale="log", ylabel="largest drift |P − x| [mm]")
-    axes.set_title("filled: stable, hollow: creates energy")
-    axes.legend(fontsize=6)
-    over_steps(axes)
-
-
-def energy_axes(axes: Axes) -> None:
-    """Draw the created energy over the step: linear near zero, where its sign matters."""
-    axes.set(ylim=(-1.0, 1e3), ylabel="created energy / work of the hand [-]")
-    axes.set_yscale("symlog", linthresh=CREATED)
-    axes.axhline(CREATED, color="black", linewidth=0.8, linestyle="--")
-    over_steps(axes)
-
-
-def over_steps(axes: Axes) -> None:
-    """Set up the axis of the time step."""
-    axes.set(xscale="log", xlim=(0.06, 13.0), xlabel="time step [ms]")
-    ticks(axes, "x", TICKS)
+    states = [
+        series(
+            {f"_{way}": runs}, "dt [ms]", place, "", [marker], [COLOUR_OF[way]], markersize=4,
+            markerfacecolor=COLOUR_OF[way] if runs[0].stable else "white",
+        )
+        for (way, marker, _), runs in grouped(rows, lambda row: (*state(row), row.stable)).items()
+    ]  # fmt: skip
+    levels = [f"{E / KILO:g}" for E in stiffnesses]
+    return [
+        panel(
+            step, "Young's modulus [kPa]", *states, *(curve([], [], way, "s", COLOUR_OF[way]) for way in WAYS),
+            lambda axes: axes.set_yticks(range(len(levels)), levels), log="x", ylim=(-0.6, len(levels) - 0.1),
+            title=f"{kind}; □ creates energy, × breaks off", legend={"loc": "upper left", "ncols": 3}, **axis,
+        ),
+        panel(
+            "linear systems solved [-]", "error of the exit / its way [-]",
+            series(ways, "solves", "error", colours=[COLOUR_OF[way] for way in ways]),
+            log="xy", title=f"{shown / KILO:g} kPa, stable runs",
+        ),
+        panel(
+            step, "largest drift |P − x| [mm]", series(by_organ, "dt [ms]", "drift [mm]", colours=colours),
+            series(unnamed(unstable), "dt [ms]", "drift [mm]", "", **hollow), log="xy", legend={"fontsize": 6},
+            title="filled: stable, hollow: creates energy", **axis,
+        ),
+        panel(
+            step, "created energy / work of the hand [-]",
+            series(unnamed(by_organ), "dt [ms]", "created", colours=colours),
+            series(unnamed(unstable), "dt [ms]", "created", "", **hollow), level("y", CREATED),
+            lambda axes: axes.set_yscale("symlog", linthresh=CREATED), log="x", ylim=(-1.0, 1e3), **axis,
+        ),
+    ]  # fmt: skip
 
 
 STUDY = Study(

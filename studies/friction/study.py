@@ -10,14 +10,12 @@ holes the ratios multiply, and the loop grows as their power.
 A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round fixed holes the last.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.optimize import brentq
 
 import tissue
 from coupling.paper.two_pass import two_pass
@@ -26,8 +24,9 @@ from coupling.run import begin
 from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.figure import curve, draw, laws, panel, series
+from studies.study import Job, Study, StudyError, Table, each, grouped, unit_field
+from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.knots import graded_knots, uniform_knots
@@ -57,11 +56,26 @@ class Row:
     kind: str  # "one hole", "holes in a row", "two passes, hold given", "two passes, pull given" or "loop"
     mu: float = unit_field("-")
     turn: float = unit_field("degree")
-    holes: int = unit_field("-")
-    way: float = unit_field("m")  # of the hand, in a loop
+    holes: int = unit_field("-", default=1)
+    way: float = unit_field("m", default=0.0)  # of the hand, in a loop
     ratio: float = unit_field("-")
     theory: float = unit_field("-")
     settled: bool  # sticks and slips on either side of the threshold found; in a loop, slips
+
+    @property
+    def exact(self) -> float:
+        """The ratio of the exact point law at one hole [-]."""
+        return point_ratio(self.mu, np.radians(self.turn))
+
+    @property
+    def limit(self) -> float:
+        """The ratio of a capstan with the same turn [-]."""
+        return capstan(self.mu, np.radians(self.turn))
+
+    @property
+    def error(self) -> float:
+        """The error of the ratio, over that of theory [-]."""
+        return abs(self.ratio / self.theory - 1.0)
 
 
 def main(
@@ -76,17 +90,8 @@ def main(
 
     Raises `StudyError` for what has no threshold.
     """
-    if (
-        min(loop_holes) < 1
-        or min(mus) <= 0.0
-        or min(turns) <= 0.0
-        or max(turns) >= 180.0
-        or min(rows_of_holes) < 2
-        or wrap <= 0.0
-    ):
-        reason = (
-            "coefficients and wrap above 0, turns between 0 and 180 degrees, rows of two holes or more, loops of one"
-        )
+    if min(*mus, *turns, wrap) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or min(loop_holes) < 1:
+        reason = "coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two holes or more, loops of one"
         given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
         raise StudyError(f"{given}: give {reason}")
     jobs: list[Job] = []
@@ -104,11 +109,12 @@ def unit_vector(angle: float) -> Array:
 
 
 def fixed_holes(
-    thread: Thread, ends: tuple[End, End], friction: Friction, places: Array, directed: Array | None = None
+    thread: Thread, ends: tuple[End, End], mu: float, places: Array, directed: Array | None = None
 ) -> System:
-    """Build a thread through holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
+    """Build a thread through rough holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
     sites = tissue.fixed_sites([tissue.Site(place, direction=directed) for place in places])
-    holes = [Piercing(f"hole {k}", directed=directed is not None, friction=friction) for k in range(len(places))]
+    rough = Friction(mu, mu)
+    holes = [Piercing(f"hole {k}", directed=directed is not None, friction=rough) for k in range(len(places))]
     return System(thread, ends, sites, tuple(holes))
 
 
@@ -119,7 +125,7 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
     """Build a rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
     ends = (Pulled(-hold * unit_vector(-half)), Pulled(pull * unit_vector(half)))
-    system = fixed_holes(thread, ends, Friction(mu, mu), np.zeros((1, 3)), unit_vector(0.0))
+    system = fixed_holes(thread, ends, mu, np.zeros((1, 3)), unit_vector(0.0))
     path = (gauss_rule(thread.spline, MASS_POINTS).s - 0.01)[..., None] * unit_vector(0.0)
     return system, start(system, np.array([0.01]), path, 1.0)
 
@@ -134,24 +140,15 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
     sticks just below and slips just above."""
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
-        run = begin(*rod(mu, half, pull, hold)).step(DT)
-        seen = run.piercings[0]
+        seen = begin(*rod(mu, half, pull, hold)).step(DT).piercings[0]
         margins.append(abs(seen.tangential_force) - mu * seen.normal_force)
     pull = pulls[0] - margins[0] * (pulls[1] - pulls[0]) / (margins[1] - margins[0])
     return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)
 
 
-def exact_ratio(mu: float, turn: float) -> float:
-    """Return (1 + μt)/(1 − μt) of one hole that turns the thread by `turn` [degree]; infinite where it locks."""
-    mt = mu * np.tan(np.radians(turn) / 2)
-    return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
-
-
 def one_hole(mu: float, turn: float) -> Row:
     """Measure the ratio at which a rod slips."""
-    pull, settled = pull_at_slip(mu, np.radians(turn) / 2, HOLD)
-    theory = exact_ratio(mu, turn)
-    return Row(kind="one hole", mu=mu, turn=turn, holes=1, way=0.0, ratio=pull / HOLD, theory=theory, settled=settled)
+    return replace(holes_in_a_row(mu, turn, 1), kind="one hole")
 
 
 def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
@@ -160,10 +157,8 @@ def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
     for _ in range(holes):
         pull, sure = pull_at_slip(mu, np.radians(wrap) / holes / 2, pull)
         settled &= sure
-    theory, ratio = exact_ratio(mu, wrap / holes) ** holes, pull / HOLD
-    return Row(
-        kind="holes in a row", mu=mu, turn=wrap, holes=holes, way=0.0, ratio=ratio, theory=theory, settled=settled
-    )
+    theory, ratio = point_ratio(mu, np.radians(wrap / holes)) ** holes, pull / HOLD
+    return Row(kind="holes in a row", mu=mu, turn=wrap, holes=holes, ratio=ratio, theory=theory, settled=settled)
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
@@ -173,21 +168,19 @@ def two_passes(mu: float, turn: float) -> list[Row]:
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
     state = replace(state, v=v, s_dot=np.array([-GLIDE]), sigma=np.array([-1.0]))
-    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ unit_vector(0.0))) / np.cos(half)
-    lag = 2 * mu * np.tan(half)
-    given = {"hold": (1 + change / HOLD, 1 + lag), "pull": (inverse(1 - change / HOLD), inverse(1 - lag))}
+    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ unit_vector(0.0))) / np.cos(half) / HOLD
+    lag = float(2 * mu * np.tan(half))
+    given = {"hold": (1 + change, 1 + lag), "pull": (inverse(1 - change), inverse(1 - lag))}
     return [
         Row(
             kind=f"two passes, {name} given",
             mu=mu,
             turn=turn,
-            holes=1,
-            way=0.0,
-            ratio=float(ratio),
-            theory=float(theory),
+            ratio=ratio,
+            theory=law,
             settled=bool(np.isfinite(ratio)),
         )
-        for name, (ratio, theory) in given.items()
+        for name, (ratio, law) in given.items()
     ]
 
 
@@ -210,8 +203,7 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     thread = Thread(Spline(graded_knots(path.length, LOOP_POINTS * holes, s, FINER, arm / 2)), SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
-    ends = (Pulled(-LOOP_HOLD * sides[0]), Driven(hand))
-    system = fixed_holes(thread, ends, Friction(mu, mu), corners)
+    system = fixed_holes(thread, (Pulled(-LOOP_HOLD * sides[0]), Driven(hand)), mu, corners)
     laid = start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
     run = begin(system, laid, try_step)
     for _ in range(10):
@@ -219,17 +211,17 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     for number in range(2 * LOOP_STEPS):
         run = run.step(LOOP_TIME / LOOP_STEPS)
         place = float(np.interp(run.state.time, way[:, 0], way[:, 1]))
-        yield moment(system, run.state, mu, turn, place, outwards=number < LOOP_STEPS)
+        yield moment(run.state, mu, turn, place, outwards=number < LOOP_STEPS)
 
 
-def moment(system: System, state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
-    """Pull over hold; the theory is that of a thread that bends, for the angles by which the force in it turns."""
+def moment(state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
+    """Return pull over hold; the theory is that of a thread that bends, for the angles by which the force in it
+    turns."""
     hold, pull = np.linalg.norm(state.reaction, axis=1)
     inner = np.cumsum([-state.reaction[0], *-state.lam[:, :3]], axis=0)
     inner /= np.linalg.norm(inner, axis=1)[:, None]
     turns = np.arccos(np.sum(inner[:-1] * inner[1:], axis=1))
     ratio = float(np.prod([bent_ratio(mu, angle) for angle in turns]))
-    sense = -1.0 if outwards else 1.0
     return Row(
         kind="loop",
         mu=mu,
@@ -238,24 +230,11 @@ def moment(system: System, state: State, mu: float, turn: float, place: float, o
         way=place,
         ratio=float(pull / hold),
         theory=ratio if outwards else 1.0 / ratio,
-        settled=bool(np.all(state.sigma == sense)),
+        settled=bool(np.all(state.sigma == (-1.0 if outwards else 1.0))),
     )
 
 
-def bent_ratio(mu: float, turn: float) -> float:
-    """Return T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the
-    same on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
-
-    def ratio(alpha: float) -> float:
-        return float((1 + mu * np.sin(turn - alpha)) / (1 - mu * np.sin(alpha)))
-
-    def jump_of_moment(alpha: float) -> float:
-        return float(ratio(alpha) * (1 - np.cos(alpha)) - (1 - np.cos(turn - alpha)))
-
-    return ratio(brentq(jump_of_moment, 1e-9, turn / 2))
-
-
-# --- table and figure -------------------------------------------------------------------------------------
+# --- what was found ---------------------------------------------------------------------------------------
 
 
 def rows_of_kind(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
@@ -268,6 +247,11 @@ def loops_of(rows: Sequence[Row]) -> list[tuple[float, int]]:
     return list(dict.fromkeys((row.mu, row.holes) for row in rows if row.kind == "loop"))
 
 
+def by_coefficient(rows: Sequence[Row], kind: str) -> dict[str, list[Row]]:
+    """Return the rows of a kind by the name of their coefficient."""
+    return grouped((row for row in rows if row.kind == kind), lambda row: f"μ = {row.mu:g}")
+
+
 def coefficients(rows: Sequence[Row]) -> list[float]:
     """Return every coefficient of friction [-]."""
     return list(dict.fromkeys(row.mu for row in rows))
@@ -275,43 +259,13 @@ def coefficients(rows: Sequence[Row]) -> list[float]:
 
 def error(rows: Sequence[Row]) -> float:
     """Return the largest error of the ratios that settled, over theirs of theory; NaN where there are none."""
-    return max((abs(row.ratio / row.theory - 1.0) for row in rows if row.settled), default=float("nan"))
+    return max((row.error for row in rows if row.settled), default=float("nan"))
 
 
 def order_in_number(runs: Sequence[Row]) -> float:
     """Return the order in 1/N by which the last two holes in a row tend to exp(μθ)."""
     few, many = runs[-2:]
-    limit = np.exp(many.mu * np.radians(many.turn))
-    return float(np.log((few.ratio - limit) / (many.ratio - limit)) / np.log(many.holes / few.holes))
-
-
-def table(rows: Sequence[Row]) -> Table:
-    """Make one line a coefficient and angle, then those of the holes in a row, then those of the loops."""
-    head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
-    lines: list[tuple[str, ...]] = []
-    for row in rows:
-        if row.kind == "loop":
-            continue
-        name = f"{row.holes} {row.kind}" if row.kind == "holes in a row" else row.kind
-        exact = exact_ratio(row.mu, row.turn)
-        off = f"{100 * (row.ratio / exact - 1.0):+.2g} % off the exact law" if np.isfinite(row.ratio) else "LOCKS"
-        lagged = off if "passes" in row.kind else ""
-        lines.append((name, *cells(row), f"{100 * error([row]):.2g}" if row.settled else "-", lagged))
-    for mu, holes in loops_of(rows):
-        for name, turns in zip(("drawn", "let back"), branches(rows_of_kind(rows, "loop", mu, holes)), strict=True):
-            slid = [row for row in turns if row.settled]
-            if slid:
-                case = f"suture, {holes} hole{'s' * (holes > 1)}, {name}"
-                lines.append((case, *cells(slid[-1]), f"{100 * error(slid):.2g}", "largest of the branch"))
-    return Table(head, lines)
-
-
-def cells(row: Row) -> tuple[str, ...]:
-    """Write the coefficient, angle, ratio, theory and that of the continuum, one over it where the thread goes back."""
-    wrap = row.turn * row.holes if row.kind == "loop" else row.turn
-    capstan = np.exp(row.mu * np.radians(wrap))
-    capstan = capstan if row.theory >= 1.0 else 1.0 / capstan
-    return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{capstan:.5g}"
+    return float(np.log((few.ratio - many.limit) / (many.ratio - many.limit)) / np.log(many.holes / few.holes))
 
 
 def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
@@ -320,117 +274,98 @@ def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
     return list(runs[: top + 1]), list(runs[top + 1 :])
 
 
+def table(rows: Sequence[Row]) -> Table:
+    """Make one line a coefficient and angle, then those of the holes in a row, then those of the loops."""
+    head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
+    lines = [line(row) for row in rows if row.kind != "loop"]
+    for mu, holes in loops_of(rows):
+        for name, turns in zip(("drawn", "let back"), branches(rows_of_kind(rows, "loop", mu, holes)), strict=True):
+            if slid := [row for row in turns if row.settled]:
+                case = f"suture, {holes} hole{'s' * (holes > 1)}, {name}"
+                lines.append((case, *cells(slid[-1]), f"{100 * error(slid):.2g}", "largest of the branch"))
+    return Table(head, lines)
+
+
+def line(row: Row) -> tuple[str, ...]:
+    """Return the cells of a ratio of a rod."""
+    name = f"{row.holes} {row.kind}" if row.kind == "holes in a row" else row.kind
+    off = f"{100 * (row.ratio / row.exact - 1.0):+.2g} % off the exact law" if np.isfinite(row.ratio) else "LOCKS"
+    return name, *cells(row), f"{100 * row.error:.2g}" if row.settled else "-", off if "passes" in row.kind else ""
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """Write the coefficient, angle, ratio, theory and that of the continuum, one over it where the thread goes back."""
+    limit = row.limit ** ((row.holes if row.kind == "loop" else 1) * (1 if row.theory >= 1.0 else -1))
+    return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{limit:.5g}"
+
+
 def remarks(rows: Sequence[Row]) -> list[str]:
     """List the orders of the holes in a row, and what did not settle."""
     out = []
     for mu in coefficients(rows):
         runs = rows_of_kind(rows, "holes in a row", mu)
-        limit = np.exp(mu * np.radians(runs[0].turn))
-        far = runs[-1].ratio / limit - 1.0
+        far = runs[-1].ratio / runs[-1].limit - 1.0
         order = f"order {order_in_number(runs):.2f} in 1/N" if len(runs) > 1 else "too few for an order"
         out.append(f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}")
         locked = [f"{row.turn:g}°" for row in rows_of_kind(rows, "two passes, pull given", mu) if not row.settled]
         if locked:
-            out.append(
-                f"μ = {mu:g}: two passes with the pull given LOCK at {', '.join(locked)}, the exact law does not"
-            )
+            lock = f"LOCK at {', '.join(locked)}, the exact law does not"
+            out.append(f"μ = {mu:g}: two passes with the pull given {lock}")
     holes = [row for row in rows if row.kind in ("one hole", "holes in a row") and not row.settled]
-    out += [f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND" for row in holes]
-    return out
+    return out + [f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND" for row in holes]
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the laws over the angle, the lag, holes in a row, and the loops of the load."""
-    drawing, grid = panels(2, 3)
-    over_angle(grid[0, 0], rows)
-    lag(grid[0, 1], rows)
-    rows_of_holes(grid[0, 2], rows)
-    fewest = min(holes for _, holes in loops_of(rows))
-    middle = coefficients(rows)[len(coefficients(rows)) // 2]
-    one = [(mu, holes, f"μ = {mu:g}") for mu, holes in loops_of(rows) if holes == fewest]
-    several = [(mu, holes, f"N = {holes}") for mu, holes in loops_of(rows) if mu == middle]
-    loops(grid[1, 0], rows, one, f"N = {fewest}")
-    loops(grid[1, 1], rows, several, f"μ = {middle:g}")
-    over_holes(grid[1, 2], rows)
-    return drawing
+    """Draw the laws over the angle, the lag, holes in a row, and the loops of the load at the middle coefficient."""
+    mus, many = coefficients(rows), by_coefficient(rows, "holes in a row")
+    angles = np.linspace(0.0, max(row.turn for row in rows if row.kind == "one hole"), 101)
+    last, middle = list(many.values())[-1], mus[len(mus) // 2]
+    N = np.array([row.holes for row in last])
+    settled = [row for row in rows if row.settled]
+    held, pulled = (by_coefficient(settled, f"two passes, {name} given") for name in ("hold", "pull"))
+    loops = {f"N = {n}": rows_of_kind(rows, "loop", mu, n) for mu, n in loops_of(rows) if mu == middle}
+    parts = [branch for run in loops.values() for branch in branches(run)]
+    bent = {f"_{number}": part for number, part in enumerate(parts)}
+    return draw(
+        [
+            panel(
+                "turn θ [°]", "pull over hold at slip [-]", curve([], [], "(1 + μt)/(1 − μt)"),
+                laws([partial(over_degrees, point_ratio, mu) for mu in mus], angles),
+                laws([partial(over_degrees, capstan, mu) for mu in mus], angles, ":"),
+                series(by_coefficient(rows, "one hole"), "turn", "ratio", ""), curve([], [], "exp(μθ)", ":"),
+            ),
+            panel(
+                "turn θ [°]", "two passes over the exact law, less 1 [%]",
+                series(held, "turn", lambda row: above(row, row.exact)),
+                series(pulled, "turn", lambda row: above(row, row.exact), markerfacecolor="white"),
+                lambda axes: axes.set_yscale("symlog", linthresh=1.0), title="filled: hold given, hollow: pull given",
+            ),
+        ],
+        [
+            panel(
+                "holes in a row N [-]", "ratio over exp(μθ), less 1 [%]",
+                series(many, "holes", lambda row: above(row, row.limit)),
+                curve(N, above(last[-1], last[-1].limit) * (N[-1] / N) ** 2, "N⁻²", ":"), log="xy",
+                ticks={"x": list(N)}, title=f"a turn of {last[0].turn:g}° by N holes",
+            ),
+            panel(
+                "way of the hand [mm]", "pull over hold [-]", series(loops, "way [mm]", "ratio", markers=[""]),
+                series(bent, "way [mm]", "theory", ":", [""], ["black"]), curve([], [], "a thread that bends", ":"),
+                log="y", ticks={"y": PULLS}, legend={"ncols": 2, "loc": "lower left"},
+                title=f"out and back, {parts[0][0].turn:g}° at each hole, μ = {middle:g}",
+            ),
+        ],
+    )  # fmt: skip
 
 
-def over_angle(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the ratios over the angle: points are measured, full lines the exact law, dotted the capstan."""
-    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        runs = rows_of_kind(rows, "one hole", mu)
-        turn = np.linspace(0.0, max(run.turn for run in runs), 101)
-        axes.plot(turn, [exact_ratio(mu, t) for t in turn], color=colour)
-        axes.plot(turn, np.exp(mu * np.radians(turn)), color=colour, linestyle=":")
-        x, y = [run.turn for run in runs], [run.ratio for run in runs]
-        axes.plot(x, y, marker, color=colour, label=f"μ = {mu:g}")
-    axes.plot([], [], color="black", label="(1 + μt)/(1 − μt)")
-    axes.plot([], [], color="black", linestyle=":", label="exp(μθ)")
-    axes.set(xlabel="turn θ [°]", ylabel="pull over hold at slip [-]", title="one hole")
-    axes.legend()
+def over_degrees(law: Callable[[float, float], float], mu: float, angles: Array) -> list[float]:
+    """Return a law over angles [degree]."""
+    return [law(mu, turn) for turn in np.radians(angles)]
 
 
-def lag(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the two passes over the exact law, filled where the hold is given, hollow where the pull is."""
-    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        for name, face in (("hold", colour), ("pull", "white")):
-            runs = [run for run in rows_of_kind(rows, f"two passes, {name} given", mu) if run.settled]
-            off = [100 * (run.ratio / exact_ratio(mu, run.turn) - 1.0) for run in runs]
-            label = f"μ = {mu:g}, {name} given"
-            axes.plot([r.turn for r in runs], off, color=colour, marker=marker, markerfacecolor=face, label=label)
-    axes.set_yscale("symlog", linthresh=1.0)
-    axes.set(xlabel="turn θ [°]", ylabel="two passes over the exact law, less 1 [%]", title="lag of two passes")
-    axes.legend()
-
-
-def rows_of_holes(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw how far holes in a row are from the capstan."""
-    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        runs = rows_of_kind(rows, "holes in a row", mu)
-        N = np.array([run.holes for run in runs])
-        far = np.array([run.ratio for run in runs]) / np.exp(mu * np.radians(runs[0].turn)) - 1.0
-        axes.plot(N, 100 * far, color=colour, marker=marker, label=f"μ = {mu:g}")
-    axes.plot(N, 100 * far[-1] * (N[-1] / N) ** 2, color="black", linestyle=":", label="N⁻²")
-    axes.set(xscale="log", yscale="log", xlabel="holes in a row N [-]", ylabel="ratio over exp(μθ), less 1 [%]")
-    axes.set_title(f"a turn of {runs[0].turn:g}° by N holes")
-    ticks(axes, "x", list(N))
-    axes.legend()
-
-
-def loops(axes: Axes, rows: Sequence[Row], shown: Sequence[tuple[float, int, str]], common: str) -> None:
-    """Pull over hold as the hand goes out and back, for coefficients, numbers of holes and their labels; dotted, a
-    thread that bends."""
-    for (mu, holes, label), colour in zip(shown, COLOURS, strict=False):
-        runs = rows_of_kind(rows, "loop", mu, holes)
-        axes.plot([run.way / MILLI for run in runs], [run.ratio for run in runs], color=colour, label=label)
-        for branch in branches(runs):
-            way = [run.way / MILLI for run in branch]
-            axes.plot(way, [run.theory for run in branch], color="black", linestyle=":")
-    axes.plot([], [], color="black", linestyle=":", label="a thread that bends")
-    axes.set(yscale="log", xlabel="way of the hand [mm]", ylabel="pull over hold [-]")
-    axes.set_title(f"out and back, {runs[0].turn:g}° at each hole, {common}")
-    ticks(axes, "y", PULLS)
-    axes.legend(ncols=2, loc="lower left")
-
-
-def over_holes(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the last ratio of both branches over the number of holes; dotted, the capstan."""
-    for mu, colour, marker in zip(coefficients(rows), COLOURS, MARKERS, strict=False):
-        counts = [holes for coefficient, holes in loops_of(rows) if coefficient == mu]
-        for side in (0, 1):
-            ends = [branches(rows_of_kind(rows, "loop", mu, holes))[side][-1] for holes in counts]
-            label = f"μ = {mu:g}" if side == 0 else None
-            axes.plot(counts, [run.theory for run in ends], color=colour)
-            axes.plot(counts, [run.ratio for run in ends], marker, color=colour, label=label)
-            turned = np.radians(ends[0].turn) * np.array(counts)
-            axes.plot(counts, np.exp((1 - 2 * side) * mu * turned), color=colour, linestyle=":")
-    axes.plot([], [], color="black", label="a thread that bends")
-    axes.plot([], [], color="black", linestyle=":", label="exp(±μθ)")
-    axes.set(yscale="log", xlabel="holes N [-]", ylabel="pull over hold [-]", title="drawn, and let back")
-    axes.set_xticks(sorted({holes for _, holes in loops_of(rows)}))
-    ticks(axes, "y", PULLS)
-    axes.set_ylim(top=2.5 * axes.get_ylim()[1])
-    axes.legend(loc="upper left", ncols=2)
+def above(row: Row, law: float) -> float:
+    """Return how far a ratio is above that of a law [%]."""
+    return 100 * (row.ratio / law - 1.0)
 
 
 STUDY = Study(

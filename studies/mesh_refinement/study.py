@@ -29,23 +29,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from coupling.reports.observation import site_compliance
-from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.scenario import Scenario, parse
+from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
 from studies.simulation import prepare
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.study import Columns, Job, Study, Table, each, grouped, measure, measured, require, scene, unit_field
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
-LENGTH, WIDTH, HEIGHT = 0.012, 6e-3, 3e-3  # of the block [m]
-POISSON = 0.0  # at which no edge is singular
-HALF = 3e-3  # of the distance of the holes [m]
-PULL = 0.02  # [N]
-DAMPING = 400.0  # of the thread [1/s]: what it stores in its bends is gone within the ramp
+LENGTH = 0.012  # of the block [m]
 RAMP = 0.05  # of the pull in a dynamic run, at whose end it is looked at [s]
 STATIC = 0.0  # time step of an equilibrium
 FOOTPRINT, CONTROL_POINTS, CELLS = 2e-3, 40, 16  # what is not refined [m], [-], [per LENGTH]
@@ -76,34 +71,39 @@ class Row:
     footprint: float = unit_field("m")
     control_points: int = unit_field("-")
     dt: float = unit_field("s")  # 0: an equilibrium
-    compliance_along: float = unit_field("m/N")
-    compliance_normal: float = unit_field("m/N")
-    displacement: float = unit_field("m")
-    force: float = unit_field("N")
-    drawn: float = unit_field("m")
-    clear: bool  # of what the sub-grid compliance does not reckon with
+    compliance_along: float = measured("m/N", lambda at: at.C[9, 9])
+    compliance_normal: float = measured("m/N", lambda at: at.C[11, 11])
+    displacement: float = measured("m", lambda at: np.linalg.norm(at.entry.displacement))
+    force: float = measured("N", lambda at: np.linalg.norm(at.entry.force))
+    drawn: float = measured("m", lambda at: at.exit.slip)
+    clear: bool = measured("", lambda at: all(gap["holds"] for gap in at.gaps))  # what sub-grid compliance reckons with
+
+    @property
+    def h(self) -> float:
+        """Size of the cells [m]."""
+        return LENGTH / self.cells
+
+    @property
+    def sizes(self) -> tuple[float, str]:
+        """What the ladder refines: cell or footprint [m], time step [s], or one over the spans [-]; and in words."""
+        h = f"h = {self.h / MILLI:.3g} mm"
+        return {
+            "cells": (self.h, h),
+            "coupled": (self.h, f"{h}, Δt = {self.dt / MILLI:.3g} ms"),
+            "control points": (1.0 / (self.control_points - 3), f"{self.control_points} points"),
+            "time step": (self.dt, f"Δt = {self.dt / MILLI:g} ms"),
+            "footprint": (self.footprint, f"a = {self.footprint / MILLI:g} mm"),
+        }[self.ladder]
 
     @property
     def size(self) -> float:
-        """What the ladder refines: cell or footprint [m], time step [s], or one over the spans [-]."""
-        return {
-            "cells": LENGTH / self.cells,
-            "coupled": LENGTH / self.cells,
-            "control points": 1.0 / (self.control_points - 3),
-            "time step": self.dt,
-            "footprint": self.footprint,
-        }[self.ladder]
+        """What the ladder refines, in its unit."""
+        return self.sizes[0]
 
     @property
     def size_text(self) -> str:
         """The same in words."""
-        return {
-            "cells": f"h = {LENGTH / self.cells / MILLI:.3g} mm",
-            "coupled": f"h = {LENGTH / self.cells / MILLI:.3g} mm, Δt = {self.dt / MILLI:.3g} ms",
-            "control points": f"{self.control_points} points",
-            "time step": f"Δt = {self.dt / MILLI:g} ms",
-            "footprint": f"a = {self.footprint / MILLI:g} mm",
-        }[self.ladder]
+        return self.sizes[1]
 
 
 def main(
@@ -121,7 +121,7 @@ def main(
     ladder_of: dict[str, Sequence[float]] = {"p1_cells": p1_cells, "footprint_cells": footprint_cells}
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
     check_ladders(ladder_of | {"control_points": control_points, "steps": steps, "footprints": footprints})
-    run = partial(measure, youngs_modulus=youngs_modulus)
+    run = partial(run_rung, youngs_modulus=youngs_modulus)
     jobs: list[Job] = []
     for variant, cells in zip(VARIANTS, (p1_cells, footprint_cells, p2_cells, p1_cells), strict=True):
         jobs += [partial(run, "cells", variant, cells=n) for n in cells]
@@ -137,16 +137,13 @@ def main(
 def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:
     """Refuse ladders of fewer than three rungs, and meshes that are no copies of one another."""
     for name, rungs in ladder_of.items():
-        shown = ", ".join(f"{rung:g}" for rung in rungs)
-        if len(set(rungs)) < 3 or min(rungs) <= 0:
-            raise StudyError(f"{name} = [{shown}] is refused: a verdict needs three different numbers above zero")
-        if name.endswith("cells") and any(rung % 8 for rung in rungs):
-            raise StudyError(
-                f"{name} = [{shown}] is refused: only meshes of 8, 16, 24 … cells are copies of one another"
-            )
+        shown = f"{name} = [{', '.join(f'{rung:g}' for rung in rungs)}]"
+        require(len(set(rungs)) >= 3 and min(rungs) > 0, shown, "a verdict needs three different numbers above zero")
+        copies = not name.endswith("cells") or not any(rung % 8 for rung in rungs)
+        require(copies, shown, "only meshes of 8, 16, 24 … cells are copies of one another")
 
 
-def measure(
+def run_rung(
     ladder: str,
     variant: str,
     *,
@@ -158,67 +155,23 @@ def measure(
 ) -> Row:
     """Measure one run at its last moment."""
     radius = 0.0 if variant.startswith("bare") else footprint
-    simulation = prepare(scenario(variant, youngs_modulus, cells, radius, control_points, dt))
+    values: dict[str, object] = {
+        "tissue.youngs_modulus": youngs_modulus,
+        "tissue.element": variant[-2:],
+        "tissue.mesh.h": LENGTH / cells,
+        "thread.control_points": control_points,
+    }
+    for hole in ("entry", "exit"):
+        values |= {f"piercing.{hole}.footprint": radius, f"piercing.{hole}.subgrid": variant.startswith("sub-grid")}
+    if dt:
+        values |= {"thread.end.ramp": RAMP, "solve": {"duration": RAMP, "dt": dt, "integrator": "euler"}}
+    simulation = prepare(scene("mesh_refinement", values))
     C = site_compliance(simulation.assembly.system, simulation.start)
     *_, (record, _) = simulation.advance()
     entry, leave = record.piercings
-    return Row(
-        ladder=ladder,
-        variant=variant,
-        cells=cells,
-        footprint=radius,
-        control_points=control_points,
-        dt=dt,
-        compliance_along=float(C[9, 9]),
-        compliance_normal=float(C[11, 11]),
-        displacement=float(np.linalg.norm(entry.displacement)),
-        force=float(np.linalg.norm(entry.force)),
-        drawn=leave.slip,
-        clear=all(gap["holds"] for gap in simulation.subgrid.values()),
-    )
-
-
-def scenario(
-    variant: str,
-    youngs_modulus: float,
-    cells: int,
-    footprint: float,
-    control_points: int,
-    dt: float,
-) -> Scenario:
-    """Make the scenario: a suture down into a block and up again, its start held, its end pulled along the block and
-    up."""
-    hole = {"direction": "free", "footprint": footprint, "subgrid": variant.startswith("sub-grid")}
-    path = [[-0.02, 0.015], [-HALF, 5e-3], [-HALF, -2e-3], [HALF, -2e-3], [HALF, 5e-3], [0.02, 0.015]]
-    still: dict[str, object] = {"kind": "static", "load_steps": 4}
-    return parse(
-        {
-            "title": f"mesh refinement: {variant}",
-            "tissue": {
-                "youngs_modulus": youngs_modulus,
-                "poisson_ratio": POISSON,
-                "density": 1070.0,
-                "inertia": False,
-                "element": variant[-2:],
-                "clamp": ["bottom"],
-                "mesh": {"kind": "block", "size": [LENGTH, WIDTH, HEIGHT], "h": LENGTH / cells},
-            },
-            "thread": {
-                "suture": "2-0 polypropylene",
-                "control_points": control_points,
-                "resolution": "fixed",
-                "damping": DAMPING,
-                "path": [[x, 0.0, z] for x, z in path],
-                "start": {"kind": "fixed"},
-                "end": {"kind": "pulled", "force": [0.8 * PULL, 0.0, 0.6 * PULL], "ramp": RAMP if dt else 0.0},
-            },
-            "piercing": [
-                {"name": "entry", "at": [-HALF, 0.0, 0.0], **hole},
-                {"name": "exit", "at": [HALF, 0.0, 0.0], **hole},
-            ],
-            "solve": {"duration": RAMP, "dt": dt, "integrator": "euler"} if dt else still,
-        }
-    )
+    end = SimpleNamespace(C=C, entry=entry, exit=leave, gaps=simulation.subgrid.values())
+    known = {"ladder": ladder, "variant": variant, "cells": cells, "footprint": radius}
+    return measure(Row, end, **known, control_points=control_points, dt=dt)
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------
@@ -226,8 +179,7 @@ def scenario(
 
 def ladders(rows: Sequence[Row]) -> Iterator[tuple[str, str, list[Row]]]:
     """Yield the name, variant and runs of each ladder, finest first."""
-    for ladder, variant in dict.fromkeys((row.ladder, row.variant) for row in rows):
-        runs = [row for row in rows if (row.ladder, row.variant) == (ladder, variant)]
+    for (ladder, variant), runs in grouped(rows, lambda row: (row.ladder, row.variant)).items():
         yield ladder, variant, sorted(runs, key=lambda row: row.size)
 
 
@@ -257,9 +209,8 @@ def verdict_text(runs: Sequence[Row], quantity: str) -> str:
     """Write the verdict in words; nothing is called converged that hangs on a hole that diverges."""
     found = verdict_on(runs, quantity)
     compliances = [name for name in QUANTITIES if name.startswith("compliance") and can_change(runs[0].ladder, name)]
-    if found.kind in ("converged", "unresolved") and any(
-        verdict_on(runs, name).kind == "diverging" for name in compliances
-    ):
+    diverge = any(verdict_on(runs, name).kind == "diverging" for name in compliances)
+    if diverge and found.kind in ("converged", "unresolved"):
         return "NOT CONVERGED, for its holes diverge"
     return found.text
 
@@ -269,44 +220,25 @@ def can_change(ladder: str, quantity: str) -> bool:
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
 
+COLUMNS: Columns = (  # of a ladder's runs, a quantity and its verdict
+    ("refined", lambda of: of[0][0].ladder),
+    ("holes", lambda of: of[0][0].variant),
+    ("finest", lambda of: of[0][0].size_text),
+    ("quantity [its unit]", lambda of: "{} [{}]".format(*QUANTITIES[of[1]])),
+    ("finest value [same]", lambda of: f"{getattr(of[0][0], of[1]) / MILLI:.4g}"),
+    ("order [-]", lambda of: "swings" if np.isnan(of[2].order) else f"{of[2].order:.2f}"),
+    ("of theory [-]", lambda of: expected_order(*of[:2])),
+    ("limit [same]", lambda of: "none" if np.isnan(of[2].limit) else f"{of[2].limit / MILLI:.4g}"),
+    ("index [%]", lambda of: f"{100.0 * of[2].index:.2g}" if np.isfinite(of[2].index) else "none"),
+    ("verdict", lambda of: verdict_text(*of[:2])),
+)
+
+
 def table(rows: Sequence[Row]) -> Table:
     """Make one line for every quantity of every ladder."""
-    head = (
-        "refined",
-        "holes",
-        "finest",
-        "quantity [its unit]",
-        "finest value [same]",
-        "order [-]",
-        "of theory [-]",
-        "limit [same]",
-        "index [%]",
-        "verdict",
-    )
-    lines = []
-    for (ladder, variant, runs), quantity in product(ladders(rows), QUANTITIES):
-        if not can_change(ladder, quantity):
-            continue
-        name, of = QUANTITIES[quantity]
-        found, finest = verdict_on(runs, quantity), getattr(runs[0], quantity) / MILLI
-        limit = "none" if np.isnan(found.limit) else f"{found.limit / MILLI:.4g}"
-        index = f"{100.0 * found.index:.2g}" if np.isfinite(found.index) else "none"
-        order = "swings" if np.isnan(found.order) else f"{found.order:.2f}"
-        lines.append(
-            (
-                ladder,
-                variant,
-                runs[0].size_text,
-                f"{name} [{of}]",
-                f"{finest:.4g}",
-                order,
-                expected_order(runs, quantity),
-                limit,
-                index,
-                verdict_text(runs, quantity),
-            )
-        )
-    return Table(head, lines)
+    pairs = [(runs, quantity) for (_, _, runs), quantity in product(ladders(rows), QUANTITIES)]
+    changing = [(runs, quantity) for runs, quantity in pairs if can_change(runs[0].ladder, quantity)]
+    return Table.of(COLUMNS, [(runs, quantity, verdict_on(runs, quantity)) for runs, quantity in changing])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -332,94 +264,65 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw every quantity over the cells and over the footprint, errors and the orders of theory, and what thread and
-    time change."""
-    drawing, grid = panels(5, 2)
-    places = grid.ravel()
-    for axes, quantity in zip(places[:5], QUANTITIES, strict=True):
-        over_cells(axes, rows, quantity)
-    places[0].legend()
-    over_footprint(places[5], rows)
-    errors(places[6], rows)
-    errors_of_coupled_ladder(places[7], rows)
-    changes(places[8], rows, "control points")
-    changes(places[9], rows, "time step")
-    return drawing
+    """Draw every quantity over the cells, errors and the orders of theory, and what the other ladders change."""
+    cells = {variant: runs_of_ladder(rows, "cells", variant) for variant in VARIANTS}
+    sizes = {"x": sorted({run.h / MILLI for run in rows if run.ladder == "cells"})}
+    places = [
+        panel(
+            "cells h [mm]", f"{name} [{unit}]", series(cells, "h [mm]", f"{quantity} [{unit}]"),
+            log="xy" if quantity.startswith("compliance") else "x",
+            ticks=sizes | ({"y": DECADE} if quantity.startswith("compliance") else {}),
+        )
+        for quantity, (name, unit) in QUANTITIES.items()
+    ]  # fmt: skip
+    radii = runs_of_ladder(rows, "footprint", SUBGRID)
+    a, (along, normal) = np.array([run.footprint for run in radii]) / MILLI, list(QUANTITIES)[:2]
+    inverse = [lambda x, key=key: getattr(radii[0], key) / MILLI * a[0] / x for key in (along, normal)]
+    shrinking = panel(
+        "footprint a [mm]", "compliance [mm/N]",
+        several(radii, "footprint [mm]", {QUANTITIES[key][0]: f"{key} [mm/N]" for key in (along, normal)}),
+        laws(inverse, a, ":"), curve([], [], "1/a", ":"), log="xy", ticks={"x": sorted(a), "y": DECADE},
+    )  # fmt: skip
+    limit = verdict_on(cells[FOOTPRINT_P2], along).limit
+    errors = panel(
+        "cells h [mm]", "error of the compliance along the surface [-]",
+        *(error_of(cells[name], k, along, limit, name) for k, name in enumerate(VARIANTS) if k),
+        log="xy", ticks=sizes,
+    )  # fmt: skip
+    coupled = runs_of_ladder(rows, "coupled", SUBGRID)
+    together = panel(
+        "cells h, with spans and steps [mm]", "error [-]",
+        *(
+            error_of(coupled, k, key, verdict_on(coupled, key).limit, name)
+            for k, (key, (name, _)) in enumerate(QUANTITIES.items()) if can_change("coupled", key)
+        ),
+        log="xy", ticks={"x": sorted(run.h / MILLI for run in coupled)},
+    )  # fmt: skip
+    return draw(
+        places[:2], places[2:4], [places[4], shrinking], [errors, together],
+        [changes(rows, "control points", "control_points"), changes(rows, "time step", "dt [ms]")],
+    )  # fmt: skip
 
 
-def over_cells(axes: Axes, rows: Sequence[Row], quantity: str) -> None:
-    """Draw a quantity over the cells, one curve for each kind of hole."""
-    for variant, colour, marker in zip(VARIANTS, COLOURS, MARKERS, strict=False):
-        runs = runs_of_ladder(rows, "cells", variant)
-        values = [getattr(run, quantity) / MILLI for run in runs]
-        axes.plot([run.size / MILLI for run in runs], values, color=colour, marker=marker, label=variant)
-    name, unit_of = QUANTITIES[quantity]
-    axes.set(xscale="log", xlabel="cells h [mm]", ylabel=f"{name} [{unit_of}]")
-    ticks(axes, "x", sorted({run.size / MILLI for run in rows if run.ladder == "cells"}))
-    if quantity.startswith("compliance"):
-        axes.set_yscale("log")
-        ticks(axes, "y", DECADE)
+def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str) -> Item:
+    """Draw how far a quantity over its limit is from one, and dotted the order of theory through the finest run."""
+    h, error = np.array([run.h for run in runs]), abs(np.array([getattr(run, quantity) for run in runs]) / limit - 1.0)
+    law = h**4 * np.log(FOOTPRINT / h) if runs[0].variant == FOOTPRINT_P2 else h**2
+    measured = curve(h / MILLI, error, name, MARKERS[k], COLOURS[k])
+    return both(measured, curve(h / MILLI, error[0] * law / law[0], None, ":", COLOURS[k]))
 
 
-def over_footprint(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the compliances over the footprint, and 1/a."""
-    runs = runs_of_ladder(rows, "footprint", SUBGRID)
-    a = np.array([run.size for run in runs]) / MILLI
-    for quantity, colour, marker in zip(("compliance_along", "compliance_normal"), COLOURS, MARKERS, strict=False):
-        values = np.array([getattr(run, quantity) for run in runs]) / MILLI
-        axes.plot(a, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
-        axes.plot(a, values[0] * a[0] / a, color="black", linestyle=":", label="1/a" if marker == "o" else None)
-    axes.set(xscale="log", yscale="log", xlabel="footprint a [mm]", ylabel="compliance [mm/N]")
-    ticks(axes, "x", sorted(a))
-    ticks(axes, "y", DECADE)
-    axes.legend()
-
-
-def errors(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw how far the compliance along the surface is from the limit of P2, and the orders of theory."""
-    quantity = "compliance_along"
-    limit = verdict_on(runs_of_ladder(rows, "cells", FOOTPRINT_P2), quantity).limit
-    for k, variant in enumerate(VARIANTS[1:], 1):
-        runs = runs_of_ladder(rows, "cells", variant)
-        h = np.array([run.size for run in runs])
-        error = abs(np.array([getattr(run, quantity) for run in runs]) / limit - 1.0)
-        axes.plot(h / MILLI, error, color=COLOURS[k], marker=MARKERS[k], linestyle="none", label=variant)
-        if variant != SUBGRID:
-            law, name = (h**4 * np.log(FOOTPRINT / h), "h⁴ ln(a/h)") if variant == FOOTPRINT_P2 else (h**2, "h²")
-            axes.plot(h / MILLI, error[0] * law / law[0], color=COLOURS[k], linestyle=":", label=name)
-    axes.set(xscale="log", yscale="log", xlabel="cells h [mm]", ylabel="error of the compliance along the surface [-]")
-    ticks(axes, "x", sorted({run.size / MILLI for run in rows if run.ladder == "cells"}))
-    axes.legend(loc=(0.02, 0.18))
-
-
-def errors_of_coupled_ladder(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw how far the coupled ladder is from its limits."""
-    runs = runs_of_ladder(rows, "coupled", SUBGRID)
-    h = np.array([run.size for run in runs])
-    quantities = [quantity for quantity in QUANTITIES if can_change("coupled", quantity)]
-    for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=False):
-        error = abs(np.array([getattr(run, quantity) for run in runs]) / verdict_on(runs, quantity).limit - 1.0)
-        axes.plot(h / MILLI, error, color=colour, marker=marker, linestyle="none", label=QUANTITIES[quantity][0])
-        law = error[0] * (h / h[0]) ** FORMAL["coupled"]
-        axes.plot(h / MILLI, law, color="black", linestyle=":", label="order 2" if marker == "o" else None)
-    axes.set(xscale="log", yscale="log", xlabel="cells h, with spans and steps [mm]", ylabel="error [-]")
-    ticks(axes, "x", sorted(h / MILLI))
-    axes.legend()
-
-
-def changes(axes: Axes, rows: Sequence[Row], ladder: str) -> None:
+def changes(rows: Sequence[Row], ladder: str, x: str) -> Item:
     """Draw how far the quantities are from those of the finest run, over what is refined."""
     finest, *runs = runs_of_ladder(rows, ladder, SUBGRID)
-    x = [run.control_points if ladder == "control points" else run.dt / MILLI for run in runs]
-    quantities = [quantity for quantity in QUANTITIES if can_change(ladder, quantity)]
-    for quantity, colour, marker in zip(quantities, COLOURS, MARKERS, strict=False):
-        values = [abs(getattr(run, quantity) / getattr(finest, quantity) - 1.0) for run in runs]
-        axes.plot(x, values, color=colour, marker=marker, label=QUANTITIES[quantity][0])
-    label = "control points [-]" if ladder == "control points" else "time step [ms]"
-    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"change to {finest.size_text} [-]")
-    ticks(axes, "x", sorted(x))
-    axes.margins(y=0.4)
-    axes.legend()
+    off = {
+        name: lambda run, key=key: abs(getattr(run, key) / getattr(finest, key) - 1.0)
+        for key, (name, _) in QUANTITIES.items()
+        if can_change(ladder, key)
+    }
+    at = sorted(value(x)(run) for run in runs)
+    label = x.replace("dt", "time step").replace("_", " ")
+    return panel(label, f"change to {finest.size_text} [-]", several(runs, x, off), log="xy", ticks={"x": at})
 
 
 def runs_of_ladder(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:

@@ -11,7 +11,7 @@ of friction μ, is set so that two stitches back the tension is the published th
 let back to the hold. What friction has locked in earlier stitches stays. The hold is not published: it is varied.
 
 A hole is a ring that the thread bends round: T₁ − T₂ = μN with T₁(1 − cos α) = T₂(1 − cos β), see
-`studies.friction.study.bent_ratio`; round a cylinder it would be exp(μθ). Segments obey by_law(), whatever their
+`studies.theory.bent_ratio`; round a cylinder it would be exp(μθ). Segments obey `tensions_by_law`, whatever their
 elasticity, as long as nothing but the pull moves thread through a hole. Left out are lips that press on one another,
 holes that tear, tissue that creeps, and the sensor that the published thread ran through.
 """
@@ -19,13 +19,11 @@ holes that tear, tissue that creeps, and the sensor that the published thread ra
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import cycle
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from threadpoolctl import threadpool_limits
 
 from coupling.reports.audit import initial_energies
 from coupling.reports.observation import observe
@@ -35,12 +33,12 @@ from coupling.run.impact import begin_piercing
 from coupling.step.stepping import try_step
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels, ticks
-from studies.friction.study import bent_ratio
-from studies.scenario import Scenario, parse
+from studies.figure import COLOURS, Item, band, curve, draw, level, panel, series, unnamed
+from studies.scenario import Scenario
 from studies.simulation.assembly import assemble
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.study import Study, StudyError, Table, each, grouped, measure, measured, require, scene, unit_field
+from studies.theory import bent_ratio, second_stitch_by_law, tensions_by_law
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
 
@@ -60,16 +58,12 @@ PUBLISHED_REACH = 3  # stitches back at most
 CALIBRATED = "calibrated"
 BACK = 2  # stitches from the pull to where μ is calibrated
 FELT = LEFT_SD  # change of tension that counts as felt [N]
-COEFFICIENTS = (
-    0.05,
-    0.3,
-)  # of sutures on wet tissue [-]: an assumption after Zhang et al. (Tribol Lett 2017), no value read
+COEFFICIENTS = 0.05, 0.3  # of sutures on wet tissue [-]: assumed, after Zhang et al. (Tribol Lett 2017), no value read
 
 SLACK = 0.1  # tension in which a thread is laid without friction [N]
 FREE = 6e-3  # of the thread before its knot [m]
 TAIL = 0.03  # beyond the last hole [m]
 LOOP = 1e-3  # by which it is laid beyond each hole, up and down [m]
-DAMPING = 1000.0  # [1/s]: critical for the tail, and 1e-4 N at the speeds of a pull
 LAYING, PULLING, LETTING, SWING, REST = 0.04, 0.15, 0.08, 0.06, 0.02  # [s]
 STAGES = (1.5, 0.8, 0.4, 0.2)  # of the hand on its way back [N]
 RISE = (0.5, 1.0, 2.0)  # and on its way out [N]
@@ -78,32 +72,32 @@ SLIPPED = 1.2  # times its tension before the pull: a stitch this far above it w
 OVER = np.array([-2 * BITE, PITCH, 0.0]) / np.hypot(2 * BITE, PITCH)  # over the wound to the next stitch
 UNDER = np.array([1.0, 0.0, 0.0])  # under it
 UP = np.array([0.0, 0.0, 1.0])
-DASHES = {"closed fascia": "-", "gaping fascia": "--", "fixed points": "-."}
+TENSIONS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # ticks [N]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One stitch at one moment of one run. Its tension is that of the thread where it leaves the stitch."""
 
-    kind: str  # "one pull" or "placing"
-    organ: str
-    check: str  # what is other than in the reference, or nothing
-    mu: float = unit_field("-")
-    hold: float = unit_field("N")  # between two pulls
-    stitches: int = unit_field("-")  # placed so far
-    moment: str  # "before", "rising", "pulled" or "let back"
-    hand: float = unit_field("N")
+    kind: str = measured("", lambda at: at.kind)  # "one pull" or "placing"
+    organ: str = measured("", lambda at: at.case.organ)
+    check: str = measured("", lambda at: at.case.check)  # what is other than in the reference, or nothing
+    mu: float = measured("-", lambda at: at.case.mu)
+    hold: float = measured("N", lambda at: at.hold)  # between two pulls
+    stitches: int = measured("-", lambda at: at.line.holes // 2)  # placed so far
+    moment: str = measured("", lambda at: at.name)  # "before", "rising", "pulled" or "let back"
+    hand: float = measured("N", lambda at: at.line.hand)
     stitch: int = unit_field("-")  # 1 begins with the knot
     tension: float = unit_field("N")
     law: float = unit_field("N")  # by the turns measured in the run and the law of a ring
-    turn: float = unit_field("degree")  # mean of the holes
-    moved: float = unit_field("m")  # farthest a hole has moved
-    press: float = unit_field("N")  # largest force on a hole
-    diameter: float = unit_field("m")  # of the thread
-    youngs_modulus: float = unit_field("Pa")  # of the sheet, infinite for fixed points
-    spans: float = unit_field("-")  # longest span at a hole over √(EI/T)
-    settled: float = unit_field("-")  # kinetic over elastic energy
-    steps: int = unit_field("-")
+    turn: float = measured("degree", lambda at: np.degrees(at.line.turns.mean()))  # mean of the holes
+    moved: float = measured("m", lambda at: at.moved.max())  # farthest a hole has moved
+    press: float = measured("N", lambda at: at.line.forces[:, 2].max())  # largest force on a hole
+    diameter: float = measured("m", lambda at: at.line.system.thread.section.diameter)  # of the thread
+    youngs_modulus: float = measured("Pa", lambda at: at.case.stiffness)  # of the sheet, infinite for fixed points
+    spans: float = measured("-", lambda at: span_ratio(at.line.system, at.line.state))  # longest at a hole over √(EI/T)
+    settled: float = measured("-", lambda at: unrest(at.energies.kinetic, at.energies.elastic))  # kinetic over elastic
+    steps: int = measured("-", lambda at: at.line.steps)
 
     @property
     def stitches_back(self) -> int:
@@ -125,6 +119,11 @@ class Case:
     step: float = 2e-3
     tolerance: float = TOLERANCE
     cell: float = CELL
+
+    @property
+    def stiffness(self) -> float:
+        """E of the sheet, infinite without one [Pa]."""
+        return np.inf if self.organ == "fixed points" else self.youngs_modulus
 
 
 @dataclass(frozen=True)
@@ -190,22 +189,20 @@ def main(
 
     Raises `StudyError` for what cannot be calibrated.
     """
-    if stitches <= BACK or min(mus) < 0.0 or max(mus) >= 1.0 or min(holds) <= 0.0:
-        reason = f"more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
-        raise StudyError(f"stitches = {stitches}, mus = {mus}, holds = {holds}: give {reason}")
+    allowed = stitches > BACK and min(mus) >= 0.0 and max(mus) < 1.0 and min(holds) > 0.0
+    reason = f"give more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
+    require(allowed, f"stitches = {stitches}, mus = {mus}, holds = {holds}", reason)
     base = Case(0.0, organ, stitches=stitches, suture=thread, youngs_modulus=youngs_modulus)
     rows: list[Row] = []
     for row in each([partial(one_pull, replace(base, mu=mu)) for mu in sorted(mus)]):
         rows.append(row)
         yield row
-    case = replace(base, mu=calibrate(rows)[0])
+    case, middle = replace(base, mu=calibrate(rows)[0]), sorted(holds)[len(holds) // 2]
     others = [] if unchecked else variations(case)
-    jobs: list[Job] = [partial(one_pull, other) for other in (replace(case, check=CALIBRATED), *others)]
-    jobs += [partial(placing, case, hold) for hold in holds]
-    if not unchecked:
-        middle = sorted(holds)[len(holds) // 2]
-        jobs.append(partial(placing, replace(case, organ="gaping fascia"), middle))
-        jobs.append(partial(placing, replace(case, organ="fixed points"), middle))
+    pulls = [partial(one_pull, other) for other in (replace(case, check=CALIBRATED), *others)]
+    placed = [(case, hold) for hold in holds]
+    placed += [] if unchecked else [(replace(case, organ=organ), middle) for organ in ("gaping fascia", "fixed points")]
+    jobs = [*pulls, *(partial(placing, *one) for one in placed)]
     yield from each(jobs)
 
 
@@ -221,106 +218,57 @@ def variations(case: Case) -> list[Case]:
     ]
 
 
-# --- by the law -------------------------------------------------------------------------------------------
-
-
-def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
-    """Return the tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
-
-    `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
-    between it and the hand slips: it lies between the hand's over and times their product.
-    """
-    reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
-    return np.clip(before, hand / reach, hand * reach)
-
-
-def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
-    """Return the tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after
-    the other and every hole slips at the same ratio, shape `(stitches - 1,)`."""
-    law, out = np.full(2, hold), []
-    for number in range(2, stitches + 1):
-        ratios = np.full(2 * number - 1, ratio)
-        law = tensions_by_law(np.append(law, [hold, hold]), pull, ratios)
-        out.append(law[3])
-        law = tensions_by_law(law, hold, ratios)
-    return np.array(out)
-
-
 # --- the suture -------------------------------------------------------------------------------------------
 
 
 def scenario(case: Case, laid: int) -> Scenario:
-    """Make the scenario: a thread laid up and down through the holes of the first stitches, its tail over the wound."""
-    holes = places(case.stitches)
+    """Return the scene with a thread laid up and down through the holes of the first stitches, its tail over the wound;
+    the wound is closed for good, or open and gaping, or there is no sheet."""
+    along, fixed = PITCH * (np.arange(case.stitches) - (case.stitches - 1) / 2), case.organ == "fixed points"
+    holes = [np.array([side * BITE, y, -THICKNESS / 2]) for y in along for side in (-1.0, 1.0)]
     path = [holes[0] - FREE * UNDER + LOOP * UP]
     for number, hole in enumerate(holes[: 2 * laid]):
         path += [hole + way * LOOP * UP for way in ((1, -1) if number % 2 == 0 else (-1, 1))]
     tail = TAIL + (case.stitches - laid) * (2 * BITE + np.hypot(2 * BITE, PITCH))
-    path.append(holes[2 * laid - 1] + tail * OVER + LOOP * UP)
     rough = {"friction": {"static": case.mu, "kinetic": case.mu}} if case.mu else {}
-    table: dict[str, Any] = {
-        "title": "a running suture",
-        "thread": {
-            "suture": case.suture,
-            "control_points": 60,
-            "resolution": "adaptive",
-            "graded": 6.0,
-            "tolerance": case.tolerance,
-            "damping": DAMPING,
-            "path": [point.tolist() for point in path],
-            "end": {"kind": "pulled", "force": (SLACK * OVER).tolist(), "ramp": 0.0},
-        },
+    length = (case.stitches - 1) * PITCH + 2 * BEYOND
+    mesh: dict[str, Any] = {"kind": "block", "size": [WIDTH, length + 2 * BEYOND, THICKNESS], "h": case.cell}
+    if case.organ == "gaping fascia":
+        mesh |= {"kind": "wound", "shape": "slit", "length": length, "depth": THICKNESS}
+    values = {
+        "thread.suture": case.suture,
+        "thread.tolerance": case.tolerance,
+        "thread.path": [*path, holes[2 * laid - 1] + tail * OVER + LOOP * UP],
+        "thread.end.force": SLACK * OVER,
         "piercing": [
             {
-                "name": f"{'entry' if number % 2 == 0 else 'exit'} {number // 2 + 1}",
-                "at": hole.tolist(),
+                "name": f"{('entry', 'exit')[number % 2]} {number // 2 + 1}",
+                "at": hole,
                 "direction": "free",
-                "footprint": 0.0 if case.organ == "fixed points" else FOOTPRINT,
+                "footprint": 0.0 if fixed else FOOTPRINT,
                 "from": 0.0 if number < 2 * laid else 1.0,
                 **({"kind": "anchored"} if number == 0 else rough),
             }
             for number, hole in enumerate(holes)
         ],
     }
-    return parse(table if case.organ == "fixed points" else table | {"tissue": fascia(case)})
-
-
-def places(stitches: int) -> list[Array]:
-    """Return the holes [m], in the middle of the sheet: entries on the left, exits on the right."""
-    along = PITCH * (np.arange(stitches) - (stitches - 1) / 2)
-    return [np.array([side * BITE, y, -THICKNESS / 2]) for y in along for side in (-1.0, 1.0)]
-
-
-def fascia(case: Case) -> dict[str, Any]:
-    """Describe a sheet that the muscles hold left and right, its wound closed for good, or open and gaping."""
-    length = (case.stitches - 1) * PITCH + 2 * BEYOND
-    mesh: dict[str, Any] = {"kind": "block", "size": [WIDTH, length + 2 * BEYOND, THICKNESS], "h": case.cell}
-    if case.organ == "gaping fascia":
-        mesh |= {"kind": "wound", "shape": "slit", "length": length, "depth": THICKNESS}
-    return {
-        "youngs_modulus": case.youngs_modulus,
-        "poisson_ratio": 0.45,
-        "density": 1100.0,
-        "inertia": False,
-        "clamp": ["left", "right"],
-        "mesh": mesh,
-    }
+    organ = {"tissue": None} if fixed else {"tissue.youngs_modulus": case.youngs_modulus, "tissue.mesh": mesh}
+    return scene("running_suture", values | organ)
 
 
 def lay_taut(case: Case, stitches: int, tension: float) -> Line:
     """Lay a thread in the first stitches and draw it taut without friction."""
     assembly = assemble(scenario(case, stitches))
     rough, state = assembly.system, assembly.start()
-    smooth = replace(rough, piercings=tuple(replace(hole, friction=None) for hole in rough.piercings))
-    system = replace(smooth, ends=(smooth.ends[0], Hand((0.0, 1.0), tension * OVER, tension * OVER)))
     assert assembly.resolution is not None
-    state = replace(state, sigma=smooth_slip(smooth, state))
+    smooth = tuple(replace(hole, friction=None) for hole in rough.piercings)
+    hand = Hand((0.0, 1.0), tension * OVER, tension * OVER)
+    system = replace(rough, piercings=smooth, ends=(rough.ends[0], hand))
+    state = replace(state, sigma=smooth_slip(system, state))
     line = Line(system, state, assembly.resolution, case.step, np.full(2 * stitches, tension))
     line = lead(line, tension * OVER, LAYING)
-    system, state = line.system, line.state
-    system = replace(system, piercings=rough.piercings)
-    state = replace(state, sigma=smooth_slip(system, state))
-    return replace(line, system=system, state=state)
+    system = replace(line.system, piercings=rough.piercings)
+    return replace(line, system=system, state=replace(line.state, sigma=smooth_slip(system, line.state)))
 
 
 def smooth_slip(system: System, state: State) -> Array:
@@ -346,7 +294,7 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
     return replace(line, system=run.system, state=run.state, steps=line.steps + count)
 
 
-def draw(line: Line, mu: float, force: Array, seconds: float) -> Line:
+def pull(line: Line, mu: float, force: Array, seconds: float) -> Line:
     """Lead the hand, let the suture come to rest, and note what the law of friction makes of it."""
     line = lead(lead(line, force, seconds), force, REST)
     ratios = np.array([bent_ratio(mu, turn) for turn in line.turns])
@@ -369,59 +317,39 @@ def add_stitch(line: Line, number: int, hold: float) -> Line:
 
 def one_pull(case: Case) -> Iterator[Row]:
     """Lay the suture, pull it, and let it back in stages."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        line = draw(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
-        yield from moment(line, case, "one pull", SLACK, "before")
-        for hand in (*(x for x in RISE if x < case.pull), case.pull):
-            line = draw(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
-            yield from moment(line, case, "one pull", SLACK, "pulled" if hand == case.pull else "rising")
-        for hand in STAGES:
-            line = draw(line, case.mu, hand * OVER, LETTING / len(STAGES))
-            yield from moment(line, case, "one pull", SLACK, "let back")
+    line = pull(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
+    yield from moment(line, case, "one pull", SLACK, "before")
+    for hand in (*(x for x in RISE if x < case.pull), case.pull):
+        line = pull(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
+        yield from moment(line, case, "one pull", SLACK, "pulled" if hand == case.pull else "rising")
+    for hand in STAGES:
+        line = pull(line, case.mu, hand * OVER, LETTING / len(STAGES))
+        yield from moment(line, case, "one pull", SLACK, "let back")
 
 
 def placing(case: Case, hold: float) -> Iterator[Row]:
     """Place stitch after stitch from the second on: hold, pull, let back."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        line = lay_taut(case, 2, hold)
-        for number in range(2, case.stitches + 1):
-            line = add_stitch(line, number - 1, hold) if number > 2 else line
-            line = draw(line, case.mu, hold * OVER, REST)
-            yield from moment(line, case, "placing", hold, "before")
-            line = draw(line, case.mu, case.pull * OVER, PULLING)
-            yield from moment(line, case, "placing", hold, "pulled")
-            line = lead(line, np.sqrt(case.pull * hold) * OVER, LETTING / 2)
-            line = draw(line, case.mu, hold * OVER, LETTING / 2)
-            yield from moment(line, case, "placing", hold, "let back")
+    line = lay_taut(case, 2, hold)
+    for number in range(2, case.stitches + 1):
+        line = add_stitch(line, number - 1, hold) if number > 2 else line
+        line = pull(line, case.mu, hold * OVER, REST)
+        yield from moment(line, case, "placing", hold, "before")
+        line = pull(line, case.mu, case.pull * OVER, PULLING)
+        yield from moment(line, case, "placing", hold, "pulled")
+        line = lead(line, np.sqrt(case.pull * hold) * OVER, LETTING / 2)
+        line = pull(line, case.mu, hold * OVER, LETTING / 2)
+        yield from moment(line, case, "placing", hold, "let back")
 
 
 def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterator[Row]:
     """Make the row of every stitch as it is."""
-    organ, state = line.system.organ, line.state
-    energies = initial_energies(line.system, state)
-    moved = np.linalg.norm((state.y - organ.y0.reshape(-1, 9))[: line.holes, :3], axis=1)
+    energies = initial_energies(line.system, line.state)
+    away = (line.state.y - line.system.organ.y0.reshape(-1, 9))[: line.holes, :3]
+    end = SimpleNamespace(line=line, case=case, kind=kind, hold=hold, name=name, energies=energies)
+    end.moved = np.linalg.norm(away, axis=1)
     for stitch in range(1, line.holes // 2 + 1):
-        yield Row(
-            kind=kind,
-            organ=case.organ,
-            check=case.check,
-            mu=case.mu,
-            hold=hold,
-            stitches=line.holes // 2,
-            moment=name,
-            hand=line.hand,
-            stitch=stitch,
-            tension=float(line.forces[2 * stitch - 1, 1]),
-            law=float(line.law[2 * stitch - 1]),
-            turn=float(np.degrees(line.turns.mean())),
-            moved=float(moved.max()),
-            press=float(line.forces[:, 2].max()),
-            diameter=line.system.thread.section.diameter,
-            youngs_modulus=np.inf if case.organ == "fixed points" else case.youngs_modulus,
-            spans=span_ratio(line.system, state),
-            settled=unrest(energies.kinetic, energies.elastic),
-            steps=line.steps,
-        )
+        tension, law = float(line.forces[2 * stitch - 1, 1]), float(line.law[2 * stitch - 1])
+        yield measure(Row, end, stitch=stitch, tension=tension, law=law)
 
 
 # --- what they say ----------------------------------------------------------------------------------------
@@ -429,11 +357,11 @@ def moment(line: Line, case: Case, kind: str, hold: float, name: str) -> Iterato
 
 def runs(rows: Sequence[Row]) -> list[list[Row]]:
     """Return the rows of each run."""
-    out: dict[tuple[object, ...], list[Row]] = {}
-    for row in rows:
-        number = row.stitches if row.kind == "one pull" else 0
-        out.setdefault((row.kind, row.organ, row.check, row.mu, row.hold, number), []).append(row)
-    return list(out.values())
+
+    def key(row: Row) -> tuple[object, ...]:
+        return row.kind, row.organ, row.check, row.mu, row.hold, row.stitches if row.kind == "one pull" else 0
+
+    return list(grouped(rows, key).values())
 
 
 def sweep(rows: Sequence[Row]) -> list[list[Row]]:
@@ -467,10 +395,8 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
     wanted = float(np.log(hand_of(over[0]) / left))
     if not min(ratios) <= wanted <= max(ratios):
         shown = ", ".join(f"{run[0].mu:g}" for run in over)
-        reason = (
-            f"none of them leaves more, or none less, than {left:g} N two stitches back; give smaller or larger ones"
-        )
-        raise StudyError(f"mus = [{shown}] is refused: {reason}")
+        reason = f"none of them leaves more, or none less, than {left:g} N two stitches back"
+        raise StudyError(f"mus = [{shown}] is refused: {reason}; give smaller or larger ones")
     return float(np.tanh(np.interp(wanted, ratios, [np.arctanh(run[0].mu) for run in over])))
 
 
@@ -489,12 +415,9 @@ def reach(run: Sequence[Row]) -> int:
     """Count the stitches back to the farthest in which a pull changes the tension by FELT; of several pulls the
     farthest."""
     before = {(row.stitches, row.stitch): row.tension for row in run if row.moment == "before"}
-    felt = [
-        row.stitches_back
-        for row in run
-        if row.moment == "pulled" and abs(row.tension - before[row.stitches, row.stitch]) >= FELT
-    ]
-    return max(felt, default=0)
+    pulled = [row for row in run if row.moment == "pulled"]
+    felt = [row for row in pulled if abs(row.tension - before[row.stitches, row.stitch]) >= FELT]
+    return max((row.stitches_back for row in felt), default=0)
 
 
 def reaches_knot(run: Sequence[Row]) -> bool:
@@ -512,9 +435,8 @@ def law_error(run: Sequence[Row]) -> float:
 
 def later_change(tensions: dict[int, Row]) -> float:
     """Return the largest change of the second stitch under the pulls after the fourth stitch's [N]."""
-    return max(
-        (abs(row.tension - tensions[BACK].tension) for back, row in tensions.items() if back > BACK), default=0.0
-    )
+    later = [row.tension for back, row in tensions.items() if back > BACK]
+    return max((abs(tension - tensions[BACK].tension) for tension in later), default=0.0)
 
 
 def capstan(run: Sequence[Row]) -> float:
@@ -535,17 +457,9 @@ def table(rows: Sequence[Row]) -> Table:
         first, tensions = run[0], rows_at(run)
         name = "placing, stitch 2" if first.kind == "placing" else ", ".join(x for x in ("one pull", first.check) if x)
         cells = [f"{tensions[back].tension:.3f}" if back in tensions else "" for back in range(most)]
-        lines.append(
-            [
-                name,
-                first.organ,
-                f"{first.mu:.4g}",
-                f"{first.hold:g}",
-                *pad(cells, most),
-                f"{'≥ ' if reaches_knot(run) else ''}{reach(run)}",
-                f"{100 * law_error(run):.2g}",
-            ]
-        )
+        felt = f"{'≥ ' if reaches_knot(run) else ''}{reach(run)}"
+        case = [name, first.organ, f"{first.mu:.4g}", f"{first.hold:g}"]
+        lines.append([*case, *pad(cells, most), felt, f"{100 * law_error(run):.2g}"])
     return Table(head, lines)
 
 
@@ -625,23 +539,16 @@ def sequence(tensions: dict[int, Row]) -> str:
 
 def consistency(rows: Sequence[Row]) -> list[str]:
     """Compare two stitches back: what is changed by what should not matter."""
-    out, usual = [], rows_at(reference(rows))[BACK].tension
-    for run in runs(rows):
-        first = run[0]
-        if first.check not in ("", CALIBRATED):
-            change = 100 * (rows_at(run)[BACK].tension / usual - 1.0)
-            out.append(f"{first.check}: {change:+.2g} % two stitches back")
-    return out
+    usual = rows_at(reference(rows))[BACK].tension
+    checks = {run[0].check: rows_at(run)[BACK].tension for run in runs(rows) if run[0].check not in ("", CALIBRATED)}
+    return [f"{name}: {100 * (found / usual - 1.0):+.2g} % two stitches back" for name, found in checks.items()]
 
 
 def limits(rows: Sequence[Row]) -> list[str]:
     """List the worst of each kind of run."""
     out = []
-    for kind in dict.fromkeys((row.kind, row.organ) for row in rows):
-        of = [row for row in rows if (row.kind, row.organ) == kind]
-        name = ", ".join(kind)
-        worst = max(of, key=lambda row: row.settled)
-        out += not_settled(name, worst.settled, 1.0)
+    for name, of in grouped(rows, lambda row: f"{row.kind}, {row.organ}").items():
+        out += not_settled(name, max(row.settled for row in of), 1.0)
         out += [f"{name}: TOO COARSE, {said.message}" for said in coarse_spans(max(row.spans for row in of))]
         hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
         out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
@@ -655,89 +562,59 @@ def limits(rows: Sequence[Row]) -> list[str]:
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the tension along the line, reach over μ, the second stitch while stitches are placed, and a pull let
     back."""
-    drawing, grid = panels(2, 2)
-    tensions_along_line(grid[0, 0], rows)
-    reach_over_mu(grid[0, 1], rows)
-    second_stitch(grid[1, 0], rows)
-    plot_let_back(grid[1, 1], rows)
-    return drawing
-
-
-def tensions_along_line(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw tensions along the line: points are runs, dotted lines the law of a ring, bars the published mean and SD."""
+    run, most = reference(rows), max(row.stitches for row in rows)
     shown = [run for run in sweep(rows) if run[0].mu]
-    greys = [str(grey) for grey in np.linspace(0.7, 0.2, len(shown))]
-    for run, colour, marker in zip([*shown, reference(rows)], [*greys, COLOURS[0]], cycle(MARKERS), strict=False):
-        tensions = rows_at(run)
-        back = sorted(tensions)
-        label = f"μ = {run[0].mu:.3g} {run[0].check}"
-        axes.plot(back, [tensions[k].tension for k in back], marker, color=colour, label=label, markersize=4)
-        axes.plot(back, [tensions[k].law for k in back], ":", color=colour)
-    plot_published(axes, [0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD])
-    axes.plot([], [], ":", color="black", label="ring law, by the turns measured")
-    axes.set(yscale="log", xlabel="stitches back from the pull [-]", ylabel="tension [N]", title="one pull")
-    ticks(axes, "x", range(max(row.stitches for row in rows)))
-    ticks(axes, "y", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
-    axes.set_ylim(0.08, 30.0)
-    axes.legend(fontsize=6.5, loc="upper right", ncols=2)
+    pulls = {f"μ = {each[0].mu:.3g} {each[0].check}": list(rows_at(each).values()) for each in (*shown, run)}
+    colours = [*(str(grey) for grey in np.linspace(0.7, 0.2, len(shown))), COLOURS[0]]
+    over = {ends: [each for each in (*sweep(rows), run) if reaches_knot(each) == ends] for ends in (False, True)}
+    mu, low, high = calibrate(rows)
+    followed = {"each row drawn anew": list(tensions_drawn_anew(run).values())}
+    for placed in placings(rows):
+        followed[f"{placed[0].organ}, hold {placed[0].hold:g} N"] = list(rows_at(placed).values())
+    left = [[mean] * max(most - BACK - 1, 0) for mean in (PUBLISHED_LEFT, LEFT_SD)]
+    later, law = range(2 + BACK, most + 1), curve([], [], "ring law, by the turns measured", ":")
+    back = {f"{k} back": [row for row in run if row.stitches_back == k] for k in range(1, min(5, most))}
+    return draw(
+        [
+            panel(
+                "stitches back from the pull [-]", "tension [N]",
+                series(pulls, "stitches_back", "tension", "", colours=colours, markersize=4),
+                series(unnamed(pulls), "stitches_back", "law", ":", [""], colours), law,
+                published([0, BACK], [PUBLISHED_PULL, PUBLISHED_LEFT], [PULL_SD, LEFT_SD]),
+                log="y", ticks={"x": range(most), "y": TENSIONS}, title="one pull", ylim=(0.08, 30.0),
+                legend={"fontsize": 6.5, "loc": "upper right", "ncols": 2},
+            ),
+            panel(
+                "coefficient of friction μ [-]", "felt, stitches back [-]",
+                *(
+                    curve([each[0].mu for each in runs], [reach(each) for each in runs], label, marker, COLOURS[0])
+                    for runs, label, marker in ((over[False], "one pull", "o"), (over[True], "to the knot", "^"))
+                ),
+                band("x", low, high, "μ within ± 1 SD"), level("x", mu, f"calibrated, μ = {mu:.3f}"),
+                band("y", 0, PUBLISHED_REACH, f"published: ≤ {PUBLISHED_REACH}", COLOURS[1]),
+                ticks={"y": range(most)}, title=f"felt: a change by {FELT:g} N or more", ylim=(0, most - 0.5),
+            ),
+        ],
+        [
+            panel(
+                "stitch that is pulled [-]", "tension of stitch 2 [N]",
+                series(followed, "stitches", "tension", colours=["black", COLOURS[0], *COLOURS[2:]], markersize=4),
+                published([2, *later], [PUBLISHED_PULL, *left[0]], [PULL_SD, *left[1]]),
+                ticks={"x": range(2, most + 1)}, title="stitches placed one by one", legend={"fontsize": 6.5},
+            ),
+            panel(
+                "pull on the loose end [N]", "tension [N]", series(back, "hand", "tension", colours=COLOURS[1:]),
+                series(unnamed(back), "hand", "law", ":", [""], ["black"]), law, above=1.25,
+                title=f"pulled and let back, μ = {run[0].mu:.3f}", legend={"loc": "upper left", "ncols": 2},
+            ),
+        ],
+    )  # fmt: skip
 
 
-def plot_published(axes: Axes, x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> None:
+def published(x: Sequence[float], mean: Sequence[float], deviation: Sequence[float]) -> Item:
     """Draw the published means with their SD."""
-    label = "Horeman et al. 2013, mean and SD"
-    style = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5}
-    axes.errorbar(x, mean, deviation, color=COLOURS[1], label=label, **style)  # type: ignore[arg-type]
-
-
-def reach_over_mu(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the stitches back in which one pull is felt."""
-    for ends, marker, label in ((False, "o", "one pull"), (True, "^", "one pull, to the knot")):
-        over = [run for run in (*sweep(rows), reference(rows)) if reaches_knot(run) == ends]
-        axes.plot([run[0].mu for run in over], [reach(run) for run in over], marker, color=COLOURS[0], label=label)
-    mu, *interval = calibrate(rows)
-    axes.axvspan(*interval, color="black", alpha=0.12, label="μ within ± 1 SD")
-    axes.axvline(mu, color="black", linestyle="--", label=f"calibrated, μ = {mu:.3f}")
-    axes.axhspan(0, PUBLISHED_REACH, color=COLOURS[1], alpha=0.12, label=f"published: ≤ {PUBLISHED_REACH}")
-    axes.set(xlabel="coefficient of friction μ [-]", title=f"felt: a change by {FELT:g} N or more")
-    axes.set(ylabel="felt, stitches back [-]", ylim=(0, max(row.stitches for row in rows) - 0.5))
-    ticks(axes, "y", range(max(row.stitches for row in rows)))
-    axes.legend()
-
-
-def second_stitch(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the tension of the second stitch while each stitch is pulled."""
-    last = max(row.stitches for row in rows)
-    alone = tensions_drawn_anew(reference(rows))
-    x, y = [k + 2 for k in sorted(alone)], [alone[k].tension for k in sorted(alone)]
-    axes.plot(x, y, "k:", marker="x", label="each row drawn anew")
-    colours = [colour for colour in COLOURS if colour != COLOURS[1]]
-    for run, colour, marker in zip(placings(rows), cycle(colours), cycle(MARKERS), strict=False):
-        tensions, first = rows_at(run), run[0]
-        x, y = [k + 2 for k in sorted(tensions)], [tensions[k].tension for k in sorted(tensions)]
-        label = f"{first.organ}, hold {first.hold:g} N"
-        axes.plot(x, y, DASHES[first.organ], color=colour, marker=marker, label=label, markersize=4)
-    later = len(range(2 + BACK, last + 1))
-    measured, deviation = [PUBLISHED_PULL, *[PUBLISHED_LEFT] * later], [PULL_SD, *[LEFT_SD] * later]
-    plot_published(axes, [2, *range(2 + BACK, last + 1)], measured, deviation)
-    axes.set(xlabel="stitch that is pulled [-]", ylabel="tension of stitch 2 [N]", title="stitches placed one by one")
-    ticks(axes, "x", range(2, last + 1))
-    axes.legend(fontsize=6.5)
-
-
-def plot_let_back(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the tensions over the hand's force, out and back; dotted, the law."""
-    run = reference(rows)
-    for back in range(1, min(5, run[0].stitches)):
-        of = [row for row in run if row.stitches_back == back]
-        hand = [row.hand for row in of]
-        axes.plot(hand, [row.tension for row in of], color=COLOURS[back], marker=MARKERS[back], label=f"{back} back")
-        axes.plot(hand, [row.law for row in of], ":", color="black")
-    axes.plot([], [], ":", color="black", label="ring law")
-    axes.set(
-        xlabel="pull on the loose end [N]", ylabel="tension [N]", title=f"pulled and let back, μ = {run[0].mu:.3f}"
-    )
-    axes.set_ylim(top=1.25 * axes.get_ylim()[1])
-    axes.legend(loc="upper left", ncols=3)
+    looks: dict[str, Any] = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5, "color": COLOURS[1]}
+    return lambda axes: axes.errorbar(x, mean, deviation, label="Horeman et al. 2013, mean and SD", **looks)
 
 
 STUDY = Study(

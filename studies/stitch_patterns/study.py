@@ -17,26 +17,25 @@ the modified pulley stitch was laid the abstract does not say either, so it is n
 rings are many √(EI/T) apart.
 
 *By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan); a thread that bends, the
-product over the rings of `studies.friction.study.bent_ratio`.
+product over the rings of `studies.theory.bent_ratio`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-import tissue
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
-from coupling.system import Friction, Piercing, System
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels
-from studies.friction.study import bent_ratio
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.figure import curve, draw, laws, level, panel, series, unnamed
+from studies.friction.study import fixed_holes
+from studies.study import Columns, Study, Table, each, grouped, require, require_known, unit_field
+from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
 from thread.knots import graded_knots
@@ -54,7 +53,6 @@ FINER, REACH = 4.0, 1e-3  # how much denser the knots are at a ring, and how far
 MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
 AGREES = 1.0  # standard deviations: a prediction this near is said to agree
 MODIFIED = (4.52, 0.67)  # published of the modified pulley stitch [N]
-WIDE = {"vertical mattress": 10.0}  # size of markers that others would hide [points]
 LEFT, RIGHT, THROW = "left lip", "right lip", "throw"
 
 Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle that it turns the thread by [rad]
@@ -69,6 +67,11 @@ class Pattern:
     spread: float
     first: Array
     corners: tuple[tuple[Array, str], ...]
+
+    @property
+    def text(self) -> str:
+        """The published pull and its standard deviation [N]."""
+        return f"{self.published:g} ± {self.spread:g}"
 
 
 PATTERNS = {
@@ -105,6 +108,11 @@ class Row:
     tension: float = unit_field("N")
     slides: bool  # in all rings but for two in the middle, towards the nearer hand
 
+    @property
+    def stitch(self) -> Pattern:
+        """The stitch."""
+        return PATTERNS[self.pattern]
+
 
 @dataclass(frozen=True)
 class Finely:
@@ -125,22 +133,20 @@ def main(
     """Yield the load steps and strands of every stitch for every turn of a throw [degree], at the first number of
     `rings` a corner; for the middle throw at the others too, and with μ fitted to the single stitch's pull as many
     `spreads` of its standard deviation away; `control_points` a ring. Raises `StudyError`."""
-    if unknown := [name for name in patterns if name not in PATTERNS]:
-        raise StudyError(f"patterns: {unknown[0]!r} is refused; those known are {', '.join(PATTERNS)}")
-    if min(throws) <= 0.0 or max(throws) > 360.0:
-        raise StudyError(f"throws = {list(throws)} is refused: give turns above 0 up to 360 degrees")
-    if min(rings) < 2 or load_steps < 1 or control_points < 8:
-        given = f"rings = {list(rings)}, load_steps = {load_steps}, control_points = {control_points}"
-        raise StudyError(f"{given} is refused: give two rings a corner or more, one load step, eight control points")
-    if FITTED not in patterns:
-        raise StudyError(f"patterns = {list(patterns)} is refused: μ is fitted to {FITTED!r}; add it")
+    require_known("patterns", patterns, PATTERNS)
+    require(
+        min(throws) > 0.0 and max(throws) <= 360.0, f"throws = {list(throws)}", "give turns above 0 up to 360 degrees"
+    )
+    given = f"rings = {list(rings)}, load_steps = {load_steps}, control_points = {control_points}"
+    remedy = "give two rings a corner or more, one load step, eight control points"
+    require(min(rings) >= 2 and load_steps >= 1 and control_points >= 8, given, remedy)
+    require(FITTED in patterns, f"patterns = {list(patterns)}", f"μ is fitted to {FITTED!r}; add it")
     middle, of = sorted(throws)[len(throws) // 2], PATTERNS[FITTED]
     cases = [(throw, rings[0], of.published) for throw in throws]
     cases += [(middle, many, of.published) for many in rings[1:]]
     cases += [(middle, rings[0], of.published + away * of.spread) for away in spreads]
     how = Finely(load_steps, control_points)
-    jobs: list[Job] = [partial(stitches, *case, tuple(patterns), how) for case in cases]
-    yield from each(jobs)
+    yield from each([partial(stitches, *case, tuple(patterns), how) for case in cases])
 
 
 def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], how: Finely) -> Iterator[Row]:
@@ -149,24 +155,16 @@ def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], h
     for name in patterns:
         way = Way.of(PATTERNS[name], throw, rings)
         pull = WOUND / way.closing(partial(bent_ratio, mu))
-        known = Row(
-            kind="load",
-            pattern=name,
-            throw=throw,
-            rings=rings,
-            fitted=fitted,
-            mu=mu,
-            pull=pull,
-            turn=0.0,
-            tension=np.nan,
-            slides=False,
-        )
+        case = Row(
+            kind="load", pattern=name, throw=throw, rings=rings, fitted=fitted, mu=mu, pull=pull, turn=0.0,
+            tension=np.nan, slides=False,
+        )  # fmt: skip
         for step, run in enumerate(pulled(way, mu, pull, how), start=1):
             at, slides = pull * step / how.load_steps, is_sliding(way, run)
-            known = replace(known, pull=at, tension=across(way, run), slides=slides)
-            yield known
+            case = replace(case, pull=at, tension=across(way, run), slides=slides)
+            yield case
         for turn, hole in zip(np.degrees(way.from_hand), run.piercings[:-1], strict=True):
-            yield replace(known, kind="strand", turn=float(turn), tension=hole.tension_after)
+            yield replace(case, kind="strand", turn=float(turn), tension=hole.tension_after)
 
 
 def fit(throw: float, rings: int, pull: float, how: Finely) -> float:
@@ -243,11 +241,6 @@ def turned(heading: Array, towards: Array, angles: Array) -> Array:
     return np.outer(np.cos(angles), heading) + np.outer(np.sin(angles), towards)
 
 
-def capstan(mu: float, turn: float) -> float:
-    """Return the ratio of tensions at a post that a limp thread is turned round by `turn` [rad]."""
-    return float(np.exp(mu * turn))
-
-
 # --- the coupled system -----------------------------------------------------------------------------------
 
 
@@ -260,10 +253,8 @@ def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
     stretch = path.length / length
     s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
     thread = Thread(Spline(graded_knots(length, how.control_points * s.size, s, FINER, REACH)), suture(SUTURE))
-    sites = tissue.fixed_sites([tissue.Site(place) for place in corners[1:-1]])
-    rings = [Piercing(f"{place} {k}", directed=False, friction=Friction(mu, mu)) for k, place in enumerate(way.places)]
     ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
-    system = System(thread, ends, sites, tuple(rings))
+    system = fixed_holes(thread, ends, mu, corners[1:-1])
     laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)
     run = begin(system, start(system, s, laid, stretch))
     for step in range(1, how.load_steps + 1):
@@ -294,13 +285,10 @@ def cases_of(rows: Sequence[Row]) -> list[Case]:
     return list(dict.fromkeys((row.throw, row.rings, row.fitted) for row in rows))
 
 
-def loads_of(rows: Sequence[Row], case: Case) -> dict[str, list[Row]]:
-    """Return the load steps of a case by stitch."""
-    out: dict[str, list[Row]] = {}
-    for row in rows:
-        if row.kind == "load" and (row.throw, row.rings, row.fitted) == case:
-            out.setdefault(row.pattern, []).append(row)
-    return out
+def loads_of(rows: Sequence[Row], case: Case, kind: str = "load") -> dict[str, list[Row]]:
+    """Return the load steps of a case by stitch, or its strands."""
+    of = [row for row in rows if row.kind == kind and (row.throw, row.rings, row.fitted) == case]
+    return grouped(of, lambda row: row.pattern)
 
 
 def closing_pull(loads: Sequence[Row]) -> float:
@@ -315,29 +303,33 @@ def predicted_by_capstan(name: str, throw: float, fitted: float) -> float:
     return WOUND / ways[name].closing(partial(capstan, float(mu)))
 
 
-def off_published(name: str, pull: float) -> float:
-    """Return by how many standard deviations a pull [N] is above the published one."""
-    return (pull - PATTERNS[name].published) / PATTERNS[name].spread
+def by_capstan(row: Row) -> float:
+    """Return the pull that closes the wound by the capstan alone, in a row's case [N]."""
+    return predicted_by_capstan(row.pattern, row.throw, row.fitted)
+
+
+def off_published(loads: Sequence[Row]) -> float:
+    """Return by how many standard deviations the pull that closes the wound is above the published one."""
+    return (closing_pull(loads) - loads[-1].stitch.published) / loads[-1].stitch.spread
+
+
+COLUMNS: Columns = (  # of the load steps of a stitch
+    ("stitch", lambda loads: loads[-1].pattern),
+    ("throw turns by [°]", lambda loads: f"{loads[-1].throw:g}"),
+    ("rings a corner", lambda loads: f"{loads[-1].rings}"),
+    ("μ [-]", lambda loads: f"{loads[-1].mu:.4f}"),
+    ("fitted to [N]", lambda loads: f"{loads[-1].fitted:g}"),
+    ("pull [N]", lambda loads: f"{closing_pull(loads):.3g}"),
+    ("capstan [N]", lambda loads: f"{by_capstan(loads[-1]):.3g}"),
+    ("published [N]", lambda loads: loads[-1].stitch.text),
+    ("off by [SD]", lambda loads: "fitted" if loads[-1].pattern == FITTED else f"{off_published(loads):+.2f}"),
+    ("slides everywhere", lambda loads: "yes" if loads[-1].slides else "NO"),
+)
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Make a line a case and stitch."""
-    head = (
-        "stitch", "throw turns by [°]", "rings a corner", "μ [-]", "fitted to [N]", "pull [N]", "capstan [N]",
-        "published [N]", "off by [SD]", "slides everywhere",
-    )  # fmt: skip
-    lines = []
-    for case in cases_of(rows):
-        throw, rings, fitted = case
-        for name, loads in loads_of(rows, case).items():
-            pull, of = closing_pull(loads), PATTERNS[name]
-            by_hand = predicted_by_capstan(name, throw, fitted)
-            off = "fitted" if name == FITTED else f"{off_published(name, pull):+.2f}"
-            said = "yes" if loads[-1].slides else "NO"
-            published = f"{of.published:g} ± {of.spread:g}"
-            numbers = f"{throw:g}", f"{rings}", f"{loads[-1].mu:.4f}", f"{fitted:g}", f"{pull:.3g}", f"{by_hand:.3g}"
-            lines.append((name, *numbers, published, off, said))
-    return Table(head, lines)
+    return Table.of(COLUMNS, [loads for case in cases_of(rows) for loads in loads_of(rows, case).values()])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -368,23 +360,16 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 def case_words(rows: Sequence[Row], case: Case) -> str:
     """Say what a case predicts, and how far it is off."""
-    throw, rings, fitted = case
-    loads = loads_of(rows, case)
-    said = []
+    loads, said = loads_of(rows, case), []
     for name, steps in loads.items():
-        if name == FITTED:
-            continue
-        pull, of = closing_pull(steps), PATTERNS[name]
-        off = off_published(name, pull)
-        word = "agrees" if abs(off) <= AGREES else "DISAGREES"
-        by_hand = pull / predicted_by_capstan(name, throw, fitted) - 1.0
-        said.append(
-            f"{name} {pull:.3g} N, published {of.published:g} ± {of.spread:g}: {word} ({off:+.2f} SD; {by_hand:+.1%} "
-            "of the capstan)"
-        )
+        if name != FITTED:
+            pull, off = closing_pull(steps), off_published(steps)
+            word = "agrees" if abs(off) <= AGREES else "DISAGREES"
+            far = f"({off:+.2f} SD; {pull / by_capstan(steps[-1]) - 1.0:+.1%} of the capstan)"
+            said.append(f"{name} {pull:.3g} N, published {steps[-1].stitch.text}: {word} {far}")
     return (
-        f"throw {throw:g}°, {rings} rings a corner: μ = {loads[FITTED][-1].mu:.4f} by the single stitch at "
-        f"{fitted:.3g} N; " + "; ".join(said)
+        f"throw {case[0]:g}°, {case[1]} rings a corner: μ = {loads[FITTED][-1].mu:.4f} by the single stitch at "
+        f"{case[2]:.3g} N; " + "; ".join(said)
     )
 
 
@@ -397,89 +382,61 @@ def spread_words(rows: Sequence[Row], throw: float, fitted: float) -> str:
     return f"throw {throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {said}"
 
 
-def figure(rows: Sequence[Row]) -> Figure:
-    """Draw published and predicted pulls, what they depend on, the load steps, and the tension along the thread."""
-    drawing, grid = panels(2, 2)
-    against_published(grid[0, 0], rows)
-    over_throw(grid[0, 1], rows)
-    over_pull(grid[1, 0], rows)
-    along_thread(grid[1, 1], rows)
-    return drawing
-
-
 def middle_case(rows: Sequence[Row]) -> Case:
     """Return the case that the others vary: the middle throw, first in its order."""
     throws = sorted({row.throw for row in rows})
     return next(case for case in cases_of(rows) if case[0] == throws[len(throws) // 2])
 
 
-def against_published(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw what is published with its standard deviation, and every case's prediction."""
-    names = list(loads_of(rows, middle_case(rows)))
-    places = np.arange(len(names))
-    published, spread = np.array([(PATTERNS[name].published, PATTERNS[name].spread) for name in names]).T
-    axes.errorbar(places - 0.2, published, spread, fmt="k_", capsize=4, label="published, ± SD")
-    cases = cases_of(rows)
-    for number, (case, colour) in enumerate(zip(cases, COLOURS, strict=False)):
-        throw, rings, fitted = case
-        loads, place = loads_of(rows, case), places + 0.1 * number - 0.05
-        pulls = [closing_pull(loads[name]) for name in names]
-        label = f"throw {throw:g}°, {rings} rings, fitted to {fitted:.3g} N"
-        axes.plot(place, pulls, MARKERS[number % len(MARKERS)], color=colour, label=label)
-    axes.set_xticks(places, [name.replace(" ", "\n") for name in names])
-    axes.set(ylabel="pull that closes 5 N [N]", title="one μ a throw, fitted to the single stitch", ylim=(0.0, 13.0))
-    axes.legend(fontsize=6, loc="upper left")
-
-
-def over_throw(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the pulls over the turn of a throw; lines are the capstan with its own μ, bands what is published."""
-    first = cases_of(rows)[0]
-    shown = [case for case in cases_of(rows) if case[1:] == first[1:]]
-    turns = np.linspace(90.0, 360.0, 28)
-    for name, colour, marker in zip(loads_of(rows, first), COLOURS, MARKERS, strict=False):
-        of = PATTERNS[name]
-        axes.fill_between(turns, of.published - of.spread, of.published + of.spread, color=colour, alpha=0.08)
-        axes.plot(turns, [predicted_by_capstan(name, turn, first[2]) for turn in turns], color=colour)
-        pulls = [closing_pull(loads_of(rows, case)[name]) for case in shown]
-        axes.plot([case[0] for case in shown], pulls, marker, color=colour, label=name, markersize=WIDE.get(name))
-    axes.plot([], [], color="black", label="capstan")
-    axes.set(xlabel="turn of a strand in the throw [°]", ylabel="pull that closes 5 N [N]", ylim=(0.0, 13.0))
-    axes.set_title("bands: published ± SD")
-    axes.legend(fontsize=7, ncols=2, loc="upper left")
-
-
-def over_pull(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw what the thread pulls a lip by over the pull of the hands, hollow where it has not slid in all rings yet;
-    lines are a thread that bends and slides."""
+def figure(rows: Sequence[Row]) -> Figure:
+    """Draw published and predicted pulls, what they depend on, the load steps, and the tension along the thread."""
     case = middle_case(rows)
-    for (name, loads), colour, marker in zip(loads_of(rows, case).items(), COLOURS, MARKERS, strict=False):
-        pulls = [row.pull for row in loads]
-        tensions = [row.tension for row in loads]
-        axes.plot(pulls, tensions, marker, color=colour, markerfacecolor="none", markersize=WIDE.get(name))
-        slid = [(pull, tension) for pull, tension, row in zip(pulls, tensions, loads, strict=True) if row.slides]
-        axes.plot(*np.reshape(slid, (-1, 2)).T, marker, color=colour, label=name, markersize=WIDE.get(name))
-        closing = Way.of(PATTERNS[name], case[0], case[1]).closing(partial(bent_ratio, loads[0].mu))
-        axes.plot([0.0, pulls[-1]], [0.0, closing * pulls[-1]], color=colour)
-    axes.plot([], [], color="black", label="a thread that bends and slides")
-    axes.plot([], [], "o", color="black", markerfacecolor="none", label="sticks in a ring yet")
-    axes.axhline(WOUND, color="black", linestyle=":")
-    axes.set(xlabel="pull of each hand [N]", ylabel="wound's tension [N]", title=f"load steps, throw {case[0]:g}°")
-    axes.legend(fontsize=7)
-
-
-def along_thread(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the tension of every strand over its turn from the nearer hand; the line is the capstan."""
-    case = middle_case(rows)
-    strands = [row for row in rows if row.kind == "strand" and (row.throw, row.rings, row.fitted) == case]
-    for name, colour, marker in zip(dict.fromkeys(row.pattern for row in strands), COLOURS, MARKERS, strict=False):
-        own = [row for row in strands if row.pattern == name]
-        shares = [row.tension / row.pull for row in own]
-        axes.plot([row.turn for row in own], shares, marker, color=colour, label=name, markersize=WIDE.get(name))
-    turn = np.linspace(0.0, max(row.turn for row in strands), 50)
-    axes.plot(turn, np.exp(-strands[0].mu * np.radians(turn)), color="black", label="capstan, the same μ")
-    axes.set(xlabel="turned since the nearer hand [°]", ylabel="tension over pull [-]", yscale="log")
-    axes.set_title(f"along the thread, throw {case[0]:g}°")
-    axes.legend(fontsize=7)
+    loads, strands = loads_of(rows, case), loads_of(rows, case, "strand")
+    names, same = list(loads), [other for other in cases_of(rows) if other[1:] == cases_of(rows)[0][1:]]
+    predicted = {
+        f"throw {throw:g}°, {rings} rings, fitted to {fitted:.3g} N": [
+            (k + 0.1, closing_pull(loads_of(rows, (throw, rings, fitted))[name])) for k, name in enumerate(names)
+        ]
+        for throw, rings, fitted in cases_of(rows)
+    }
+    over_throw = {name: [(each[0], closing_pull(loads_of(rows, each)[name])) for each in same] for name in names}
+    mean, deviation = np.array([(PATTERNS[name].published, PATTERNS[name].spread) for name in names]).T
+    by_hand = [np.vectorize(partial(predicted_by_capstan, name, fitted=case[2])) for name in names]
+    law = partial(bent_ratio, loads[FITTED][0].mu)
+    closing = [Way.of(PATTERNS[name], case[0], case[1]).closing(law) for name in names]
+    sticks = {name: [row for row in steps if not row.slides] for name, steps in loads.items()}
+    bars: dict[str, Any] = {"fmt": "k_", "capsize": 4, "label": "published, ± SD"}
+    last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
+    turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
+    return draw(
+        [
+            panel(
+                "stitch", "pull that closes 5 N [N]", series(predicted, 0, 1, ""),
+                lambda axes: axes.errorbar(range(len(names)), mean, deviation, **bars),
+                lambda axes: axes.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names]),
+                ylim=high, legend=small,
+            ),
+            panel(
+                "turn of a strand in the throw [°]", "pull that closes 5 N [N]", series(over_throw, 0, 1, ""),
+                laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"), ylim=high, legend=small,
+            ),
+        ],
+        [
+            panel(
+                "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", ""),
+                series(unnamed(sticks), "pull", "tension", "", markerfacecolor="white"),
+                laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
+                level("y", WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
+                title=f"load steps, throw {case[0]:g}°, hollow: sticks in a ring yet",
+            ),
+            panel(
+                "turned since the nearer hand [°]", "tension over pull [-]",
+                series(strands, "turn", lambda row: row.tension / row.pull, ""),
+                curve(turn, np.exp(-loads[FITTED][0].mu * np.radians(turn)), "capstan, the same μ"), log="y",
+                title=f"along the thread, throw {case[0]:g}°", legend=small,
+            ),
+        ],
+    )  # fmt: skip
 
 
 STUDY = Study(

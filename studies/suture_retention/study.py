@@ -10,35 +10,43 @@ the published one that gave way, or stretches the tissue as far as the strips th
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from types import SimpleNamespace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import tissue
-from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels
-from studies.scenario import Scenario, parse
+from studies.figure import COLOURS, Item, curve, draw, level, panel, series
+from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.study import (
+    Columns,
+    Study,
+    Table,
+    each,
+    grouped,
+    measure,
+    measured,
+    require,
+    require_known,
+    scene,
+    unit_field,
+)
+from studies.theory import Fibrous
 from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
-from tissue.materials.density import Sum
-from tissue.materials.isotropic import Exponential, Volumetric
 
 LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.
 EDGE, DRAWN = 2e-3, 0.01  # of the hole from the edge, and of the hands [m] (ISO 7198)
 POISSON = 0.499  # κ is that of the slope at the start: what stiffens swells, at 0.49 instead of being stretched
 SUTURE = "3-0 polypropylene"
 LEG, APART, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either hand from its middle, at the hole [m]
-FAR, GROWTH = 4e-3, 2.0  # cells far from the hole [m], and how they grow
 NEAR = 2.0  # footprints around the hole, in which the largest stretch is looked for
 MIDDLE = 0.15  # of the strip's length: its middle part, which is drawn as in a uniaxial test
 MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
@@ -61,39 +69,41 @@ class Tissue:
     @cached_property
     def stiffening(self) -> float:
         """b that makes the curve pass through the point where it broke [-]."""
-        end = 1.0 + self.strain
-        return float(brentq(lambda b: np.log(uniaxial(self.slope, b, end)[0] / self.stress), 1e-3, 20.0, xtol=1e-12))
+        end = self.broken
+        return float(brentq(lambda b: np.log(self.law(b).strip(end)[0] / self.stress), 1e-3, 20.0, xtol=1e-12))
+
+    def law(self, stiffening: float | None = None) -> Fibrous:
+        """Return its law, with the fitted stiffening if none is given."""
+        return Fibrous(self.slope, POISSON, self.stiffening if stiffening is None else stiffening)
 
     def nominal(self, stretch: float) -> float:
         """Return the nominal stress [Pa] of a strip, free at its sides, at a stretch."""
-        return uniaxial(self.slope, self.stiffening, stretch)[0]
+        return self.law().strip(stretch)[0]
 
     def stretch(self, nominal: float) -> float:
         """Return the stretch of such a strip under a nominal stress [Pa]."""
-        return float(brentq(lambda x: self.nominal(x) - nominal, 1.0, 1.0 + self.strain))
+        return float(brentq(lambda x: self.nominal(x) - nominal, 1.0, self.broken))
+
+    @property
+    def broken(self) -> float:
+        """Stretch at which strips broke [-]."""
+        return 1.0 + self.strain
+
+    @property
+    def published(self) -> str:
+        """Force at which a suture tore out, with its spread [N]."""
+        return f"{self.force:g}" + ("" if self.spread is None else f" ± {self.spread:g}")
 
     @property
     def steepest(self) -> float:
         """Slope of the curve where it broke [Pa], by a difference over 1e-5."""
-        end = 1.0 + self.strain
+        end = self.broken
         return (self.nominal(end) - self.nominal(end - 1e-5)) / 1e-5
 
     @property
     def swelling(self) -> float:
         """J of the strips where they broke [-]."""
-        return uniaxial(self.slope, self.stiffening, 1.0 + self.strain)[1]
-
-
-def uniaxial(slope: float, stiffening: float, stretch: float) -> tuple[float, float]:
-    """Return the nominal stress [Pa] and J of a strip of Poisson's ratio POISSON at a stretch, free at its sides."""
-    material = tissue.Material(slope, POISSON, 1.0)
-    density = Sum([Exponential(material.lame_mu, stiffening), Volumetric(material.bulk_modulus)])
-
-    def stress(side: float) -> Array:
-        return density.stress(np.diag([stretch, side, side])[:, :, None])[:, :, 0]
-
-    side = float(brentq(lambda x: float(stress(x)[1, 1]), 0.7 / np.sqrt(stretch), 1.5))
-    return float(stress(side)[0, 0]), stretch * side**2
+        return self.law().strip(self.broken)[1]
 
 
 TISSUES = {
@@ -132,17 +142,21 @@ class Case:
 class Row(Case):
     """One equilibrium on the way."""
 
-    drawn: float = unit_field("m")  # of the hands
-    force: float = unit_field("N")  # on the hole, along the strip
-    clamp: float = unit_field("N")  # that the clamp bears
-    moved: float = unit_field("m")  # of the hole
-    bearing: float = unit_field("Pa")  # F/(d t)
-    stretch: float = unit_field("-")  # largest at the hole
-    swelling: float = unit_field("-")  # largest J there
-    energy: float = unit_field("Pa")  # largest density of energy there, per volume of the reference shape
-    middle: float = unit_field("-")  # mean stretch along the middle of the strip
-    uniaxial: float = unit_field("-")  # what a strip is stretched by F over its section
-    span_ratio: float = unit_field("-")
+    drawn: float = measured("m", lambda at: at.drawn)  # of the hands
+    force: float = measured("N", lambda at: at.force)  # on the hole, along the strip
+    clamp: float = measured("N", lambda at: -at.body.nodal(at.forces)[at.held, 0].sum())  # that the clamp bears
+    moved: float = measured("m", lambda at: at.hole.displacement[0])  # of the hole
+    bearing: float = measured("Pa", lambda at: at.force / (suture(SUTURE).diameter * at.thickness))  # F/(d t)
+    stretch: float = measured("-", lambda at: at.stretches[:, 0].max())  # largest at the hole
+    swelling: float = measured("-", lambda at: at.stretches.prod(axis=1).max())  # largest J there
+    energy: float = measured(
+        "Pa", lambda at: at.energy.max()
+    )  # largest density there, per volume of the reference shape
+    middle: float = measured(
+        "-", lambda at: 1.0 + np.polyfit(at.x, at.along, 1)[0]
+    )  # mean stretch of the strip's middle
+    uniaxial: float = measured("-", lambda at: at.uniaxial)  # what a strip is stretched by F over its section
+    span_ratio: float = measured("-", lambda at: at.span_ratio)
     failed: str
 
 
@@ -155,91 +169,65 @@ def main(
 ) -> Iterator[Row]:
     """Yield every load step of each tissue and footprint, and of the last footprint with a linear organ of the same E
     and on coarser cells. Raises `StudyError`."""
-    if unknown := [name for name in tissues if name not in TISSUES]:
-        raise StudyError(f"tissues: {unknown[0]!r} is refused; those known are {', '.join(TISSUES)}")
-    if unknown := [name for name in variants if name not in (LINEAR, COARSER)]:
-        raise StudyError(f"variants: {unknown[0]!r} is refused; allowed are {LINEAR!r} and {COARSER!r}")
-    if min(footprints) <= 0.0 or max(footprints) >= 0.5 * min(TISSUES[name].thickness for name in tissues):
-        raise StudyError(f"footprints = {list(footprints)} is refused: give numbers above 0 to below 1e-3 [m]")
-    if load_steps < 1 or size <= 0.0:
-        raise StudyError(f"load_steps = {load_steps}, size = {size} is refused: give numbers above 0")
+    require_known("tissues", tissues, TISSUES)
+    require_known("variants", variants, (LINEAR, COARSER))
+    fit = min(footprints) > 0.0 and max(footprints) < 0.5 * min(TISSUES[name].thickness for name in tissues)
+    require(fit, f"footprints = {list(footprints)}", "give numbers above 0 to below 1e-3 [m]")
+    require(load_steps >= 1 and size > 0.0, f"load_steps = {load_steps}, size = {size}", "give numbers above 0")
     cases = [Case(name=name, footprint=a, size=size, load_steps=load_steps) for name in tissues for a in footprints]
     for case in [case for case in cases if case.footprint == footprints[-1]]:
         changed = {LINEAR: replace(case, variant=LINEAR), COARSER: replace(case, variant=COARSER, size=1.5 * size)}
         cases += [changed[variant] for variant in variants]
-    jobs: list[Job] = [partial(run, case) for case in cases]
-    yield from each(jobs)
+    yield from each([partial(run, case) for case in cases])
 
 
 def run(case: Case) -> Iterator[Row]:
     """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
     simulation = prepare(scenario(case))
     for now, failed in steps_until_failure(simulation):
-        yield measure(case, simulation, now, failed)
+        yield row_of(case, simulation, now, failed)
 
 
 def scenario(case: Case) -> Scenario:
     """Return the strip, clamped at its left end, and the loop through it, whose ends are drawn to the right."""
     thickness = case.tissue.thickness
-    at, middle = 0.5 * LENGTH - EDGE, -0.5 * thickness
-    hand = 0.5 * LENGTH + LEG
-    stiffening = {"material": "exponential", "stiffening": case.tissue.stiffening}
-
-    def drawn(side: float) -> dict[str, object]:
-        z = middle + side * APART
-        return {"kind": "driven", "waypoints": [[0.0, hand, 0.0, z], [1.0, hand + DRAWN, 0.0, z]]}
-
-    loop = [(hand, APART), (at, DIP), (at, -DIP), (hand, -APART)]
-    return parse(
-        {
-            "title": f"suture retention: {case.name}",
-            "tissue": {
-                "youngs_modulus": case.tissue.slope,
-                "poisson_ratio": POISSON,
-                "density": 1070.0,
-                "inertia": False,
-                "clamp": ["left"],
-                "element": "P2",
-                "mesh": {
-                    "kind": "block",
-                    "generator": "structured",
-                    "size": [LENGTH, WIDTH, thickness],
-                    "h": FAR,
-                    "h_site": case.size,
-                    "growth": GROWTH,
-                },
-                **({} if case.variant == LINEAR else stiffening),
-            },
-            "thread": {
-                "suture": SUTURE,
-                "control_points": 40,
-                "resolution": "adaptive",
-                "path": [[x, 0.0, middle + z] for x, z in loop],
-                "start": drawn(1.0),
-                "end": drawn(-1.0),
-            },
-            "piercing": [{"name": "hole", "at": [at, 0.0, middle], "footprint": case.footprint}],
-            "solve": {"kind": "static", "load_steps": case.load_steps},
-        }
-    )
+    at, middle, hand = 0.5 * LENGTH - EDGE, -0.5 * thickness, 0.5 * LENGTH + LEG
+    stiffening = {"tissue.material": "exponential", "tissue.stiffening": case.tissue.stiffening}
+    values = {
+        "tissue.youngs_modulus": case.tissue.slope,
+        "tissue.mesh.size": [LENGTH, WIDTH, thickness],
+        "tissue.mesh.h_site": case.size,
+        "thread.path": [[x, 0.0, middle + z] for x, z in ((hand, APART), (at, DIP), (at, -DIP), (hand, -APART))],
+        "piercing.hole.at": [at, 0.0, middle],
+        "piercing.hole.footprint": case.footprint,
+        "solve.load_steps": case.load_steps,
+        **({} if case.variant == LINEAR else stiffening),
+    }
+    for end, z in (("start", middle + APART), ("end", middle - APART)):
+        values[f"thread.{end}.waypoints"] = [[0.0, hand, 0.0, z], [1.0, hand + DRAWN, 0.0, z]]
+    return scene("suture_retention", values)
 
 
-def measure(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
+def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
     """Return what there is to know of an equilibrium."""
-    seen = step_record(now)
-    (hole,), thickness = seen.piercings, case.tissue.thickness
-    force = -float(hole.force[0])
-    return Row(
-        **{name: getattr(case, name) for name in Case.__dataclass_fields__},
-        drawn=DRAWN * now.state.time / simulation.scenario.solve.duration,
-        force=force,
-        moved=float(hole.displacement[0]),
-        bearing=force / (suture(SUTURE).diameter * thickness),
-        **in_tissue(case, simulation, now),
-        uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)),
-        span_ratio=seen.span_ratio,
-        failed=failed,
-    )
+    seen, organ, body = step_record(now), simulation.assembly.organ, simulation.assembly.body
+    assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
+    finite, (hole,), thickness = isinstance(organ, tissue.FiniteOrgan), seen.piercings, case.tissue.thickness
+    U, force = organ.displacement(now.state.organ), -float(hole.force[0])
+    hyper = organ.law if isinstance(organ, tissue.FiniteOrgan) else tissue.Hyperelasticity(body)
+    centres = body.mesh.p[:, body.mesh.t].mean(axis=1).T
+    near = np.linalg.norm(centres - np.array(simulation.scenario.piercing[0].place), axis=1) <= NEAR * case.footprint
+    x, along = body.points[:, 0], body.nodal(U)[:, 0]
+    middle = np.abs(x) <= MIDDLE * LENGTH
+    end = SimpleNamespace(
+        drawn=DRAWN * now.state.time / simulation.scenario.solve.duration, hole=hole, force=force, thickness=thickness,
+        uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)), span_ratio=seen.span_ratio, body=body,
+        stretches=tissue.cell_stretch(hyper, U)[0][near], x=x[middle], along=along[middle],
+        energy=(tissue.cell_energy(hyper, U) if finite else tissue.energy_density(body, U))[near],
+        forces=hyper.forces(hyper.gradient(U))[0] if finite else body.K @ U,
+        held=np.abs(x + 0.5 * LENGTH) < 1e-9 * LENGTH,
+    )  # fmt: skip
+    return measure(Row, end, **asdict(case), failed=failed)
 
 
 def uniaxial_stretch(case: Case, nominal: float) -> float:
@@ -249,40 +237,12 @@ def uniaxial_stretch(case: Case, nominal: float) -> float:
     return 1.0 + nominal / case.tissue.slope if case.variant == LINEAR else case.tissue.stretch(nominal)
 
 
-def in_tissue(case: Case, simulation: Simulation, now: OrganRun) -> dict[str, Any]:
-    """Return the largest stretch and energy density near the hole, the stretch of the strip's middle, and what the
-    clamp bears."""
-    organ, body = simulation.assembly.organ, simulation.assembly.body
-    assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
-    U = organ.displacement(now.state.organ)
-    centres = body.mesh.p[:, body.mesh.t].mean(axis=1).T
-    hole = np.array(simulation.scenario.piercing[0].place)
-    near = np.linalg.norm(centres - hole, axis=1) <= NEAR * case.footprint
-    hyper = organ.law if isinstance(organ, tissue.FiniteOrgan) else tissue.Hyperelasticity(body)
-    stretches, _ = tissue.cell_stretch(hyper, U)
-    finite = isinstance(organ, tissue.FiniteOrgan)
-    energy = tissue.cell_energy(hyper, U) if finite else tissue.energy_density(body, U)
-    forces = hyper.forces(hyper.gradient(U))[0] if finite else body.K @ U
-    held = np.abs(body.points[:, 0] + 0.5 * LENGTH) < 1e-9 * LENGTH
-    x, along = body.points[:, 0], body.nodal(U)[:, 0]
-    middle = np.abs(x) <= MIDDLE * LENGTH
-    return {
-        "stretch": float(stretches[near, 0].max()),
-        "swelling": float(stretches[near].prod(axis=1).max()),
-        "energy": float(energy[near].max()),
-        "middle": 1.0 + float(np.polyfit(x[middle], along[middle], 1)[0]),
-        "clamp": -float(body.nodal(forces)[held, 0].sum()),
-    }
-
-
 # --- what was found ---------------------------------------------------------------------------------------
 
 
 def runs_of(rows: Sequence[Row]) -> dict[tuple[str, float, str], list[Row]]:
     """Return the equilibria by tissue, footprint and variant, by draw; those that failed left out."""
-    keys = dict.fromkeys((row.name, row.footprint, row.variant) for row in rows)
-    good = [row for row in rows if not row.failed]
-    return {key: [row for row in good if (row.name, row.footprint, row.variant) == key] for key in keys}
+    return grouped((row for row in rows if not row.failed), lambda row: (row.name, row.footprint, row.variant))
 
 
 def where(runs: Sequence[Row], known: str, value: float, asked: str) -> float:
@@ -292,38 +252,28 @@ def where(runs: Sequence[Row], known: str, value: float, asked: str) -> float:
     return float(np.interp(value, x, y, right=np.nan))
 
 
+COLUMNS: Columns = (
+    ("tissue", lambda runs: runs[-1].name),
+    ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
+    ("changed", lambda runs: runs[-1].variant),
+    ("b [-]", lambda runs: "" if runs[-1].variant == LINEAR else f"{runs[-1].tissue.stiffening:.2f}"),
+    ("F at 10 mm [N]", lambda runs: f"{runs[-1].force:.3g}"),
+    ("F/(d t) [MPa]", lambda runs: f"{runs[-1].bearing / MEGA:.3g}"),
+    ("largest stretch [-]", lambda runs: f"{runs[-1].stretch:.3g}"),
+    ("energy density [MPa]", lambda runs: f"{runs[-1].energy / MEGA:.3g}"),
+    ("strip's middle, uniaxial [-]", lambda runs: f"{runs[-1].middle:.4g}, {runs[-1].uniaxial:.4g}"),
+    ("published F [N]", lambda runs: runs[-1].tissue.published),
+    ("drawn there [mm]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "drawn") / MILLI)),
+    ("stretch there [-]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "stretch"))),
+    ("strips break at [-]", lambda runs: f"{runs[-1].tissue.broken:g}"),
+    ("F there [N]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "force"))),
+    ("drawn there [mm]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "drawn") / MILLI)),
+)
+
+
 def table(rows: Sequence[Row]) -> Table:
     """Make a line a run: at the end, at the published force, and at the stretch at which strips broke."""
-    head = (
-        "tissue", "footprint [mm]", "changed", "b [-]", "F at 10 mm [N]", "F/(d t) [MPa]", "largest stretch [-]",
-        "energy density [MPa]", "strip's middle, uniaxial [-]", "published F [N]", "drawn there [mm]",
-        "stretch there [-]", "strips break at [-]", "F there [N]", "drawn there [mm]",
-    )  # fmt: skip
-    return Table(head, [line(runs) for runs in runs_of(rows).values() if runs])
-
-
-def line(runs: Sequence[Row]) -> tuple[str, ...]:
-    """Return the cells of a run."""
-    last, of = runs[-1], runs[-1].tissue
-    broken = 1.0 + of.strain
-    spread = "" if of.spread is None else f" ± {of.spread:g}"
-    return (
-        last.name,
-        f"{last.footprint / MILLI:g}",
-        last.variant,
-        "" if last.variant == LINEAR else f"{of.stiffening:.2f}",
-        f"{last.force:.3g}",
-        f"{last.bearing / MEGA:.3g}",
-        f"{last.stretch:.3g}",
-        f"{last.energy / MEGA:.3g}",
-        f"{last.middle:.4g}, {last.uniaxial:.4g}",
-        f"{of.force:g}{spread}",
-        number(where(runs, "force", of.force, "drawn") / MILLI),
-        number(where(runs, "force", of.force, "stretch")),
-        f"{broken:g}",
-        number(where(runs, "stretch", broken, "force")),
-        number(where(runs, "stretch", broken, "drawn") / MILLI),
-    )
+    return Table.of(COLUMNS, runs_of(rows).values())
 
 
 def number(value: float) -> str:
@@ -366,63 +316,56 @@ def fit_words(name: str) -> str:
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
     """Say where the tissue is stretched as far as the strips that broke, and what was published."""
     of = TISSUES[name]
-    at = where(runs, "stretch", 1.0 + of.strain, "force")
-    spread = "" if of.spread is None else f" ± {of.spread:g}"
+    at = where(runs, "stretch", of.broken, "force")
     words = f"within 10 mm, at {at:.3g} N," if np.isfinite(at) else "not within 10 mm,"
     return (
         f"{name}, footprint {footprint / MILLI:g} mm: stretched as far as strips that broke {words} published is a "
-        f"loop that gives way at {of.force:g}{spread} N; nothing TEARS in the model, and the stretch at a hole depends "
+        f"loop that gives way at {of.published} N; nothing TEARS in the model, and the stretch at a hole depends "
         "on its footprint"
     )
 
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw force, largest stretch and bearing pressure over the draw, and the uniaxial curves."""
-    drawing, grid = panels(2, 2)
-    over_draw(grid[0, 0], rows, "force", 1.0, "force [N]")
-    over_draw(grid[0, 1], rows, "stretch", 1.0, "largest stretch at the hole [-]")
-    over_draw(grid[1, 0], rows, "bearing", MEGA, "bearing pressure F/(d t) [MPa]")
-    grid[1, 0].set_ylim(bottom=grid[1, 0].get_ylim()[0] / 20.0)  # room for the runs' names
-    grid[1, 0].legend(fontsize=6, loc="lower right", ncols=2)
-    curves(grid[1, 1], rows)
-    return drawing
+    named = {f"{name}, {a / MILLI:g} mm, {v}".rstrip(", "): runs for (name, a, v), runs in runs_of(rows).items()}
+    tissues = {name: TISSUES[name] for name in dict.fromkeys(row.name for row in rows)}
+    forces = [level("y", of.force, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
+    broken = [level("y", of.broken, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
+    small = {"fontsize": 6}
+    return draw(
+        [
+            panel(
+                "drawn [mm]", "force [N]", series(named, "drawn [mm]", "force", markersize=3), *forces, log="y",
+                title="dash-dotted: a suture gave way", legend=small,
+            ),
+            panel(
+                "drawn [mm]", "largest stretch at the hole [-]", series(named, "drawn [mm]", "stretch", markersize=3),
+                *broken, title="dash-dotted: strips broke", legend=small,
+            ),
+        ],
+        [
+            panel(
+                "drawn [mm]", "bearing pressure F/(d t) [MPa]",
+                series(named, "drawn [mm]", "bearing [MPa]", markersize=3), log="y", legend=small,
+            ),
+            panel(
+                "stretch [-]", "nominal stress [MPa]",
+                *(item for name, of in tissues.items() for item in uniaxial(name, of, rows)),
+                log="y", legend=small,
+            ),
+        ],
+    )  # fmt: skip
 
 
-def over_draw(axes: Axes, rows: Sequence[Row], key: str, unit: float, label: str) -> None:
-    """Draw a quantity over the way of the hands; dash-dotted what is published."""
-    names = list(dict.fromkeys(row.name for row in rows))
-    styles = {"": "-", LINEAR: ":", COARSER: "--"}
-    for (name, footprint, variant), runs in runs_of(rows).items():
-        colour, wide = COLOURS[names.index(name)], footprint == max(row.footprint for row in rows)
-        label_of = f"{name}, {footprint / MILLI:g} mm{', ' + variant if variant else ''}"
-        x = [row.drawn / MILLI for row in runs]
-        y = [getattr(row, key) / unit for row in runs]
-        axes.plot(x, y, styles[variant], color=colour, marker="o" if wide else "s", markersize=3, label=label_of)
-    for name, colour in zip(names, COLOURS, strict=False):
-        known = {"force": (TISSUES[name].force, "a suture gave way"), "stretch": (1.0 + TISSUES[name].strain, "broke")}
-        if key in known:
-            value, what = known[key]
-            axes.axhline(value, color=colour, linestyle="-.")
-            axes.annotate(f"{name}: {what}", (1.0, value), va="bottom", fontsize=6, color=colour)
-    axes.set(xlabel="drawn [mm]", ylabel=label)
-    if key != "stretch":
-        axes.set_yscale("log")
-
-
-def curves(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw the fitted uniaxial curves, the points they were fitted to, and the middle of the strips."""
-    for name, colour, marker in zip(dict.fromkeys(row.name for row in rows), COLOURS, MARKERS, strict=False):
-        of = TISSUES[name]
-        x = np.linspace(1.0, 1.0 + of.strain, 60)[1:]
-        axes.plot(x, [of.nominal(at) / MEGA for at in x], color=colour, label=f"{name}: fitted, ν = {POISSON:g}")
-        axes.plot(1.0 + of.strain, of.stress / MEGA, "*", color=colour, markersize=10, label="where strips broke")
-        runs = [row for row in rows if row.name == name and not row.variant and not row.failed]
-        nominal = [row.force / (WIDTH * of.thickness) / MEGA for row in runs]
-        axes.plot(
-            [row.middle for row in runs], nominal, marker, color=colour, markersize=3, label="middle of the strip"
-        )
-    axes.set(xlabel="stretch [-]", ylabel="nominal stress [MPa]", yscale="log")
-    axes.legend(fontsize=6)
+def uniaxial(name: str, of: Tissue, rows: Sequence[Row]) -> list[Item]:
+    """Draw a fitted uniaxial curve, the point it was fitted to, and the middle of the strips."""
+    colour, x = COLOURS[list(TISSUES).index(name)], np.linspace(1.0, of.broken, 60)[1:]
+    runs = {f"{name}: middle of the strip": [r for r in rows if r.name == name and not r.variant and not r.failed]}
+    return [
+        curve(x, [of.nominal(at) / MEGA for at in x], f"{name}: fitted, ν = {POISSON:g}", "-", colour),
+        curve(of.broken, of.stress / MEGA, f"{name}: where strips broke", "*", colour, markersize=10),
+        series(runs, "middle", lambda row: row.force / (WIDTH * of.thickness) / MEGA, "", colours=[colour]),
+    ]
 
 
 STUDY = Study(

@@ -22,21 +22,22 @@ not in the abstract, and is taken to be the same; a linear sheet then asks for a
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.errors import EquilibriumError
 from coupling.system import State
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels
+from studies.figure import curve, draw, level, panel, series
 from studies.simulation.assembly import assemble
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.study import Columns, Study, Table, each, grouped, measure, measured, require
+from studies.theory import Fibrous
 from studies.wound_closure.study import (
     MILLI,
     MOVES,
@@ -48,10 +49,9 @@ from studies.wound_closure.study import (
     Case,
     E,
     Hands,
+    check_wounds,
     scenario,
 )
-from tissue.materials.density import Sum
-from tissue.materials.isotropic import Exponential, Volumetric
 
 SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
 APPROACH = 2.5e-3  # by which lips are drawn together at a time, at most [m]
@@ -77,21 +77,15 @@ class Skin:
         """In words."""
         return f"b = {self.stiffening:g}" + (f", {self.tension:g} N/m" if self.tension else "")
 
-    def stress(self, stretch: float, thinned: float) -> Array:
-        """Return the first Piola stress of the uncut sheet from where it bears nothing `(3, 3)` [Pa], at a stretch in
-        its plane and one across its thickness."""
-        material = tissue.Material(E, NU, 1.0)
-        density = Sum([Exponential(material.lame_mu, self.stiffening), Volumetric(material.bulk_modulus)])
-        return np.asarray(density.stress(np.diag([stretch, stretch, thinned])[:, :, None])[:, :, 0])
-
-    def thinned(self, stretch: float) -> float:
-        """Return the stretch across the thickness at which nothing presses on the sheet [-]."""
-        return float(brentq(lambda x: float(self.stress(stretch, x)[2, 2]), 0.5 / stretch**2, 1.5))
+    @property
+    def tissue(self) -> Fibrous:
+        """Its law."""
+        return Fibrous(E, NU, self.stiffening)
 
     def tension_at(self, stretch: float) -> float:
         """Return σ₀ t of the uncut sheet at a stretch in its plane [N/m]."""
-        thinned = self.thinned(stretch)
-        return float(self.stress(stretch, thinned)[0, 0]) / (stretch * thinned) * THICKNESS
+        thinned = self.tissue.thinned(stretch)
+        return float(self.tissue.stress(stretch, stretch, thinned)[0, 0]) / (stretch * thinned) * THICKNESS
 
     @cached_property
     def stretch(self) -> float:
@@ -102,7 +96,7 @@ class Skin:
     def keys(self) -> Mapping[str, object]:
         """Those of the scenario."""
         in_plane = self.stretch
-        stretched = {"prestretch": [in_plane, in_plane, self.thinned(in_plane)]} if self.tension else {}
+        stretched = {"prestretch": [in_plane, in_plane, self.tissue.thinned(in_plane)]} if self.tension else {}
         return {"material": "exponential", "stiffening": self.stiffening, "inertia": False, **stretched}
 
 
@@ -110,19 +104,19 @@ class Skin:
 class Row:
     """One wound, closed by stitches drawn all at once. Forces are those of E = 0.8 MPa, and grow with it."""
 
-    length: float = unit_field("m")  # cut
-    width: float = unit_field("m")  # cut; 0 for a slit
-    skin: str
-    stiffening: float = unit_field("-")
-    stretch: float = unit_field("-")  # before it was cut
-    tension: float = unit_field("N/m")  # of the uncut sheet
-    opened: float = unit_field("m")  # in the middle, before it is closed
-    unknowns: int
-    places: tuple[float, ...] = unit_field("m")  # of the stitches
-    forces: tuple[float, ...] = unit_field("N")
-    widest: float = unit_field("m")  # gap that is left at a stitch
-    contact_force: float = unit_field("N")
-    closed: bool  # as near as was asked
+    length: float = measured("m", lambda at: at.case.length)  # cut
+    width: float = measured("m", lambda at: at.case.width)  # cut; 0 for a slit
+    skin: str = measured("", lambda at: at.skin.name if at.skin else LINEAR_SHEET)
+    stiffening: float = measured("-", lambda at: at.skin.stiffening if at.skin else 0.0)
+    stretch: float = measured("-", lambda at: at.skin.stretch if at.skin else 1.0)  # before it was cut
+    tension: float = measured("N/m", lambda at: at.skin.tension if at.skin else 0.0)  # of the uncut sheet
+    opened: float = measured("m", lambda at: at.opened.max())  # in the middle, before it is closed
+    unknowns: int = measured("", lambda at: at.organ.size)
+    places: tuple[float, ...] = measured("m", lambda at: at.case.places)  # of the stitches
+    forces: tuple[float, ...] = measured("N", lambda at: at.hands.forces(at.state))
+    widest: float = measured("m", lambda at: at.hands.gaps(at.state, at.case.places).max())  # gap left at a stitch
+    contact_force: float = measured("N", lambda at: at.organ.contact_forces(at.state.organ).sum())
+    closed: bool = measured("", lambda at: at.closed)  # as near as was asked
 
     @property
     def wound(self) -> tuple[float, float]:
@@ -158,21 +152,14 @@ def main(
 
     Raises `StudyError` for wounds that do not fit, and for skin that is pressed together.
     """
-    for length, width in wounds:
-        if not (0.0 <= width <= length < 0.5 * sheet) or length < PITCH:
-            reason = "a width up to the length, 0 for a slit, and a length from 5e-3 m to half the sheet's edge"
-            raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
-    if min(tensions) < 0.0 or max(tensions) > TAUT:
-        raise StudyError(
-            f"tensions = {list(tensions)} N/m is refused: give 0 for none to {TAUT:g}; skin is not pressed together"
-        )
-    if stiffening <= 0.0:
-        raise StudyError(f"stiffening = {stiffening} is refused: give a number above 0; soft tissue has about 5")
+    check_wounds(wounds, sheet, PITCH, 0.0)
+    allowed = min(tensions) >= 0.0 and max(tensions) <= TAUT
+    remedy = f"give 0 for none to {TAUT:g}; skin is not pressed together"
+    require(allowed, f"tensions = {list(tensions)} N/m", remedy)
+    require(stiffening > 0.0, f"stiffening = {stiffening}", "give a number above 0; soft tissue has about 5")
     skins = [Skin(stiffening, tension) for tension in tensions]
     cases = [Case(length, width, sheet, size, far, PITCH, BITE) for length, width in wounds]
-    with threadpool_limits(limits=1, user_api="blas"):
-        jobs: list[Job] = [partial(close_wound, case, skins) for case in cases]
-        yield from each(jobs)
+    yield from each([partial(close_wound, case, skins) for case in cases])
 
 
 def close_wound(case: Case, skins: Sequence[Skin]) -> Iterator[Row]:
@@ -182,21 +169,7 @@ def close_wound(case: Case, skins: Sequence[Skin]) -> Iterator[Row]:
     if case.width:
         n = len(case.places)
         state, done = linear.tighten(linear.straight_state, np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
-        yield Row(
-            length=case.length,
-            width=case.width,
-            skin=LINEAR_SHEET,
-            stiffening=0.0,
-            stretch=1.0,
-            tension=0.0,
-            opened=case.width,
-            unknowns=linear.organ.size,
-            places=tuple(case.places.tolist()),
-            forces=tuple(linear.forces(state).tolist()),
-            widest=float(linear.gaps(state, case.places).max()),
-            contact_force=float(linear.organ.contact_forces(state.organ).sum()),
-            closed=done,
-        )
+        yield row_of(linear, None, state, np.array([case.width]), done)
     for skin in skins:
         if case.width or skin.tension:
             yield close_skin(TautHands(case, assemble(scenario(case, skin.keys))), skin, linear.answers[0])
@@ -256,31 +229,18 @@ def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
             try:
                 state = hands.draw(state, np.asarray(step))
             except EquilibriumError:
-                return closed_skin(hands, skin, state, opened, False)
+                return row_of(hands, skin, state, opened, False)
             before, missing = missing, hands.gaps(state, case.places) - goal
             answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
-    return closed_skin(hands, skin, state, opened, bool(np.abs(missing).max() <= limit))
+    return row_of(hands, skin, state, opened, bool(np.abs(missing).max() <= limit))
 
 
-def closed_skin(hands: TautHands, skin: Skin, state: State, opened: Array, closed: bool) -> Row:
-    """Return what there is to know of a wound that is `closed`, or was drawn together so far; `opened` is how far it
-    was open at the stitches [m]."""
-    case = hands.case
-    return Row(
-        length=case.length,
-        width=case.width,
-        skin=skin.name,
-        stiffening=skin.stiffening,
-        stretch=skin.stretch,
-        tension=skin.tension,
-        opened=float(opened.max()),
-        unknowns=hands.finite.size,
-        places=tuple(case.places.tolist()),
-        forces=tuple(hands.forces(state).tolist()),
-        widest=float(hands.gaps(state, case.places).max()),
-        contact_force=float(hands.finite.contact_forces(state.organ).sum()),
-        closed=closed,
-    )
+def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed: bool) -> Row:
+    """Return what there is to know of a wound that is `closed`, or was drawn together so far, in a skin, None for the
+    linear sheet; `opened` is how far it was open at the stitches [m]."""
+    end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened, closed=closed)
+    end.organ = hands.assembly.organ
+    return measure(Row, end)
 
 
 # --- what the rows say ------------------------------------------------------------------------------------
@@ -313,29 +273,20 @@ def ratios(rows: Sequence[Row]) -> list[Ratio]:
 
 def table(rows: Sequence[Row]) -> Table:
     """Make a line a wound."""
-    head = (
-        "wound [mm]", "skin", "σ₀ t [N/m]", "open [mm]", "stitches", "middle / largest / smallest [N]",
-        "over the linear sheet [-]", "all over σ₀ t L [-]", "lips press with [N]", "gap left [mm]",
-    )  # fmt: skip
     flat = {row.wound: row.middle for row in rows if row.skin == LINEAR_SHEET}
-    return Table(
-        head,
-        [
-            (
-                row.name,
-                row.skin,
-                f"{row.tension:.3g}",
-                f"{row.opened / MILLI:.2f}",
-                str(len(row.forces)),
-                f"{row.middle:.3f} / {max(row.forces):.3f} / {min(row.forces):.3f}",
-                f"{row.middle / flat[row.wound]:.3f}" if row.wound in flat else "",
-                f"{row.of_tension:.3f}" if row.tension else "",
-                f"{row.contact_force:.2g}",
-                f"{row.widest / MILLI:.3f}",
-            )
-            for row in rows
-        ],
+    columns: Columns = (
+        ("wound [mm]", lambda row: row.name),
+        ("skin", lambda row: row.skin),
+        ("σ₀ t [N/m]", lambda row: f"{row.tension:.3g}"),
+        ("open [mm]", lambda row: f"{row.opened / MILLI:.2f}"),
+        ("stitches", lambda row: str(len(row.forces))),
+        ("middle / largest / smallest [N]", lambda r: f"{r.middle:.3f} / {max(r.forces):.3f} / {min(r.forces):.3f}"),
+        ("over the linear sheet [-]", lambda r: f"{r.middle / flat[r.wound]:.3f}" if r.wound in flat else ""),
+        ("all over σ₀ t L [-]", lambda row: f"{row.of_tension:.3f}" if row.tension else ""),
+        ("lips press with [N]", lambda row: f"{row.contact_force:.2g}"),
+        ("gap left [mm]", lambda row: f"{row.widest / MILLI:.3f}"),
     )
+    return Table.of(columns, rows)
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -343,10 +294,9 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = []
     for row in rows:
         if not row.width:
-            out.append(
-                f"slit of {row.length / MILLI:g} mm, {row.skin}: it gapes by {row.opened / MILLI:.2f} mm, and its "
-                f"stitches bear {row.of_tension:.3f} of what the uncut skin bears there"
-            )
+            gapes = f"it gapes by {row.opened / MILLI:.2f} mm"
+            bears = f"its stitches bear {row.of_tension:.3f} of what the uncut skin bears there"
+            out.append(f"{row.name} mm, {row.skin}: {gapes}, and {bears}")
         if not row.closed:
             out.append(f"{row.name} mm, {row.skin}: the lips were NOT BROUGHT TOGETHER at every stitch")
     for ratio in ratios(rows):
@@ -376,61 +326,49 @@ def strips_words() -> str:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the forces along the wounds, those of slits, how far wounds gape, and the published ratios."""
-    drawing, ((along, slits), (gaping, published)) = panels(2, 2)
-    names, skins = [dict.fromkeys(getattr(row, key) for row in rows if row.width) for key in ("name", "skin")]
-    styles = dict(zip(skins, (":", "--", "-", "-."), strict=False))
-    for row in rows:
-        place = 2.0 * np.array(row.places) / row.length
-        if row.width:
-            colour = COLOURS[list(names).index(row.name) % len(COLOURS)]
-            along.plot(place, row.forces, styles.get(row.skin, "-"), color=colour)
-        else:
-            share = np.array(row.forces) * len(row.forces) / (row.tension * row.length)
-            slits.plot(place, share, "o-", label=f"{row.name} mm, {row.skin}")
-    for name, colour in zip(names, COLOURS, strict=False):
-        along.plot([], [], color=colour, label=f"{name} mm")
-    for skin, style in styles.items():
-        along.plot([], [], style, color="black", label=skin)
-    along.legend(fontsize=6, ncols=2)
-    along.set(title="stitches drawn all at once", ylabel="force of a stitch [N]", ylim=(0.0, None))
-    slits.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-    slits.set(title="slits that gaped", ylabel="force / its share of σ₀ t L [-]", ylim=(0.0, None))
-    for axes in (along, slits):
-        axes.set(xlabel="place along the wound, over its half length [-]", xlim=(-1.0, 1.0))
-    if slits.lines[1:]:
-        slits.legend(fontsize=6)
-    gaping_axes(gaping, rows)
-    ratio_axes(published, ratios(rows))
-    return drawing
+    wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
+    forces = {f"{row.name} mm, {row.skin}": along(row, 1.0) for row in wide}
+    shares = {f"{r.name} mm, {r.skin}": along(r, r.tension * r.length / len(r.forces)) for r in slits}
+    gaped = grouped((row for row in rows if row.tension), lambda row: f"{row.name} mm, {row.tension:g} N/m")
+    by_law = [2.0 * row.tension * row.length / (E * THICKNESS) / MILLI for row in rows if row.tension]
+    top = 1.1 * max([*by_law, *((row.opened - row.width) / MILLI for row in rows if row.tension)], default=1.0)
+    pairs = grouped(found, lambda ratio: f"{ratio.source}, {ratio.skin}")
+    scalp = {"Ahmad 2019, scalp, by width": [(pull / STRIPS[11], w / 11.0) for w, pull in STRIPS.items() if w > 11]}
+    place, small = "place along the wound, over its half length [-]", {"fontsize": 6}
+    half: dict[str, Any] = {"xlim": (-1.0, 1.0), "ylim": (0.0, None)}
+    return draw(
+        [
+            panel(
+                place, "force of a stitch [N]", series(forces, 0, 1), title="stitches drawn all at once", legend=small,
+                **half,
+            ),
+            panel(
+                place, "force / its share of σ₀ t L [-]", level("y", 1.0), series(shares, 0, 1),
+                title="slits that gaped", legend=small, **half,
+            ),
+        ],
+        [
+            panel(
+                "crack in a large linear sheet, 2 σ₀ L/E [mm]", "opened beyond what was cut [mm]",
+                series(
+                    gaped, lambda row: 2.0 * row.tension * row.length / (E * THICKNESS) / MILLI,
+                    lambda row: (row.opened - row.width) / MILLI, "",
+                ),
+                curve([0.0, top], [0.0, top], None, "--"), title="how far stretched skin gapes", legend=small,
+                xlim=(0.0, top), ylim=(0.0, top),
+            ),
+            panel(
+                "published, second wound over first [-]", "this study [-]", series(pairs, "published", "found", ""),
+                series(scalp, 0, 1, "", ["x"], ["grey"]), curve([0.8, 4.0], [0.8, 4.0], None, "--"),
+                title="pairs of wounds", legend=small,
+            ),
+        ],
+    )  # fmt: skip
 
 
-def gaping_axes(axes: Axes, rows: Sequence[Row]) -> None:
-    """Draw by how much wounds gape beyond what was cut, over σ₀ t L/(E t)."""
-    stretched = [row for row in rows if row.tension]
-    for row, marker in zip(stretched, MARKERS * len(stretched), strict=False):
-        by_law = 2.0 * row.tension * row.length / (E * THICKNESS)
-        axes.plot(by_law / MILLI, (row.opened - row.width) / MILLI, marker, label=f"{row.name} mm, {row.tension:g} N/m")
-    top = 1.1 * max(axes.get_xlim()[1], axes.get_ylim()[1])
-    axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="crack in a large linear sheet, 2 σ₀ L/E [mm]", ylabel="opened beyond what was cut [mm]")
-    axes.set(title="how far stretched skin gapes", xlim=(0.0, top), ylim=(0.0, top))
-    if stretched:
-        axes.legend(fontsize=6)
-
-
-def ratio_axes(axes: Axes, found: Sequence[Ratio]) -> None:
-    """Draw what the second wound takes over what the first does: found against published, and strips of scalp."""
-    skins = list(dict.fromkeys(ratio.skin for ratio in found))
-    for source, marker in zip(dict.fromkeys(ratio.source for ratio in found), MARKERS, strict=False):
-        for ratio in (ratio for ratio in found if ratio.source == source):
-            colour = COLOURS[skins.index(ratio.skin)]
-            axes.plot(ratio.published, ratio.found, marker, color=colour, label=f"{source}, {ratio.skin}")
-    for width in (12, 13, 14, 15):
-        label = "Ahmad 2019, scalp, by width" if width == 15 else None
-        axes.plot(STRIPS[width] / STRIPS[11], width / 11.0, "x", color="grey", label=label)
-    axes.plot([0.8, 4.0], [0.8, 4.0], color="black", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="published, second wound over first [-]", ylabel="this study [-]", title="pairs of wounds")
-    axes.legend(fontsize=5)
+def along(row: Row, share: float) -> list[tuple[float, float]]:
+    """Return the places of the stitches over half the length of the wound, and their forces over a share."""
+    return [(2.0 * at / row.length, force / share) for at, force in zip(row.places, row.forces, strict=True)]
 
 
 STUDY = Study(

@@ -17,16 +17,15 @@ elements and of what they measured in vivo, Wen et al. (Appl. Math. Mech. 44, 20
 Et of the sheet is the one number that is fitted, to the first wound of each pair; the second is predicted.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from types import SimpleNamespace
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from skfem import ElementVector, FacetBasis, LinearForm
-from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.arrays import Flags
@@ -34,10 +33,10 @@ from coupling.joins.contact import observe_contact
 from coupling.run import begin
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import COLOURS, MARKERS, panels
-from studies.scenario import Scenario, parse
+from studies.figure import Item, curve, draw, level, panel, series, unnamed
+from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Job, Study, StudyError, Table, each, unit_field
+from studies.study import Columns, Job, Study, StudyError, Table, each, measure, measured, require, require_known, scene
 from studies.verdicts import LINEAR, bearing_strain, too_coarse
 from thread.catalogue import suture
 from thread.path import rounded_path
@@ -55,7 +54,6 @@ PLACES = 41  # along the wound at which gaps are recorded
 CROSSED = 1e-9  # of the width: lips may cross by no more
 CONVERGED = 0.05  # a check may change the force that is compared by no more
 MILLI = 1e-3
-NO_KEYS: Mapping[str, object] = {}
 VERDICTS = {True: "agrees", False: "DISAGREES"}
 
 
@@ -85,26 +83,28 @@ class Row:
     """One wound, closed in one way. Forces are those of E = 0.8 MPa, and grow with it: closed is closed, whatever the
     thread takes for it. Those of the stitches come along the wound, and so do the gaps."""
 
-    length: float = unit_field("m")
-    width: float = unit_field("m")
-    way: str  # all at once, or one after another
-    variant: str  # "", or what is changed for a check
-    sheet: float = unit_field("m")  # length of its edges
-    size: float = unit_field("m")  # of the cells at the holes
-    unknowns: int
-    places: tuple[float, ...] = unit_field("m")  # of the stitches
-    forces: tuple[float, ...] = unit_field("N")  # of the stitches at the end
-    tied: tuple[float, ...] = unit_field("N")  # of each stitch when it was tied
-    along: tuple[float, ...] = unit_field("m")  # places of the gaps
-    gaps: tuple[float, ...] = unit_field("m")  # of the lips at the end
-    uniform: float = unit_field("-")  # uniform traction that closes the same mesh, over that of an infinite sheet
-    moved: float = unit_field("m")  # farthest a hole moved
-    contact_force: float = unit_field("N")  # that pushes the lips apart, in all
-    pressure: float = unit_field("Pa")  # largest of the lips
-    smallest_gap: float = unit_field("m")
-    complementarity: float = unit_field("J")  # largest |force times gap| of a pair of nodes
-    pushes: bool  # no contact force pulls
-    closed: bool  # the hands brought the lips together
+    length: float = measured("m", lambda at: at.case.length)
+    width: float = measured("m", lambda at: at.case.width)
+    way: str = measured("", lambda at: at.way)  # all at once, or one after another
+    variant: str = measured("", lambda at: at.case.variant)  # "", or what is changed for a check
+    sheet: float = measured("m", lambda at: at.case.sheet)  # length of its edges
+    size: float = measured("m", lambda at: at.case.size)  # of the cells at the holes
+    unknowns: int = measured("", lambda at: at.hands.organ.size)
+    places: tuple[float, ...] = measured("m", lambda at: at.case.places)  # of the stitches
+    forces: tuple[float, ...] = measured("N", lambda at: at.hands.forces(at.state))  # of the stitches at the end
+    tied: tuple[float, ...] = measured("N", lambda at: at.tied)  # of each stitch when it was tied
+    along: tuple[float, ...] = measured("m", lambda at: at.along)  # places of the gaps
+    gaps: tuple[float, ...] = measured("m", lambda at: at.hands.gaps(at.state, at.along))  # of the lips at the end
+    uniform: float = measured("-", lambda at: at.uniform)  # traction that closes the mesh, over that of a large sheet
+    moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # farthest a hole moved
+    contact_force: float = measured("N", lambda at: at.lips.force.sum())  # that pushes the lips apart, in all
+    pressure: float = measured(
+        "Pa", lambda at: at.hands.organ.gaps.pressure(at.lips.force).max()
+    )  # largest of the lips
+    smallest_gap: float = measured("m", lambda at: at.lips.gap.min())
+    complementarity: float = measured("J", lambda at: at.lips.complementarity)  # largest |force times gap| of two nodes
+    pushes: bool = measured("", lambda at: np.all(at.lips.force >= 0.0))  # no contact force pulls
+    closed: bool = measured("", lambda at: at.all_closed)  # the hands brought the lips together
 
     @property
     def wound(self) -> tuple[float, float]:
@@ -163,27 +163,28 @@ def main(
 
     Raises `StudyError` for wounds or stitches that do not fit, and for other checks.
     """
-    if unknown := [check for check in checks if check not in CHECKS]:
-        raise StudyError(f"checks: {unknown[0]!r} is refused; allowed are {', '.join(map(repr, CHECKS))}")
-    if min(pitch, bite) <= 0.0:
-        raise StudyError(f"pitch = {pitch}, bite = {bite} is refused: give lengths above 0 [m]")
+    require_known("checks", checks, CHECKS)
+    require(min(pitch, bite) > 0.0, f"pitch = {pitch}, bite = {bite}", "give lengths above 0 [m]")
+    check_wounds(wounds, sheet, pitch, 1e-9)
+    every = [Case(length, width, sheet, size, far, pitch, bite) for length, width in wounds]
+    first, both = every[0], (TOGETHER, IN_TURN)
+    changed = {
+        FINER: replace(first, size=size / 1.5, far=far / 1.5, variant=FINER),
+        LARGER: replace(first, sheet=2.0 * sheet, far=1.5 * far, variant=LARGER),
+        NEARER: replace(first, near=0.5 * NEAR, variant=NEARER),
+        HALVES: replace(first, pitch=0.5 * pitch, bite=0.5 * bite, variant=HALVES),
+    }
+    jobs: list[Job] = [partial(close_wound, case, both) for case in every]
+    jobs += [partial(close_wound, changed[check], both if check == FINER else (TOGETHER,)) for check in checks]
+    yield from each(jobs)
+
+
+def check_wounds(wounds: Sequence[tuple[float, float]], sheet: float, shortest: float, narrowest: float) -> None:
+    """Raise `StudyError` for wounds that do not fit their sheet, are shorter than a pitch or too narrow [m]."""
     for length, width in wounds:
-        if not (0.0 < width <= length < 0.5 * sheet) or length < pitch:
-            reason = "a width up to the length, and a length from a pitch to half the sheet's edge"
+        if not (narrowest <= width <= length < 0.5 * sheet) or length < shortest:
+            reason = f"a width up to the length, and a length from {shortest:g} m to half the sheet's edge"
             raise StudyError(f"wounds: {length} × {width} m in a sheet of {sheet} m; give {reason}")
-    with threadpool_limits(limits=1, user_api="blas"):
-        every = [Case(length, width, sheet, size, far, pitch, bite) for length, width in wounds]
-        jobs: list[Job] = [partial(close_wound, case, (TOGETHER, IN_TURN)) for case in every]
-        first = Case(*wounds[0], sheet, size, far, pitch, bite)
-        changed = {
-            FINER: replace(first, size=size / 1.5, far=far / 1.5, variant=FINER),
-            LARGER: replace(first, sheet=2.0 * sheet, far=1.5 * far, variant=LARGER),
-            NEARER: replace(first, near=0.5 * NEAR, variant=NEARER),
-            HALVES: replace(first, pitch=0.5 * pitch, bite=0.5 * bite, variant=HALVES),
-        }
-        for check in checks:
-            jobs.append(partial(close_wound, changed[check], (TOGETHER, IN_TURN) if check == FINER else (TOGETHER,)))
-        yield from each(jobs)
 
 
 @dataclass(frozen=True)
@@ -211,56 +212,31 @@ class Case:
         return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
 
 
-def scenario(case: Case, material: Mapping[str, object] = NO_KEYS) -> Scenario:
+def scenario(case: Case, material: Mapping[str, object] | None = None) -> Scenario:
     """Return the sheet and the stitches, laid to and fro as one thread and cut where it turns; nothing is drawn yet.
-    A wound without width is a slit. `material` are keys of the sheet's, none of a linear one."""
-    shape: dict[str, object] = {"shape": "ellipse", "width": case.width} if case.width else {"generator": "gmsh"}
+    A wound without width is a slit. `material` are keys of the sheet's, None of a linear one."""
     y, depth = case.places, -0.5 * THICKNESS
     half = 0.5 * case.opening(y) + case.bite
     reach = 1.5 * case.width + case.bite + TAIL
     sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
     path = [[float(s * side * reach), float(at), depth] for at, side in zip(y, sides, strict=True) for s in (1, -1)]
+    hole = {"kind": "anchored", "footprint": FOOTPRINT, "subgrid": False, "draw": [[0.0, 0.0]]}
     holes = [
-        {"name": f"{k + 1} {'left' if s < 0 else 'right'}", "at": [float(s * half[k]), float(y[k]), depth]}
+        {"name": f"{k + 1} {'left' if s < 0 else 'right'}", "at": [s * half[k], y[k], depth], **hole}
         for k, side in enumerate(sides)
         for s in (side, -side)
     ]
-    hole = {"kind": "anchored", "footprint": FOOTPRINT, "subgrid": False, "draw": [[0.0, 0.0]]}
     turns = [[-side * reach, 0.5 * (a + b), depth] for side, a, b in zip(sides, y, y[1:], strict=False)]
-    return parse(
-        {
-            "title": "a wound is closed",
-            "tissue": {
-                "youngs_modulus": E,
-                "poisson_ratio": NU,
-                "density": 1100.0,
-                "element": "P2",
-                "clamp": ["left", "right", "front", "back"],
-                "roller": ["bottom"],
-                "contact": True,
-                "mesh": {
-                    "kind": "wound",
-                    **shape,
-                    "size": [case.sheet, case.sheet, THICKNESS],
-                    "length": case.length,
-                    "depth": THICKNESS,
-                    "h": case.far,
-                    "h_site": case.size,
-                },
-                **material,
-            },
-            "thread": {
-                "suture": SUTURE,
-                "control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
-                "graded": 1.0,
-                "resolution": "fixed",
-                "path": path,
-                "cuts": [nearest_abscissa(path, turn) for turn in turns],
-            },
-            "piercing": [{**at, **hole} for at in holes],
-            "solve": {"kind": "static"},
-        }
-    )
+    shape = {"shape": "ellipse", "width": case.width} if case.width else {"generator": "gmsh"}
+    sizes = {"size": [case.sheet, case.sheet, THICKNESS], "length": case.length, "depth": THICKNESS}
+    values = {
+        "tissue.mesh": {"kind": "wound", **shape, **sizes, "h": case.far, "h_site": case.size},
+        "thread.control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
+        "thread.path": path,
+        "thread.cuts": [nearest_abscissa(path, turn) for turn in turns],
+        "piercing": holes,
+    }
+    return scene("wound_closure", values | {f"tissue.{key}": value for key, value in (material or {}).items()})
 
 
 def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) -> float:
@@ -366,12 +342,15 @@ def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
     """Yield the wound closed in each of the ways."""
     hands = Hands(case, assemble(scenario(case)))
     n, uniform = len(case.places), uniform_traction(hands) / (E * case.width / (2.0 * case.length))
+    along = np.unique(np.append(np.linspace(-0.5, 0.5, PLACES) * case.length, case.places))
     for way in ways:
         state, all_closed, tied = hands.straight_state, True, np.zeros(n)
         for tying, slack in turns(n, way):
             state, done = hands.tighten(state, tying, slack)
             tied, all_closed = np.where(tying, hands.forces(state), tied), all_closed and done
-        yield row_of(hands, way, state, tied, all_closed, uniform)
+        moved, lips = state.y - hands.straight_state.y, observe_contact(hands.system, state)
+        end = SimpleNamespace(case=case, hands=hands, way=way, state=state, moved=moved, lips=lips)
+        yield measure(Row, SimpleNamespace(**vars(end), tied=tied, along=along, uniform=uniform, all_closed=all_closed))
 
 
 def turns(n: int, way: str) -> list[tuple[Flags, Flags]]:
@@ -391,35 +370,6 @@ def uniform_traction(hands: Hands) -> float:
     U = organ.operator(0.0, 0.0).factor.solve(load[body.free])
     order, at = hands.rim
     return hands.case.width / -float(np.interp(0.0, at, (organ.G @ U)[order]))
-
-
-def row_of(hands: Hands, way: str, state: State, tied: Array, all_closed: bool, uniform: float) -> Row:
-    """Return what a run left."""
-    case, lips, gaps = hands.case, observe_contact(hands.system, state), hands.organ.gaps
-    assert lips is not None and gaps is not None
-    along = np.unique(np.append(np.linspace(-0.5, 0.5, PLACES) * case.length, case.places))
-    return Row(
-        length=case.length,
-        width=case.width,
-        way=way,
-        variant=case.variant,
-        sheet=case.sheet,
-        size=case.size,
-        unknowns=hands.organ.size,
-        places=tuple(case.places.tolist()),
-        forces=tuple(hands.forces(state).tolist()),
-        tied=tuple(tied.tolist()),
-        along=tuple(along.tolist()),
-        gaps=tuple(hands.gaps(state, along).tolist()),
-        uniform=uniform,
-        moved=float(np.linalg.norm((state.y - hands.straight_state.y)[:, :3], axis=1).max()),
-        contact_force=float(lips.force.sum()),
-        pressure=float(gaps.pressure(lips.force).max()),
-        smallest_gap=float(lips.gap.min()),
-        complementarity=lips.complementarity,
-        pushes=bool(np.all(lips.force >= 0.0)),
-        closed=all_closed,
-    )
 
 
 # --- what the rows say ------------------------------------------------------------------------------------
@@ -459,58 +409,37 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
         pair = [row_with(rows, wound, source.way) for wound in source.wounds]
         if pair[0] is not None:
             fitted = E * THICKNESS * source.forces[0] / pair[0].comparable_force
-            each = zip(source.forces, pair, strict=True)
-            out += [
-                Comparison(source, force, row, fitted, row.uniform / pair[0].uniform - 1.0)
-                for force, row in each
-                if row is not None
-            ]
+            found = [(force, row) for force, row in zip(source.forces, pair, strict=True) if row is not None]
+            edges = [row.uniform / pair[0].uniform - 1.0 for _, row in found]
+            out += [Comparison(source, *one, fitted, edge) for one, edge in zip(found, edges, strict=True)]
     return out
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Make the published wounds, one a line; then every wound, and the checks."""
-    head = (
-        "wound [mm]",
-        "drawn",
-        "stitches",
-        "theory [N]",
-        "middle / largest / smallest [N]",
-        "sum / theory",
-        "uniform traction / theory",
-        "middle / uniform traction",
-        "tied with, first to last [N]",
-        "lips press with [N]",
-        "widest gap [mm]",
-        "source",
-        "fitted Et [N/m]",
-        "predicted [N]",
-        "published [N]",
-    )
-    return Table(head, [line(row, comparisons(rows)) for row in rows])
+    compared = comparisons(rows)
 
+    def published(row: Row, cell: Callable[[Comparison], str]) -> str:
+        return "; ".join(cell(c) for c in compared if c.row == row)
 
-def line(row: Row, compared: Sequence[Comparison]) -> list[str]:
-    """Return one run, and what is published of it."""
-    found = [c for c in compared if c.row == row]
-    published = (
-        (c.source.name, f"{c.fitted:.0f}", "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}", f"{c.published:g}")
-        for c in found
+    columns: Columns = (
+        ("wound [mm]", lambda row: row.name + (f", {row.variant}" if row.variant else "")),
+        ("drawn", lambda row: row.way),
+        ("stitches", lambda row: str(len(row.forces))),
+        ("theory [N]", lambda row: f"{row.theory:.3f}"),
+        ("middle / largest / smallest [N]", lambda r: f"{r.middle:.2f} / {max(r.forces):.2f} / {min(r.forces):.2f}"),
+        ("sum / theory", lambda row: f"{row.over_theory:.3f}"),
+        ("uniform traction / theory", lambda row: f"{row.uniform:.3f}"),
+        ("middle / uniform traction", lambda row: f"{row.over_uniform:.3f}"),
+        ("tied with, first to last [N]", lambda r: " ".join(f"{f:.2f}" for f in r.tied) if r.way == IN_TURN else ""),
+        ("lips press with [N]", lambda row: f"{row.contact_force:.2g}"),
+        ("widest gap [mm]", lambda row: f"{max(row.gaps) / MILLI:.2f}"),
+        ("source", lambda row: published(row, lambda c: c.source.name)),
+        ("fitted Et [N/m]", lambda row: published(row, lambda c: f"{c.fitted:.0f}")),
+        ("predicted [N]", lambda row: published(row, lambda c: "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}")),
+        ("published [N]", lambda row: published(row, lambda c: f"{c.published:g}")),
     )
-    return [
-        row.name + (f", {row.variant}" if row.variant else ""),
-        row.way,
-        str(len(row.forces)),
-        f"{row.theory:.3f}",
-        f"{row.middle:.2f} / {max(row.forces):.2f} / {min(row.forces):.2f}",
-        f"{row.over_theory:.3f}",
-        f"{row.uniform:.3f}",
-        f"{row.over_uniform:.3f}",
-        " ".join(f"{force:.2f}" for force in row.tied) if row.way == IN_TURN else "",
-        f"{row.contact_force:.2g}",
-        f"{max(row.gaps) / MILLI:.2f}",
-        *("; ".join(cells) for cells in (zip(*published, strict=True) if found else [[""]] * 4)),
-    ]
+    return Table.of(columns, rows)
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -613,41 +542,40 @@ def beyond_small_turns(row: Row) -> list[str]:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the forces along the wound, gaps, published against predicted, and forces when tied."""
-    drawing, ((along, gaps), (published, tied)) = panels(2, 2)
-    plain = [row for row in rows if not row.variant]
-    for way, axes in ((TOGETHER, along), (IN_TURN, tied)):
-        for row, colour, marker in zip([r for r in plain if r.way == way], COLOURS, MARKERS, strict=False):
-            forces = np.array(row.tied) / row.theory
-            axes.plot(2.0 * np.array(row.places) / row.length, forces, marker + "-", color=colour, label=row.name)
-            if way == TOGETHER:
-                relative = 100.0 * np.array(row.gaps) / row.width
-                gaps.plot(2.0 * np.array(row.along) / row.length, relative, color=colour, label=row.name)
-    along.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
-    axes_of(along, "stitches drawn all at once", "force of a stitch / theory [-]")
-    axes_of(gaps, "lips after that", "gap / width of the open wound [%]")
-    axes_of(tied, "stitches tied one after another", "force when tied / theory [-]")
-    compared_axes(published, comparisons(rows))
-    return drawing
-
-
-def axes_of(axes: Axes, title: str, name: str) -> None:
-    """Draw an axis along the wound."""
-    axes.set(xlabel="place along the wound, over its half length [-]", ylabel=name, xlim=(-1.0, 1.0), title=title)
-    axes.set_ylim(bottom=0.0)
-    axes.legend(title="wound [mm]", ncols=2)
-
-
-def compared_axes(axes: Axes, compared: Sequence[Comparison]) -> None:
-    """Draw the predicted over published forces; hollow what was fitted."""
+    plain, compared = [row for row in rows if not row.variant], comparisons(rows)
+    together, in_turn = ([row for row in plain if row.way == way] for way in (TOGETHER, IN_TURN))
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
-    axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8, linestyle="--")
-    for source, colour, marker in zip(SOURCES, COLOURS, MARKERS, strict=False):
-        for c in (c for c in compared if c.source == source):
-            face, label = ("white", None) if c.is_fit else (colour, source.name)
-            axes.plot(c.published, c.predicted_force, marker, color=colour, markerfacecolor=face, label=label)
-    axes.set(xlim=(0.0, top), ylim=(0.0, top), xlabel="published force [N]", ylabel="this study [N]")
-    axes.set_title("filled: predicted, hollow: fitted to")
-    axes.legend(loc="upper left")
+    by_source = {source.name: [c for c in compared if c.source == source] for source in SOURCES}
+    fitted = {name: [c for c in found if c.is_fit] for name, found in by_source.items()}
+    return draw(
+        [
+            along(together, "places", lambda row: np.array(row.tied) / row.theory, "force of a stitch / theory [-]",
+                  level("y", 1.0), title="stitches drawn all at once"),
+            along(together, "along", lambda row: 100.0 * np.array(row.gaps) / row.width,
+                  "gap / width of the open wound [%]", title="lips after that"),
+        ],
+        [
+            panel(
+                "published force [N]", "this study [N]", curve([0.0, top], [0.0, top], None, "--"),
+                series(by_source, "published", "predicted_force", ""),
+                series(unnamed(fitted), "published", "predicted_force", "", markerfacecolor="white"),
+                title="filled: predicted, hollow: fitted to", xlim=(0.0, top), ylim=(0.0, top),
+            ),
+            along(in_turn, "places", lambda row: np.array(row.tied) / row.theory, "force when tied / theory [-]",
+                  title="stitches tied one after another"),
+        ],
+    )  # fmt: skip
+
+
+def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: str, *items: Item, title: str) -> Item:
+    """Draw a quantity along the wounds."""
+    pairs = {
+        row.name: list(zip(2.0 * np.array(getattr(row, places)) / row.length, of(row), strict=True)) for row in rows
+    }
+    return panel(
+        "place along the wound, over its half length [-]", name, series(pairs, 0, 1, markersize=4), *items,
+        legend={"title": "wound [mm]", "ncols": 2}, title=title, xlim=(-1.0, 1.0), ylim=(0.0, None),
+    )  # fmt: skip
 
 
 STUDY = Study(

@@ -13,7 +13,6 @@ from studies.friction.study import (
     branches,
     coefficients,
     error,
-    exact_ratio,
     loops_of,
     main,
     order_in_number,
@@ -21,6 +20,7 @@ from studies.friction.study import (
     two_passes,
 )
 from studies.study import StudyError, arguments
+from studies.theory import point_ratio
 from tests.bounds import ORDER
 
 RATIO = 1e-3  # of a ratio of pulls: as far on either side of the threshold it sticks and slips
@@ -67,7 +67,11 @@ def test_what_locks_and_what_was_not_found_is_said() -> None:
     """Two passes with the pull given lock at 2μt ≥ 1, before the exact law does at μt ≥ 1."""
     hold, pull = two_passes(0.3, 120.0)
     assert np.isinf(pull.ratio) and np.isinf(pull.theory) and not pull.settled
-    assert hold.settled and np.isfinite(exact_ratio(0.3, 120.0)) and np.isinf(exact_ratio(1.0, 91.0))
+    assert (
+        hold.settled
+        and np.isfinite(point_ratio(0.3, np.radians(120.0)))
+        and np.isinf(point_ratio(1.0, np.radians(91.0)))
+    )
     said = STUDY.remarks([*rows(), pull])
     assert any("LOCK at 120°" in line for line in said)
     assert not any("LOCK" in line or "NOT FOUND" in line for line in STUDY.remarks(rows()))

@@ -23,12 +23,11 @@ from studies.running_suture.study import (
     reference,
     rows_at,
     runs,
-    second_stitch_by_law,
     sequence,
     sweep,
-    tensions_by_law,
 )
 from studies.study import StudyError
+from studies.theory import second_stitch_by_law, tensions_by_law
 from studies.verdicts import SETTLED
 from tests.bounds import ADAPTED, IDENTITY
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from studies.figure import render_figure
-from studies.friction.study import bent_ratio
 from studies.stitch_patterns.study import (
     FITTED,
     PATTERNS,
@@ -15,7 +14,6 @@ from studies.stitch_patterns.study import (
     WOUND,
     Row,
     Way,
-    capstan,
     cases_of,
     closing_pull,
     loads_of,
@@ -24,6 +22,7 @@ from studies.stitch_patterns.study import (
     table,
 )
 from studies.study import StudyError, arguments
+from studies.theory import bent_ratio, capstan
 from tests.bounds import IDENTITY
 
 LAW = 0.01  # of a tension: rings are sixteen √(EI/T) apart, and the knots resolve that

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -18,7 +19,20 @@ from studies.command import command
 from studies.figure import panels
 from studies.output.lock import locked
 from studies.scenario import ScenarioError
-from studies.study import NAMES, WRITTEN, Study, StudyError, Table, arguments, carry_out, check_folder, each, unit_field
+from studies.study import (
+    NAMES,
+    WRITTEN,
+    Study,
+    StudyError,
+    Table,
+    arguments,
+    carry_out,
+    check_folder,
+    each,
+    measure,
+    measured,
+    unit_field,
+)
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, too_coarse
 from studies.workers import Processes
 
@@ -27,6 +41,13 @@ from studies.workers import Processes
 class Row:
     way: str
     length: float = unit_field("m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    way: str
+    length: float = measured("m", lambda at: at.length)
+    places: tuple[int, ...] = measured("", lambda at: at.places)
 
 
 def main(lengths: tuple[float, ...] = (1.0, 2.0), count: int = 3) -> Iterator[Row]:
@@ -61,6 +82,22 @@ def sample(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (study, command):
         monkeypatch.setattr(module, "NAMES", ("sample",))
     monkeypatch.setattr(study, "import_module", lambda name: SimpleNamespace(STUDY=SAMPLE))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_scene_can_be_run(name: str) -> None:
+    """Independent check: the scene of a study is a whole scenario, and one with an unknown key is refused."""
+    if (Path(study.__file__).parent / name / "scene.toml").exists():
+        assert study.scene(name, {"title": "another"}).title == "another"
+        with pytest.raises(ScenarioError, match="there is no such key"):
+            study.scene(name, {"tissue.colour": "red"})
+
+
+def test_what_is_measured_is_declared_once() -> None:
+    """Independent check: a field is measured on the end of a run, in Python's own numbers, and has its unit."""
+    found = measure(Measured, SimpleNamespace(length=np.float64(2.0), places=np.arange(2)), way="new")
+    assert (found.way, found.length, found.places) == ("new", 2.0, (0, 1)) and type(found.length) is float
+    assert study.numbers([found]).splitlines() == ["way,length [m],places", 'new,2.0,"(0, 1)"']
 
 
 def job(length: float) -> Row:

@@ -10,11 +10,9 @@ from coupling.errors import InversionError
 from studies.figure import render_figure
 from studies.simulation import Simulation
 from studies.study import StudyError
-from studies.suture_tension import case, findings
-from studies.suture_tension.case import POISSON, REFERENCE, SIZE, Row
-from studies.suture_tension.findings import limits, rows_of_sweep
-from studies.suture_tension.runs import run
-from studies.suture_tension.study import STUDY, main
+from studies.suture_tension import study
+from studies.suture_tension.runs import POISSON, REFERENCE, SIZE, Row, run
+from studies.suture_tension.study import MATERIALS, STUDY, limits, main, row_verdict, rows_of_sweep
 from studies.theory import TwoHoles, direct_term, image_term
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.tissue.layers import layer_compliance
@@ -134,7 +132,7 @@ def test_tension_falls_from_hole_to_hole() -> None:
     """Independent check: a thread that bends by 90° at each hole (elastica); nothing is lost without friction."""
     ideal, rough = rows_of_sweep(rows(), "friction")
     assert ideal.held == pytest.approx(ideal.pulled, rel=1e-3)
-    held, between, pulled = case.theory_tensions(rough, rough.load)
+    held, between, pulled = rough.tensions(rough.load)
     assert rough.pulled == pytest.approx(pulled, rel=1e-3)
     assert rough.leaving == pytest.approx(between, rel=LEANING)
     assert rough.held == pytest.approx(held, rel=2 * LEANING)
@@ -182,7 +180,7 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
     first, last = run(replace(REFERENCE, sweep="direction", name="free", refinement=1.0))
     assert not first.failed and last.failed.startswith("InversionError: ")
     assert replace(last, failed="") == first and last.load == 0.25 * REFERENCE.tension
-    assert findings.line(last)[-1] == "FAILED: InversionError"
+    assert row_verdict(last) == "FAILED: InversionError"
     assert any("0.025 N: FAILED beyond, InversionError" in text for text in STUDY.remarks([*rows(), last]))
     assert not any("MODEL ENDS" in text for text in STUDY.remarks([*rows(), last]))
     assert any("MODEL ENDS" in text for text in STUDY.remarks([*rows(), replace(last, approach=9.5e-3)]))
@@ -190,9 +188,9 @@ def test_a_run_that_fails_is_a_row_with_its_error(monkeypatch: pytest.MonkeyPatc
 
 def test_a_tension_that_finds_no_first_load_step_is_said_of_the_last_that_was_reached() -> None:
     """Consistency check: what failed unloaded has no numbers, and takes none away from the steps before."""
-    runs = findings.runs_by_tissue(rows())["skin"]
+    runs = study.runs_by_tissue(rows())["skin"]
     lost = replace(runs[-1], tension=2.0, load=0.0, exit_along=0.0, failed="EquilibriumError: none")
-    said = findings.runs_by_tissue([*rows(), lost])["skin"]
+    said = study.runs_by_tissue([*rows(), lost])["skin"]
     assert said == [*runs, replace(runs[-1], failed=lost.failed)]
     assert limits(said) == limits(runs)
     assert any("FAILED" in text for text in STUDY.remarks([*rows(), lost]))
@@ -261,7 +259,7 @@ def test_table_and_figure() -> None:
 def material_row(name: str, load: float, moved: float) -> Row:
     """A row of the sweep of materials."""
     base = replace(rows_of_sweep(rows(), "stiffness")[0], sweep="material", name=name, springs=0.01)
-    return replace(base, load=load, tension=load, exit_along=moved, **case.MATERIALS[name])
+    return replace(base, load=load, tension=load, exit_along=moved, **MATERIALS[name])
 
 
 def test_the_range_of_a_linear_organ_is_measured() -> None:
@@ -271,27 +269,25 @@ def test_the_range_of_a_linear_organ_is_measured() -> None:
     loads = np.linspace(0.02, 0.4, 20)
     ways = {"linear": slope * loads, "exponential, b = 5": slope * loads / (1.0 + beta * slope * loads)}
     swept = [material_row(name, t, u) for name, moved in ways.items() for t, u in zip(loads, moved, strict=True)]
-    by_material = findings.runs_by_material(swept)
+    by_material = study.runs_by_material(swept)
     linear, other = by_material.values()
-    assert findings.departures(linear, other) == pytest.approx(beta * slope * loads)
-    tau, moved = findings.measured_range(linear, other)
+    assert study.departures(linear, other) == pytest.approx(beta * slope * loads)
+    tau, moved = study.measured_range(linear, other)
     u = 0.05 / beta
     assert tau == pytest.approx(u / slope / (5e5 * 1e-6), rel=1e-6)
     assert moved == pytest.approx(u / 1.05 / 1e-3, rel=1e-3)
-    assert np.isinf(findings.measured_range(linear, linear)).all()
-    (said,) = findings.measured_ranges(swept)
+    assert np.isinf(study.measured_range(linear, linear)).all()
+    (said,) = study.measured_ranges(swept)
     assert "u/a = 0.19" in said and "at τ = 0.8 it is +14% off" in said
-    assert not findings.measured_ranges([row for row in swept if row.name != "linear"])
+    assert not study.measured_ranges([row for row in swept if row.name != "linear"])
 
 
 def test_a_stiffening_organ_is_the_linear_one_at_small_tension() -> None:
     """Independent check: on the same cells the linear organ is less than 1 % off at τ = 0.1, and more than twice as far
     off at twice that, where tissue stiffens."""
     one = replace(REFERENCE, sweep="material", refinement=1.0, tension=0.1, load_steps=2)
-    linear, other = (
-        list(run(replace(one, name=name, **case.MATERIALS[name]))) for name in ("linear", "exponential, b = 5")
-    )
-    off = np.abs(findings.departures(linear, other))
+    linear, other = (list(run(replace(one, name=name, **MATERIALS[name]))) for name in ("linear", "exponential, b = 5"))
+    off = np.abs(study.departures(linear, other))
     assert other[0].scaled_load == pytest.approx(0.1)
     assert off[0] < 0.01 < off[1]
     assert off[1] > 2.0 * off[0]
