@@ -4,7 +4,6 @@ import argparse
 import json
 import os
 import platform
-import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -148,50 +147,25 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
 )
 
 
+SCENARIO = {"bash": "_suture_scenario", "zsh": "_suture_scenario", "fish": "(_suture_scenario)"}  # scenes and files
+PREAMBLE = {
+    "bash": '_suture_scenario() {{ compgen -W "{0}" -- "$1"; compgen -f -- "$1"; }}',
+    "zsh": "_suture_scenario() {{ compadd {0}; _files }}",
+    "fish": 'function _suture_scenario; printf "%s\\n" {0}; __fish_complete_path; end',
+}
+
+
 def print_completion(options: argparse.Namespace) -> int:
     """``suture completion``: what a shell reads to complete commands, options and scenes."""
+    import shtab
+
     from studies.command.parser import TABLE, parser_for
 
     parser = parser_for(list(TABLE))
     [subparsers] = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    words = {name: " ".join(options_of(sub)) for name, sub in subparsers.choices.items()}
-    sys.stdout.write({"bash": bash, "zsh": zsh, "fish": fish}[options.shell](words))
+    for action in (action for sub in subparsers.choices.values() for action in sub._actions if action.type is Path):
+        plain = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
+        action.complete = SCENARIO if action.dest == "file" else plain
+    preamble = {shell: text.format(" ".join(scenes())) for shell, text in PREAMBLE.items()}
+    print(shtab.complete(parser, options.shell, preamble=preamble))
     return 0
-
-
-def options_of(parser: argparse.ArgumentParser) -> list[str]:
-    """List the options of a command, and the words that its arguments are chosen from."""
-    own = [word for action in parser._actions for word in action.option_strings if word.startswith("--")]
-    chosen = [str(word) for action in parser._actions if not action.option_strings for word in action.choices or ()]
-    takes_scene = any(action.dest == "file" for action in parser._actions)
-    return [*own, *chosen, *(scenes() if takes_scene else [])]
-
-
-def bash(words: dict[str, str]) -> str:
-    """Write the completion of bash."""
-    cases = "".join(f'        {name}) words="{given}" ;;\n' for name, given in words.items())
-    return (
-        '# eval "$(suture completion bash)"\n'
-        "_suture() {\n"
-        '    local words="" current="${COMP_WORDS[COMP_CWORD]}"\n'
-        '    if [ "$COMP_CWORD" = 1 ]; then\n'
-        f'        words="{" ".join(words)} --help --version"\n'
-        "    else case ${COMP_WORDS[1]} in\n"
-        f"{cases}"
-        "    esac; fi\n"
-        '    COMPREPLY=($(compgen -W "$words" -- "$current") $(compgen -f -- "$current"))\n'
-        "}\n"
-        "complete -o filenames -F _suture suture\n"
-    )
-
-
-def zsh(words: dict[str, str]) -> str:
-    """Write the completion of zsh, which takes that of bash."""
-    return f'# eval "$(suture completion zsh)"\nautoload -U +X bashcompinit && bashcompinit\n{bash(words)}'
-
-
-def fish(words: dict[str, str]) -> str:
-    """Write the completion of fish."""
-    first = f'complete -c suture -n "__fish_use_subcommand" -a "{" ".join(words)}"\n'
-    rest = (f'complete -c suture -n "__fish_seen_subcommand_from {name}" -a "{w}"\n' for name, w in words.items())
-    return "# suture completion fish | source\n" + first + "".join(rest)

@@ -11,12 +11,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from studies.scenario.organ import FileMesh
-from studies.scenario.refusal import BARE, as_key, as_toml, dotted_key, nearest, refusal
+from studies.scenario.refusal import BARE, as_toml, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.table import ScenarioError, plain_values
 
-INLINE = ("start", "end", "friction")  # tables written on one line
 SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
 
 
@@ -94,7 +95,7 @@ def _kind_first(value: Any) -> Any:
 
 def dump(scenario: Scenario) -> str:
     """Write the scenario in TOML, every default written out; it reads back to an equal scenario."""
-    return "\n".join(_lines(tables(scenario), ()))
+    return tomli_w.dumps(tables(scenario))
 
 
 def mesh_file(scenario: Scenario) -> Path | None:
@@ -216,26 +217,3 @@ def file_faults(path: Any) -> list[str]:
         problem = "there is no such file; give the path relative to the scenario file"
         return [refusal("tissue.mesh.path", path, problem)]
     return [] if size else [refusal("tissue.mesh.path", path, "the file is empty; give a volume mesh")]
-
-
-def _lines(table: Mapping[str, Any], parents: tuple[str, ...]) -> list[str]:
-    """Write a table in TOML: values first, then tables, then lists of tables."""
-    under_headers = {key for key, value in table.items() if _is_table(key, value) or _is_tables(value)}
-    values = {key: value for key, value in table.items() if key not in under_headers}
-    lines = [f"{as_key(key)} = {as_toml(value)}" for key, value in values.items()]
-    for key, value in table.items():
-        name = (*parents, key)
-        if _is_table(key, value):
-            lines += ["", f"[{dotted_key(name)}]", *_lines(value, name)]
-        if _is_tables(value):
-            for item in value:
-                lines += ["", f"[[{dotted_key(name)}]]", *_lines(item, name)]
-    return lines if parents else [*lines, ""]
-
-
-def _is_table(key: str, value: object) -> bool:
-    return isinstance(value, dict) and key not in INLINE
-
-
-def _is_tables(value: object) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(item, dict) for item in value)

@@ -1,6 +1,7 @@
 """Whose a folder is: nothing is lost that no run wrote, no run is replaced without leave, and one runs at a time."""
 
 import errno
+import fcntl
 import json
 import os
 import signal
@@ -168,20 +169,17 @@ def test_one_run_at_a_time(contract: Path, tmp_path: Path, capsys: pytest.Captur
 
 def test_a_lock_is_of_the_file_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a run ends, and removes its lock, between another's opening of it and its locking."""
-    from studies.output import lock
+    flock, taken = fcntl.flock, []
 
-    opened, taken = lock._opened, []
-
-    def ending(path: Path) -> object:
-        file = opened(path)
+    def ending(file: int, operation: int) -> None:
         if not taken:
-            path.unlink()
-        taken.append(path)
-        return file
+            (tmp_path / LOCK).unlink()
+        taken.append(file)
+        flock(file, operation)
 
-    monkeypatch.setattr(lock, "_opened", ending)
+    monkeypatch.setattr(fcntl, "flock", ending)
     with locked(tmp_path):
-        assert len(taken) == 2
+        assert len(taken) == 2 and (tmp_path / LOCK).exists()
         with pytest.raises(ScenarioError, match="another run is at work"), locked(tmp_path):
             pass
     with locked(tmp_path):
