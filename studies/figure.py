@@ -111,9 +111,10 @@ def series(
     begins with "_" is not in the legend."""
 
     def drawn(axes: Axes) -> None:
-        for (label, rows), colour, marker in zip(groups.items(), cycle(colours), cycle(markers)):
+        for k, (label, rows) in enumerate(groups.items()):
+            marker = markers[(k + k // len(colours)) % len(markers)]  # another one where the colours come again
             values = [[value(of)(row) for row in rows] for of in (x, y)]
-            axes.plot(*values, marker + line, color=colour, label=label, **looks)
+            axes.plot(*values, marker + line, color=colours[k % len(colours)], label=label, **looks)
 
     return drawn
 

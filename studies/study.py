@@ -1,9 +1,14 @@
 """A study: one question, answered by runs of its own, with a table and a figure.
 
-A study is a package whose module `study` ends in `STUDY`. Its `main` takes typed defaults, which are the preset "full",
-and yields rows as they are done, one a run or a measured number: a frozen dataclass whose fields know their unit. What
-a row cannot support (`studies.verdicts`), and what is not converged, is said in the remarks, which are written and
-printed with the table.
+A study is a package whose module `study` ends in `STUDY`. It is made of
+
+- a `scene`: a scenario in TOML, of which the runs change some keys,
+- `main`: the cases that are run. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
+- a row: a frozen dataclass. A field has its unit, and the function that measures it on the end of a run (`measured`),
+- the columns of its table (`Table.of`) and the panels of its figure (`studies.figure`),
+- remarks: what was found, and what a row does not support (`studies.verdicts`). They are printed with the table.
+
+`carry_out` runs any study into a folder.
 """
 
 import csv
@@ -81,8 +86,8 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """`main` with typed defaults, what it asks, what in it is an independent and what a consistency check, how its rows
-    are shown, what they do not support, and the arguments of the preset "quick"."""
+    """The cases of a study, its question, its independent and its consistency checks, how its rows are shown, its
+    remarks, and the arguments of the preset "quick"."""
 
     main: Callable[..., Iterator[Any]]
     question: str
@@ -255,9 +260,11 @@ def carry_out(
     tell: Callable[[Sequence[Any]], None],
     workers: Workers | None = None,
 ) -> None:
-    """Run a study into a folder: every row is written as soon as it is done, and told; then table, figure and what was
-    asked. `workers` do its jobs, None: this process. A study that fails leaves its rows. Raises what its `main`
-    does, `studies.workers.WorkersError`, and `ScenarioError` where another is at work in the folder."""
+    """Run a study into a folder: write and pass to `tell` every row as soon as it is done, then write table, figure,
+    arguments and checks. `workers` do its jobs; None is this process. A study that fails leaves its rows.
+
+    Raises what its `main` raises, `studies.workers.WorkersError`, and `ScenarioError` if another run is at work there.
+    """
     token = AT_WORK.set(workers)
     try:
         with locked(folder):

@@ -6,11 +6,11 @@ hole, or at the bound on the corrections that a case may take. What stops is cou
 the error and from the state that it stopped in.
 
 The first `quarter` cases are run again in steps a quarter as long where they complete, and the forces at their holes
-and the lengths drawn through them are compared at the end. Where they differ, a remark should have told so.
+and the lengths drawn through them are compared at the end. If they differ, the run should have a remark on its steps.
 
-What a step makes is told for steps of backward Euler and of BDF2 apart: the one makes none where it goes downhill, the
-other falls in a norm of its own, over two steps, and may take in one step and give back in the next. Of it is told what
-it makes beyond that loan (`coupling.run.watch`).
+The energy that a step creates is reported for backward Euler and for BDF2 separately. Backward Euler creates none where
+it goes downhill. The energy of BDF2 falls in a norm over two steps: a step may borrow energy and the next give it back.
+Reported is what it creates beyond that loan (`coupling.run.watch`).
 
 A case is gentle where its loads grow and a linear estimate moves its holes by less than three footprints. Those are
 what a user expects to arrive; a hole that moves further is beyond a linear organ.
@@ -46,7 +46,7 @@ TELLING = {"forces-swing", "numerical-dissipation", "energy-created"}  # of what
 MOVING = "not-at-rest"  # of what moves still: its numbers are of a moment, and of any steps
 LAYER = 2.0  # spans over √(EI/T) beyond which a flip is put down to spans that are too long
 AGREED = 0.02  # of the largest force or length: a step over the shortest time in which a load grows, the first order
-ALIKE = 0.002  # of the largest force or length: a tenth of that, where a remark on the steps told nothing
+ALIKE = 0.002  # of the largest force or length: a tenth of that; a remark on the steps of such a run is a false alarm
 TURNED = 0.8  # |u × v| of a hole below which a linear organ has turned it by more than 30°
 COMPLETED = "completed"
 CAUSES = (
@@ -66,11 +66,10 @@ CAUSES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """How one case ended. `corrections` are Newton's of the accepted steps; `created` and `created_bdf2` are the most
-    that a step of backward Euler made of the energy that there was, and one of BDF2 beyond what the one before lent;
-    `span_ratio` is that of the last state; `said`, the codes of what the run says of itself; `forces_apart` and
-    `lengths_apart` are from the same case in steps a quarter as long, NaN where it was not run, infinite where that did
-    not complete."""
+    """How one case ended. `median` and `high` count Newton's corrections of accepted steps. `created` and
+    `created_bdf2` are the largest energy that a step of each integrator created, over the energy in the system.
+    `span_ratio` is that of the last state, `said` the codes of the run's remarks. `forces_apart` and `lengths_apart`
+    compare with the same case in steps a quarter as long: NaN if that was not run, infinite if it did not complete."""
 
     number: int = measured("", lambda at: at.case.number)
     kind: str = measured("", lambda at: at.case.kind)

@@ -30,7 +30,7 @@ from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import COLOURS, Item, curve, draw, level, panel, series, unnamed
+from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import Columns, Study, Table, each, grouped, measure, measured, require, scene
@@ -289,7 +289,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
         out += beyond_linear(name, runs_of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
     out.append(
-        "linear: held against a thread without the compliance that a spline lacks at a hole, which it cannot have"
+        "linear: compared with a thread without the compliance that a spline lacks at a hole, which it cannot have"
     )
     return out
 
@@ -311,7 +311,9 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
     by_organ = grouped(done, lambda row: f"{row.way}, {row.youngs_modulus / KILO:g} kPa")
     unstable = {name: [row for row in runs if not row.stable] for name, runs in by_organ.items()}
     colours = [COLOUR_OF[runs[0].way] for runs in by_organ.values()]
-    hollow: dict[str, Any] = {"colours": colours, "markerfacecolor": "white"}
+    organ: dict[str, Any] = {"colours": colours}
+    organ["markers"] = [MARKERS[stiffnesses.index(runs[0].youngs_modulus)] for runs in by_organ.values()]
+    hollow = organ | {"markerfacecolor": "white"}
     step = "time step [ms]"
     axis: dict[str, Any] = {"xlim": (0.06, 13.0), "ticks": {"x": TICKS}}
 
@@ -341,13 +343,13 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
             log="xy", title=f"{shown / KILO:g} kPa, stable runs",
         ),
         panel(
-            step, "largest drift |P − x| [mm]", series(by_organ, "dt [ms]", "drift [mm]", colours=colours),
+            step, "largest drift |P − x| [mm]", series(by_organ, "dt [ms]", "drift [mm]", **organ),
             series(unnamed(unstable), "dt [ms]", "drift [mm]", "", **hollow), log="xy", legend={"fontsize": 6},
             title="filled: stable, hollow: creates energy", **axis,
         ),
         panel(
             step, "created energy / work of the hand [-]",
-            series(unnamed(by_organ), "dt [ms]", "created", colours=colours),
+            series(unnamed(by_organ), "dt [ms]", "created", **organ),
             series(unnamed(unstable), "dt [ms]", "created", "", **hollow), level("y", CREATED),
             lambda axes: axes.set_yscale("symlog", linthresh=CREATED), log="x", ylim=(-1.0, 1e3), **axis,
         ),

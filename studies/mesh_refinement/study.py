@@ -300,7 +300,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     )  # fmt: skip
     return draw(
         places[:2], places[2:4], [places[4], shrinking], [errors, together],
-        [changes(rows, "control points", "control_points"), changes(rows, "time step", "dt [ms]")],
+        [changes(rows, "control points", "control_points", "-"), changes(rows, "time step", "dt [ms]", "ms")],
     )  # fmt: skip
 
 
@@ -312,7 +312,7 @@ def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str
     return both(measured, curve(h / MILLI, error[0] * law / law[0], None, ":", COLOURS[k]))
 
 
-def changes(rows: Sequence[Row], ladder: str, x: str) -> Item:
+def changes(rows: Sequence[Row], ladder: str, x: str, unit: str) -> Item:
     """Draw how far the quantities are from those of the finest run, over what is refined."""
     finest, *runs = runs_of_ladder(rows, ladder, SUBGRID)
     off = {
@@ -321,7 +321,7 @@ def changes(rows: Sequence[Row], ladder: str, x: str) -> Item:
         if can_change(ladder, key)
     }
     at = sorted(value(x)(run) for run in runs)
-    label = x.replace("dt", "time step").replace("_", " ")
+    label = f"{ladder} [{unit}]"
     return panel(label, f"change to {finest.size_text} [-]", several(runs, x, off), log="xy", ticks={"x": at})
 
 

@@ -107,7 +107,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Case:
-    """What is run. `tolerance` and `step` [s] are those of thread and time."""
+    """One run to be made. `tolerance` and `step` [s] are those of thread and time."""
 
     mu: float
     organ: Organ = "closed fascia"
@@ -492,14 +492,14 @@ def predictions(rows: Sequence[Row]) -> list[str]:
     them, and those of stitches placed for each hold."""
     run = reference(rows)
     felt = f"felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}"
-    out = [f"foretold, one pull: {felt}: {reach_verdict(run)}"]
-    followed = {"foretold, every row drawn anew, friction forgets": tensions_drawn_anew(run)}
+    out = [f"predicted, one pull: {felt}: {reach_verdict(run)}"]
+    followed = {"predicted, every row drawn anew, friction forgets": tensions_drawn_anew(run)}
     for placed in placings(rows):
         followed[f"placing, {placed[0].organ}, hold {placed[0].hold:g} N"] = rows_at(placed)
     out += [f"{name}: stitch 2 {sequence(found)}" for name, found in followed.items() if BACK in found]
     holds = agreeing_holds(run)
     found = f"for holds from {holds[0]:.2f} to {holds[-1]:.2f} N" if len(holds) else "for no hold"
-    free = "the hold is not published: a second free number, with which the published course is possible, not foretold"
+    free = "the hold is not published: a second free number, with which the published course is possible, not predicted"
     return [*out, f"{free}; by the law alone, with the same μ, stitch 2 is within the published SD {found}"]
 
 
@@ -598,7 +598,10 @@ def figure(rows: Sequence[Row]) -> Figure:
         [
             panel(
                 "stitch that is pulled [-]", "tension of stitch 2 [N]",
-                series(followed, "stitches", "tension", colours=["black", COLOURS[0], *COLOURS[2:]], markersize=4),
+                series(
+                    followed, lambda row: row.stitches_back + 2, "tension",
+                    colours=["black", COLOURS[0], *COLOURS[2:]], markersize=4,
+                ),
                 published([2, *later], [PUBLISHED_PULL, *left[0]], [PULL_SD, *left[1]]),
                 ticks={"x": range(2, most + 1)}, title="stitches placed one by one", legend={"fontsize": 6.5},
             ),
@@ -621,7 +624,7 @@ STUDY = Study(
     main=main,
     question="How far along a running suture is a pull at its loose end felt, and is that what was measured on fascia?",
     independent="the law of a ring with the turns measured in each run; Horeman et al. (PLoS ONE 2013;8:e84466): one "
-    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are foretold",
+    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are predicted",
     consistency="fixed points against an elastic sheet, half the time step, a finer thread or mesh, another suture",
     table=table,
     figure=figure,

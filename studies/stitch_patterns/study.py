@@ -405,6 +405,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     law = partial(bent_ratio, loads[FITTED][0].mu)
     closing = [Way.of(PATTERNS[name], case[0], case[1]).closing(law) for name in names]
     sticks = {name: [row for row in steps if not row.slides] for name, steps in loads.items()}
+    marks = ("o", "s", "D", "x")  # the last stands on the one before, whose numbers are the same
     bars: dict[str, Any] = {"fmt": "k_", "capsize": 4, "label": "published, ± SD"}
     last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
     turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
@@ -417,21 +418,21 @@ def figure(rows: Sequence[Row]) -> Figure:
                 ylim=high, legend=small,
             ),
             panel(
-                "turn of a strand in the throw [°]", "pull that closes 5 N [N]", series(over_throw, 0, 1, ""),
+                "turn of a strand in the throw [°]", "pull that closes 5 N [N]", series(over_throw, 0, 1, "", marks),
                 laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"), ylim=high, legend=small,
             ),
         ],
         [
             panel(
-                "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", ""),
-                series(unnamed(sticks), "pull", "tension", "", markerfacecolor="white"),
+                "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", "", marks),
+                series(unnamed(sticks), "pull", "tension", "", marks, markerfacecolor="white"),
                 laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
                 level("y", WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
                 title=f"load steps, throw {case[0]:g}°, hollow: sticks in a ring yet",
             ),
             panel(
                 "turned since the nearer hand [°]", "tension over pull [-]",
-                series(strands, "turn", lambda row: row.tension / row.pull, ""),
+                series(strands, "turn", lambda row: row.tension / row.pull, "", marks),
                 curve(turn, np.exp(-loads[FITTED][0].mu * np.radians(turn)), "capstan, the same μ"), log="y",
                 title=f"along the thread, throw {case[0]:g}°", legend=small,
             ),

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import tissue
-from studies.figure import COLOURS, Item, curve, draw, level, panel, series
+from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
@@ -124,7 +124,7 @@ TISSUES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is run."""
+    """One run to be made."""
 
     name: str
     variant: str = ""
@@ -209,7 +209,7 @@ def scenario(case: Case) -> Scenario:
 
 
 def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
-    """Return what there is to know of an equilibrium."""
+    """Return the row of an equilibrium."""
     seen, organ, body = step_record(now), simulation.assembly.organ, simulation.assembly.body
     assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
     finite, (hole,), thickness = isinstance(organ, tissue.FiniteOrgan), seen.piercings, case.tissue.thickness
@@ -332,21 +332,23 @@ def figure(rows: Sequence[Row]) -> Figure:
     forces = [level("y", of.force, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
     broken = [level("y", of.broken, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
     small = {"fontsize": 6}
+    colours = [COLOURS[list(tissues).index(runs[0].name)] for runs in named.values()]
     return draw(
         [
             panel(
-                "drawn [mm]", "force [N]", series(named, "drawn [mm]", "force", markersize=3), *forces, log="y",
-                title="dash-dotted: a suture gave way", legend=small,
+                "drawn [mm]", "force [N]", series(named, "drawn [mm]", "force", "-", MARKERS, colours), *forces,
+                log="y", title="dash-dotted: a suture gave way", legend=small,
             ),
             panel(
-                "drawn [mm]", "largest stretch at the hole [-]", series(named, "drawn [mm]", "stretch", markersize=3),
+                "drawn [mm]", "largest stretch at the hole [-]",
+                series(named, "drawn [mm]", "stretch", "-", MARKERS, colours),
                 *broken, title="dash-dotted: strips broke", legend=small,
             ),
         ],
         [
             panel(
                 "drawn [mm]", "bearing pressure F/(d t) [MPa]",
-                series(named, "drawn [mm]", "bearing [MPa]", markersize=3), log="y", legend=small,
+                series(named, "drawn [mm]", "bearing [MPa]", "-", MARKERS, colours), log="y", legend=small,
             ),
             panel(
                 "stretch [-]", "nominal stress [MPa]",

@@ -51,7 +51,7 @@ THEORY = tuple(f"theory_{place}_{kind}" for place in ("mean", "ring") for kind i
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What is run: `name` is a tissue, or in words what differs from the others of its `sweep`."""
+    """One run to be made: `name` is a tissue, or in words what differs from the others of its `sweep`."""
 
     sweep: str
     name: str = ""
@@ -245,7 +245,7 @@ def scenario(case: Case) -> Scenario:
 
 
 def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
-    """Return what there is to know of an equilibrium, compared with theory."""
+    """Return the row of an equilibrium, compared with theory."""
     seen, f = step_record(now), site_forces(now.system, now.state)
     load = case.tension * now.state.time / simulation.scenario.solve.duration
     C, moved = hole_response(case, now)

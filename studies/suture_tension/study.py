@@ -378,7 +378,7 @@ def exceeded_limits(row: Row) -> str:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the displacement over tension, the same without dimension, stress over distance and cells, and each sweep
-    compared with theory; last the linear organ beside those at finite strain."""
+    compared with theory; last the linear organ and those at finite strain."""
     by_sweep, tissues, materials = grouped(rows, lambda row: row.sweep), runs_by_tissue(rows), runs_by_material(rows)
     named = {f"{name}, {runs[0].youngs_modulus / KILO:g} kPa": runs for name, runs in tissues.items()}
     last = {"fails beyond": [runs[-1] for runs in tissues.values() if runs[-1].failed]}
@@ -451,10 +451,12 @@ def against_theory(
         changes: list[dict[str, Any]] = [{name: float(x) * MILLI} for x in at]
         return [of(replace(case, **new).displacements(case.tension)) / MILLI for new in changes]
 
+    known = [partial(theory, of) for of in quantities.values()]
     return panel(
         f"{name} [mm]", "displacement [mm]",
-        several(runs, f"{name} [mm]", {key: f"{key} [mm]" for key in quantities}, ""),
-        laws([partial(theory, of) for of in quantities.values()], over), curve([], [], "half-space"), log=log,
+        several(runs, f"{name} [mm]", {QUANTITIES.get(key, key): f"{key} [mm]" for key in quantities}, ""),
+        laws(known, over), *([laws(known, np.zeros(1), "_")] if name == "depth" else []),
+        curve([], [], "half-space"), log=log,
     )  # fmt: skip
 
 
@@ -493,7 +495,7 @@ STUDY = Study(
     independent="displacement, approach and stress of two holes in a half-space (Cerruti, Boussinesq, Mindlin, and a "
     "footprint's own by Fourier transform), length drawn through and fall of tension of an elastica, u ∝ T/E",
     consistency="compliance times reported force is the reported displacement; sub-grid P1 of the runs against P2 of "
-    "the mesh for stress; the linear organ beside those at finite strain, on the same P2 cells",
+    "the mesh for stress; the linear organ against those at finite strain, on the same P2 cells",
     table=table,
     figure=figure,
     remarks=remarks,

@@ -34,7 +34,7 @@ import tissue
 from coupling.errors import EquilibriumError
 from coupling.system import State
 from studies.arrays import Array
-from studies.figure import curve, draw, level, panel, series
+from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
 from studies.simulation.assembly import assemble
 from studies.study import Columns, Study, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
@@ -236,8 +236,8 @@ def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
 
 
 def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed: bool) -> Row:
-    """Return what there is to know of a wound that is `closed`, or was drawn together so far, in a skin, None for the
-    linear sheet; `opened` is how far it was open at the stitches [m]."""
+    """Return the row of a wound that is `closed` or as far as it was drawn together, in a skin, None for the linear
+    sheet; `opened` is its width at the stitches before [m]."""
     end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened, closed=closed)
     end.organ = hands.assembly.organ
     return measure(Row, end)
@@ -327,7 +327,11 @@ def strips_words() -> str:
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw the forces along the wounds, those of slits, how far wounds gape, and the published ratios."""
     wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
-    forces = {f"{row.name} mm, {row.skin}": along(row, 1.0) for row in wide}
+    skins, names = (dict.fromkeys(getattr(row, key) for row in wide) for key in ("skin", "name"))
+    forces = {skin: {f"{row.name} mm": along(row, 1.0) for row in wide if row.skin == skin} for skin in skins}
+    styles = dict(zip(skins, (":", "--", "-", "-."), strict=False))
+    legend = [curve([], [], f"{name} mm", "-", of) for name, of in zip(names, COLOURS, strict=False)]
+    legend += [curve([], [], skin, style) for skin, style in styles.items()]
     shares = {f"{r.name} mm, {r.skin}": along(r, r.tension * r.length / len(r.forces)) for r in slits}
     gaped = grouped((row for row in rows if row.tension), lambda row: f"{row.name} mm, {row.tension:g} N/m")
     by_law = [2.0 * row.tension * row.length / (E * THICKNESS) / MILLI for row in rows if row.tension]
@@ -339,8 +343,9 @@ def figure(rows: Sequence[Row]) -> Figure:
     return draw(
         [
             panel(
-                place, "force of a stitch [N]", series(forces, 0, 1), title="stitches drawn all at once", legend=small,
-                **half,
+                place, "force of a stitch [N]", *legend,
+                *(series(unnamed(of), 0, 1, styles[skin], [""]) for skin, of in forces.items()),
+                title="stitches drawn all at once", above=1.4, legend={"fontsize": 6, "ncols": 2}, **half,
             ),
             panel(
                 place, "force / its share of σ₀ t L [-]", level("y", 1.0), series(shares, 0, 1),

@@ -33,7 +33,7 @@ from coupling.joins.contact import observe_contact
 from coupling.run import begin
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import Item, curve, draw, level, panel, series, unnamed
+from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import Columns, Job, Study, StudyError, Table, each, measure, measured, require, require_known, scene
@@ -144,8 +144,8 @@ class Row:
 
     @property
     def comparable_force(self) -> float:
-        """The force to be held against a published one [N]: drawn all at once that in the middle of the wound, where
-        the published one is largest; one after another the largest of those that a stitch was tied with."""
+        """The force to be compared with a published one [N]: of stitches drawn all at once that in the middle, where
+        the published force is largest; of stitches tied one after another the largest that one was tied with."""
         return self.middle if self.way == TOGETHER else max(self.tied)
 
 
@@ -573,7 +573,8 @@ def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: st
         row.name: list(zip(2.0 * np.array(getattr(row, places)) / row.length, of(row), strict=True)) for row in rows
     }
     return panel(
-        "place along the wound, over its half length [-]", name, series(pairs, 0, 1, markersize=4), *items,
+        "place along the wound, over its half length [-]", name,
+        series(pairs, 0, 1, "-", MARKERS if places == "places" else [""], markersize=4), *items,
         legend={"title": "wound [mm]", "ncols": 2}, title=title, xlim=(-1.0, 1.0), ylim=(0.0, None),
     )  # fmt: skip
 
