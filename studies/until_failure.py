@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-from threadpoolctl import threadpool_limits
-
 from coupling.errors import CouplingError
 from studies.simulation import Simulation
 from studies.simulation.memory import OrganRun
@@ -15,8 +13,7 @@ def steps_until_failure(simulation: Simulation) -> Iterator[tuple[OrganRun, str]
     now = simulation.beginning()
     while now.number < simulation.steps:
         try:
-            with threadpool_limits(limits=1, user_api="blas"):
-                now = simulation.next(now)
+            now = simulation.next(now)
         except CouplingError as error:
             yield now, f"{type(error).__name__}: {error}"
             return

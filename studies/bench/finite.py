@@ -5,7 +5,7 @@ main job in tissue that stiffens beside one in linear tissue, in turn. Times are
 other work on the machine does not count.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.run import begin
+from studies.bench.rows import keep, printed
 from studies.bench.step import COUPLED, FIXED, MILLI, SCENES, SIZES
-from studies.output.files import read_json, write_json
-from studies.output.provenance import provenance
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 
@@ -64,24 +63,20 @@ def main(
     in_time: tuple[float, float] = SIZES["10k"],
 ) -> int:
     """Measure, print, and add to the JSON where asked; return the exit status."""
-    print(f"{'at rest':10} {'unknowns':>9} {'solver':>10} {'load steps':>11} {'start [s]':>10} {'pull [s]':>9}")
-    rows = []
-    with threadpool_limits(limits=1, user_api="blas"):
+
+    def pulls() -> Iterator[AtRest]:
         for case, mesh in at_rest.items():
-            rows.append(measure_pull(case, [*sized(mesh), f'tissue.solver="{solver}"']))
-            print(pull_line(rows[-1]), flush=True)
+            yield measure_pull(case, [*sized(mesh), f'tissue.solver="{solver}"'])
+
+    rows = printed(COLUMNS, pulls())
+    with threadpool_limits(limits=1, user_api="blas"):
         step = measure_step("10k", [*sized(in_time), f'tissue.solver="{solver}"'])
     print(
         f"\nin time, {step.tissue_unknowns} unknowns: {step.step:.1f} ms a step ({step.corrections:.1f} corrections), "
         f"linear {step.linear:.1f} ms ({step.linear_corrections:.1f}); {step.times_as_long:.1f} times as long"
     )
-    if json_path is not None:
-        found = {
-            "finite_at_rest": [asdict(row) for row in rows],
-            "finite_in_time": asdict(step) | {"times_as_long": step.times_as_long},
-        }
-        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
-    return 0
+    in_time_found = asdict(step) | {"times_as_long": step.times_as_long}
+    return keep(json_path, {"finite_at_rest": [asdict(row) for row in rows], "finite_in_time": in_time_found})
 
 
 def sized(mesh: tuple[float, float]) -> list[str]:
@@ -121,7 +116,7 @@ def measure_step(case: str, overrides: list[str]) -> InTime:
     return InTime(case, int(made[0].organ.size), step, linear, *counts)
 
 
-def pull_line(row: AtRest) -> str:
-    """Write a row of the table."""
-    sizes = f"{row.case:10} {row.tissue_unknowns:9d} {row.solver:>10} {row.load_steps:11d}"
-    return f"{sizes} {row.start:10.1f} {row.pull:9.1f}"
+COLUMNS = (
+    ("at rest", -10, "case"), ("unknowns", 9, "tissue_unknowns"), ("solver", 10, "solver"),
+    ("load steps", 11, "load_steps"), ("start [s]", 10, "start:.1f"), ("pull [s]", 9, "pull:.1f"),
+)  # fmt: skip

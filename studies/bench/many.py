@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.integrators import BDF2, BackwardEuler
@@ -26,9 +25,8 @@ from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
+from studies.bench.rows import keep, printed
 from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
-from studies.output.files import read_json, write_json
-from studies.output.provenance import provenance
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 from studies.simulation.sharing import Shared
@@ -120,27 +118,15 @@ def main(
     json_path: Path | None = None, tensions: int = TENSIONS, meshes: Mapping[str, tuple[float, float]] = MESHES
 ) -> int:
     """Measure, print, and add to the JSON where asked; return the exit status."""
-    print(HEAD)
-    rows = []
-    with threadpool_limits(limits=1, user_api="blas"):
-        for row in measurements(meshes):
-            rows.append(row)
-            print(line(row), flush=True)
+    rows = printed(COLUMNS, measurements(meshes))
     job, size = measure_main_job(), measure_folder()
     print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
-    print(f"its folder: {size:.1f} MB")
-    print(MANY_HEAD)
-    many = []
-    for case in CASES:
-        many.append(measure_tensions(case, tensions))
-        print(many_line(many[-1]), flush=True)
-    if json_path is not None:
-        more = [{"times_as_fast": row.times_as_fast, "steps_per_second": row.steps_per_second} for row in rows]
-        table = [asdict(row) | also for row, also in zip(rows, more, strict=True)]
-        found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
-        command = {"main_job_seconds": job, "main_job_megabytes": size}
-        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found | command)
-    return 0
+    print(f"its folder: {size:.1f} MB\n")
+    many = printed(MANY, (measure_tensions(case, tensions) for case in CASES))
+    more = [{"times_as_fast": row.times_as_fast, "steps_per_second": row.steps_per_second} for row in rows]
+    table = [asdict(row) | also for row, also in zip(rows, more, strict=True)]
+    found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
+    return keep(json_path, found | {"main_job_seconds": job, "main_job_megabytes": size})
 
 
 def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]:
@@ -299,30 +285,15 @@ def children_time() -> float:
     return used.ru_utime + used.ru_stime
 
 
-MANY_HEAD = (
-    f"\n{'many tensions, at rest':30} {'tensions':>9} {'sweep [s]':>10} {'run [s]':>8} {'plain [s]':>10} "
-    f"{'times as cheap':>15} {'without pictures':>17}"
-)
-
-
-def many_line(row: Many) -> str:
-    """Write a row of the table of tensions."""
-    measured = f"{row.case:30} {row.tensions:9d} {row.sweep:10.1f} {row.run:8.1f} {row.plain:10.1f}"
-    return f"{measured} {row.times_as_cheap:15.1f} {row.without_pictures:17.1f}"
-
-
-HEAD = (
-    f"{'':16} {'unknowns':>9} {'vectors':>8} {'basis [s]':>10} {'step':>9} {'whole':>9} {'times':>6} "
-    f"{'at once':>9} {'a second':>9} {'organ':>9} "
-    f"{'whole':>9} {'error':>9} {'difference':>11} {'bound':>9} {'bound/error':>12}"
-)
-
-
-def line(row: Reduced) -> str:
-    """Write a row of the table, times in milliseconds, errors over the largest way of a hole."""
-    steps = f"{row.step:9.3f} {row.whole_step:9.3f}" if row.step and row.whole_step else " " * 19
-    sizes = f"{row.case:16} {row.tissue_unknowns:9d} {row.vectors:8d} {row.basis_seconds:10.2f}"
-    rate = f"{row.at_once:9.3f} {row.steps_per_second:9.0f}" if row.at_once and row.steps_per_second else " " * 19
-    organs = f"{row.times_as_fast:6.1f} {rate} {row.organ:9.3f} {row.whole_organ:9.3f}"
-    said = f"{row.error:9.1e} {row.difference:11.1e} {row.bound:9.1e} {row.bound_over_error:12.1f}"
-    return f"{sizes} {steps} {organs} {said}"
+MANY = (
+    ("many tensions, at rest", -30, "case"), ("tensions", 9, "tensions"), ("sweep [s]", 10, "sweep:.1f"),
+    ("run [s]", 8, "run:.1f"), ("plain [s]", 10, "plain:.1f"), ("times as cheap", 15, "times_as_cheap:.1f"),
+    ("without pictures", 17, "without_pictures:.1f"),
+)  # fmt: skip
+COLUMNS = (  # times in milliseconds, errors over the largest way of a hole
+    ("", -16, "case"), ("unknowns", 9, "tissue_unknowns"), ("vectors", 8, "vectors"),
+    ("basis [s]", 10, "basis_seconds:.2f"), ("step", 9, "step:.3f"), ("whole", 9, "whole_step:.3f"),
+    ("times", 6, "times_as_fast:.1f"), ("at once", 9, "at_once:.3f"), ("a second", 9, "steps_per_second:.0f"),
+    ("organ", 9, "organ:.3f"), ("whole", 9, "whole_organ:.3f"), ("error", 9, "error:.1e"),
+    ("difference", 11, "difference:.1e"), ("bound", 9, "bound:.1e"), ("bound/error", 12, "bound_over_error:.1f"),
+)  # fmt: skip

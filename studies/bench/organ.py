@@ -21,8 +21,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from meshes.block import block
 from studies.arrays import Array
-from studies.output.files import read_json, write_json
-from studies.output.provenance import provenance
+from studies.bench.rows import keep
 from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.organs.meshed import compliance
 from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, solver
@@ -89,11 +88,8 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
             assemblies.append(measure_assembly(organ.elasticity))
     print_assemblies(assemblies)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
-    if json_path is not None:
-        table = [asdict(row) for row in rows]
-        made = [asdict(each) | {"ratio": each.ratio} for each in assemblies]
-        write_json(json_path, {"rows": table, "assembly": made, "bandwidth": speed, "provenance": provenance()})
-    return 0
+    made = [asdict(each) | {"ratio": each.ratio} for each in assemblies]
+    return keep(json_path, {"rows": [asdict(row) for row in rows], "assembly": made, "bandwidth": speed})
 
 
 def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
@@ -102,10 +98,7 @@ def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
     with threadpool_limits(limits=1, user_api="blas"):
         made = measure_assembly(organ_of(size, "P1").elasticity)
     print_assemblies([made])
-    if json_path is not None:
-        found = {"assembly": [asdict(made) | {"ratio": made.ratio}]}
-        write_json(json_path, {"provenance": provenance()} | read_json(json_path) | found)
-    return 0
+    return keep(json_path, {"assembly": [asdict(made) | {"ratio": made.ratio}]})
 
 
 def print_assemblies(assemblies: Sequence[Assembly]) -> None:

@@ -17,12 +17,10 @@ from statistics import median
 from time import process_time
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.integrators import BDF2
-from studies.output.files import write_json
-from studies.output.provenance import provenance
+from studies.bench.rows import keep, printed
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
@@ -71,15 +69,8 @@ class Row:
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
     """Measure every case, print the table, and write JSON where asked; return the exit status."""
-    print(HEAD)
-    rows = []
-    with threadpool_limits(limits=1, user_api="blas"):
-        for row in measurements(solver):
-            rows.append(row)
-            print(line(row), flush=True)
-    if json_path is not None:
-        write_json(json_path, {"milliseconds_per_step": [asdict(row) for row in rows], "provenance": provenance()})
-    return 0
+    rows = printed(COLUMNS, measurements(solver))
+    return keep(json_path, {"milliseconds_per_step": [asdict(row) for row in rows]})
 
 
 def measurements(solver: str = "auto") -> Iterator[Row]:
@@ -146,15 +137,9 @@ def floor_of(organ: object, scheme: BDF2) -> float | None:
     return median(times) / MILLI
 
 
-HEAD = (
-    f"{'times in ms':16} {'unknowns':>9} {'steps':>6} {'Newton':>7} {'median':>8} {'99.9 %':>8} {'worst':>8} "
-    f"{'at once':>8} {'recorded':>9} {'floor':>8}"
-)
-
-
-def line(row: Row) -> str:
-    """Write a row of the table, times in milliseconds."""
-    counts = f"{row.case:16} {row.tissue_unknowns:9d} {row.steps:6d} {row.newton_iterations:7.1f}"
-    alone = f"{row.median:8.3f} {row.late:8.3f} {row.worst:8.2f}"
-    floor = f" {row.floor:8.3f}" if row.floor is not None else ""
-    return f"{counts} {alone} {row.at_once:8.3f} {row.recorded:9.3f}{floor}"
+COLUMNS = (
+    ("times in ms", -16, "case"), ("unknowns", 9, "tissue_unknowns"), ("steps", 6, "steps"),
+    ("Newton", 7, "newton_iterations:.1f"), ("median", 8, "median:.3f"), ("99.9 %", 8, "late:.3f"),
+    ("worst", 8, "worst:.2f"), ("at once", 8, "at_once:.3f"), ("recorded", 9, "recorded:.3f"),
+    ("floor", 8, "floor:.3f"),
+)  # fmt: skip

@@ -299,5 +299,10 @@ TABLE = {
     "catalogue": _named("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
     "bench": _named("measure milliseconds per step of shipped scenes, or the organ's solvers", _add_bench, "run_bench"),
     "doctor": _named("say what is installed, and how to get what is not", _add_json, "examine", HELP),
-    "completion": _named("print what completes commands in a shell", _add_completion, "print_completion", HELP),
+    "completion": _named(
+        'print what completes commands in a shell: eval "$(suture completion)"',
+        _add_completion,
+        "print_completion",
+        HELP,
+    ),
 }

@@ -1,0 +1,43 @@
+"""How the benchmarks print what they measure, row by row, and keep it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from studies.output.files import read_json, write_json
+from studies.output.provenance import provenance
+
+R = TypeVar("R")
+Columns = Sequence[tuple[str, int, str]]  # head, width, and the name of a number with its format, as "step:.3f"
+
+
+def printed(columns: Columns, rows: Iterable[R]) -> list[R]:
+    """Print rows as they are measured, with one thread of BLAS, below the heads of their columns; return them."""
+    out = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        print(" ".join(aligned(head, width) for head, width, _ in columns))
+        for row in rows:
+            out.append(row)
+            print(" ".join(aligned(cell(row, of), width) for _, width, of in columns), flush=True)
+    return out
+
+
+def aligned(text: str, width: int) -> str:
+    """Write text to the right of so many columns, to the left if they are below zero."""
+    return text.ljust(-width) if width < 0 else text.rjust(width)
+
+
+def cell(row: Any, of: str) -> str:
+    """Write a number of a row, nothing for None."""
+    name, _, style = of.partition(":")
+    value = getattr(row, name)
+    return "" if value is None else format(value, style)
+
+
+def keep(path: Path | None, found: Mapping[str, Any]) -> int:
+    """Add numbers to a JSON file, if one is asked for; return the exit status."""
+    if path is not None:
+        write_json(path, {**read_json(path), **found, "provenance": provenance()})
+    return 0
