@@ -297,9 +297,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw which steps are stable, error over cost, drift and created energy over the step: a line of panels for each
     kind of organ."""
-    return draw(
-        *(panels_of([row for row in rows if row.inertia == kind]) for kind in dict.fromkeys(r.inertia for r in rows))
-    )
+    return draw(*map(panels_of, grouped(rows, lambda row: row.inertia).values()))
 
 
 def panels_of(rows: Sequence[Row]) -> list[Item]:
@@ -317,9 +315,6 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
     step = "time step [ms]"
     axis: dict[str, Any] = {"xlim": (0.06, 13.0), "ticks": {"x": TICKS}}
 
-    def state(row: Row) -> tuple[str, str]:
-        return row.way, "s" if row.completed else "x"
-
     def place(row: Row) -> float:
         return stiffnesses.index(row.youngs_modulus) + 0.25 * (1 - list(WAYS).index(row.way))
 
@@ -328,7 +323,7 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
             {f"_{way}": runs}, "dt [ms]", place, "", [marker], [COLOUR_OF[way]], markersize=4,
             markerfacecolor=COLOUR_OF[way] if runs[0].stable else "white",
         )
-        for (way, marker, _), runs in grouped(rows, lambda row: (*state(row), row.stable)).items()
+        for (way, marker, _), runs in grouped(rows, lambda row: (row.way, "sx"[not row.completed], row.stable)).items()
     ]  # fmt: skip
     levels = [f"{E / KILO:g}" for E in stiffnesses]
     return [

@@ -45,7 +45,6 @@ SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
 LOOP_STEPS, LOOP_POINTS, FINER = 40, 90, 3.0  # steps each way, control points a hole, knots at it
 REST = 0.05  # in which the thread settles before it is drawn [s]
-MILLI = 1e-3
 PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
 
@@ -168,18 +167,11 @@ def two_passes(mu: float, turn: float) -> list[Row]:
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
     state = replace(state, v=v, s_dot=np.array([-GLIDE]), sigma=np.array([-1.0]))
-    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ unit_vector(0.0))) / np.cos(half) / HOLD
+    change = abs(float(two_pass(system, state, DT).new.lam[0, :3] @ unit_vector(0.0))) / float(np.cos(half)) / HOLD
     lag = float(2 * mu * np.tan(half))
     given = {"hold": (1 + change, 1 + lag), "pull": (inverse(1 - change), inverse(1 - lag))}
     return [
-        Row(
-            kind=f"two passes, {name} given",
-            mu=mu,
-            turn=turn,
-            ratio=ratio,
-            theory=law,
-            settled=bool(np.isfinite(ratio)),
-        )
+        Row(kind=f"two passes, {name} given", mu=mu, turn=turn, ratio=ratio, theory=law, settled=ratio < np.inf)
         for name, (ratio, law) in given.items()
     ]
 

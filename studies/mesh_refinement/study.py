@@ -58,7 +58,7 @@ QUANTITIES = {
     "drawn": ("length drawn through", "mm"),
 }
 VARIANTS = ("bare point, P1", "footprint, P1", "footprint, P2", "sub-grid footprint, P1")
-BARE, FOOTPRINT_P1, FOOTPRINT_P2, SUBGRID = VARIANTS
+FOOTPRINT_P2, SUBGRID = VARIANTS[2:]
 
 
 @dataclass(frozen=True, kw_only=True)
