@@ -87,8 +87,8 @@ KINDS = (
         "stiff-thread",
         "unsupported",
         "before the first step, a couple 2 sin(θ/2) √(EI T) of a taut thread, or 1.6 EI θ/ℓ of one bent within the way "
-        f"ℓ to the next hole, above {SMALL_ROTATION:g} E a³ at a hole of a linear organ that imposes a direction; θ is "
-        "the angle from the path there to the next hole or load",
+        f"ℓ to the next hole or hand, above {SMALL_ROTATION:g} E a³ at a hole of a linear organ that imposes a "
+        "direction; θ is the angle from the path there to the next hole or load",
         "E a³ is about the couple that turns a footprint on a half-space by a radian",
     ),
     Kind(
@@ -96,6 +96,12 @@ KINDS = (
         "unsupported",
         "before the first step, a pull above the least knot-pull strength of `suture catalogue`, where that is known",
         "a suture of that size may break there; no thread breaks in a run",
+    ),
+    Kind(
+        "pull-strain",
+        "unsupported",
+        f"before the first step, a pull that would stretch the thread by more than {THREAD_STRAIN:g}",
+        "its law is linear, and sutures are so at small strains alone",
     ),
     Kind(
         "hole-strain",
@@ -170,8 +176,8 @@ KINDS = (
         f"a rough hole that imposes a direction and names no `channel`, where what presses is above {RULES:g} of the "
         f"force across the thread, and friction over half and over twice the channel differs by {UNSURE:.0%} of the "
         "tension, at the end of the run",
-        "the couple presses on the ends of the channel with itself over its length, and no geometry tells that length "
-        "but for the size of the footprint",
+        "the couple presses on the ends of the channel with itself over its length; the path tells how deep the bite "
+        "is, and not over how much of it the tissue guides the thread",
     ),
     Kind(
         "spans",

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from studies.figure import COLOURS
 from studies.output.columns import HOLE_SUMMARY
-from studies.output.files import as_json, read_json, write_text
+from studies.output.files import as_json, read_json, unfinished, write_text
 from studies.output.manifest import holds_run
 from studies.output.quantities import headed
 from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
@@ -69,6 +70,9 @@ def write_report(folders: Sequence[Path], path: Path) -> list[str]:
     names = labels([run.folder for run in runs])
     text = report_text(dict(zip(names, runs, strict=True)), others)
     path.parent.mkdir(parents=True, exist_ok=True)
+    for left in unfinished(path.parent, {path.name}):
+        if not psutil.pid_exists(int(left.suffix[1:])):
+            left.unlink(missing_ok=True)  # of a report that was killed
     write_text(path, text)
     return [f"report     {path}, {len(text.encode()) / 1e6:.3g} MB; open it in a browser, it needs no network"]
 

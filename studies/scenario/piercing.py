@@ -117,7 +117,8 @@ class Piercing(ScenarioTable):
     channel: Positive | None = Field(
         default=None,
         description="length of the channel, at whose ends the reaction couple presses [m]; default with friction and a "
-        "direction: two footprints, or ten diameters of the thread where there is no footprint",
+        "direction: how far the path runs in tissue there along its direction, up to half of the way to the next hole, "
+        "or ten diameters of the thread where it runs in none",
         examples=[2.0e-3],
     )
     from_: NotNegative = Field(

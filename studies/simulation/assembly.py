@@ -29,7 +29,7 @@ from studies.simulation.meshing import check_loaded, material_of, motions_left, 
 from studies.simulation.pieces import check_cutting, check_draws, check_pieces
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
-from studies.simulation.tracts import Ball, check_balls, with_balls
+from studies.simulation.tracts import Ball, bites_of, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import Tree, graded_knots, knots_at
@@ -54,8 +54,8 @@ AT_COARSE = 0.04  # tolerance at holes that the coarse spans do not resolve: spa
 SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
 LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
 MOST_PULLS = 40  # sites' variables and loads, to each of which it has eight vectors: four holes
-CHANNEL_FOOTPRINTS = 2.0  # length of a channel that imposes a direction, where none is given: the bite's own size
-CHANNEL_DIAMETERS = 10.0  # of the thread, where there is no footprint to go by: shorter, a hole would hardly guide it
+BEARING_FOOTPRINTS = 2.0  # length on which a hole bears: over so much tissue the model spreads its force
+BEARING_DIAMETERS = 10.0  # of the thread, where there is no footprint, or no bite, to go by
 
 
 @dataclass(frozen=True)
@@ -116,18 +116,20 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_cutting(scenario.cut, thread.spline, resolution)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
+    depths = partial(stored_depths, scenario, body, store)
+    rough = {*given.friction, *(hole.name for hole in scenario.piercing if hole.friction is not None)}
+    bites = bites_of(scenario, path, [value * path.length / length for value in own], rough, depths)
     system: System[tissue.OrganState] = System(
         thread=thread,
         ends=(end_of(whole.thread.start, path, 0.0), end_of(whole.thread.end, path, path.length)),
         organ=organ,
-        piercings=tuple(piercing_of(hole, scenario, body, given) for hole in holes),
+        piercings=tuple(piercing_of(hole, scenario, body, given, bites.get(hole.name, 0.0)) for hole in holes),
         gravity=np.array(scenario.solve.gravity),
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
         compiled=is_compiled(scenario.solve),
     )
     recovery = partial(stored_recovery, scenario, body, store)
-    depths = partial(stored_depths, scenario, body, store)
     return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given)
 
 
@@ -288,39 +290,42 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
     return None if table.turn is None else np.array(table.turn)
 
 
-def friction_of(hole: model.Piercing, scenario: Scenario, given: Given) -> Friction | None:
-    """Return the friction of a hole, that handed over added to the scenario's, None of an ideal one. The length over
-    which a rough hole imposes its direction is that on which it bears."""
+def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: float) -> Friction | None:
+    """Return the friction of a hole, that handed over added to the scenario's, None of an ideal one. Where none is
+    given, a rough hole imposes its direction over what of its `bite` is its own [m]."""
     table, own = hole.friction, given.friction.get(hole.name)
     if table is None and own is None:
         return None
-    channel = None if hole.direction == "free" else bearing_of(hole, scenario)
+    diameter = section_of(scenario.thread).diameter
+    default = bite if bite > diameter else BEARING_DIAMETERS * diameter
     said = (0.0, 0.0, 0.0) if table is None else (table.static, table.kinetic, table.grip)
-    return Friction(*said, channel, own)
+    return Friction(*said, None if hole.direction == "free" else hole.channel or default, own)
 
 
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     """Return the length over which the thread bears on the tissue at a hole [m].
 
-    That of its part of a tract, or of its channel, where it is given, else CHANNEL_FOOTPRINTS footprints in an organ:
+    That of its part of a tract, or of its channel, where it is given, else BEARING_FOOTPRINTS footprints in an organ:
     over so much tissue the force is spread, and no other length of it is known. For a bare point, or without an organ,
-    CHANNEL_DIAMETERS diameters of the thread.
+    BEARING_DIAMETERS diameters of the thread.
     """
     if isinstance(hole, Ball):
         return hole.length
     in_organ = hole.footprint if scenario.tissue is not None else 0.0
-    default = CHANNEL_FOOTPRINTS * in_organ or CHANNEL_DIAMETERS * section_of(scenario.thread).diameter
+    default = BEARING_FOOTPRINTS * in_organ or BEARING_DIAMETERS * section_of(scenario.thread).diameter
     return hole.channel or default
 
 
-def piercing_of(hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given) -> Piercing:
-    """Return the constraint of a hole."""
+def piercing_of(
+    hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given, bite: float = 0.0
+) -> Piercing:
+    """Return the constraint of a hole, whose own half of its `bite` is so long [m]."""
     organ = scenario.tissue
     return Piercing(
         hole.name,
         slides=hole.kind == "sliding",
         directed=hole.direction != "free",
-        friction=friction_of(hole, scenario, given),
+        friction=friction_of(hole, scenario, given, bite),
         begins=hole.from_,
         ends=np.inf if hole.until is None else hole.until,
         draw=hand_of(hole.draw),

@@ -1,6 +1,6 @@
 """Tracts: the balls of tissue that the thread bears on between two holes, in a row along its path."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,6 +18,8 @@ Distances = Callable[[Array], Array]
 
 LOOKS = 8  # per radius: places along a path at which it is asked how deep it lies
 MOST_LOOKS = 2000
+BITE_LOOKS = 32  # places on half a strand, between which depth is taken as linear
+GRAZING = 1e-6  # of the half strand: as deep as round-off puts one that lies on the surface
 ROUND_OFF = 1e-9  # of a number of balls
 TOUCHED = 1.01  # radii from a ball to a surface that it touches: where it is a radius deep, but for HALVINGS
 HALVINGS = 20  # of the way between two of them, to where it is a radius deep
@@ -126,6 +128,33 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
         )
         out.append((at, ball))
     return out
+
+
+def bites_of(
+    scenario: Scenario, path: RoundedPath, at: Sequence[float], rough: Container[str], depths: Distances
+) -> dict[str, float]:
+    """Return how far the path runs in tissue along its direction at each of the `rough` holes that needs a channel,
+    from the middle of the strand before it to the middle of the one behind [m]: the depth of a bite, half a wall that
+    is pierced on both sides, all of one that it leaves without a hole. `at` (p,) are the abscissae on the path [m]."""
+    if scenario.tissue is None:
+        return {}
+    between = [0.0, *(0.5 * (low + high) for low, high in pairwise(at)), path.length]
+    ways = zip(scenario.piercing, between[:-1], at, between[1:], strict=True)
+    return {
+        hole.name: sum(covered(path, *part, path.tangent(place), depths) for part in ((low, place), (place, high)))
+        for hole, low, place, high in ways
+        if hole.name in rough and hole.direction != "free" and hole.channel is None
+    }
+
+
+def covered(path: RoundedPath, low: float, high: float, along: Array, depths: Distances) -> float:
+    """Return how far a path leads in tissue `along` a unit vector (3,) between two abscissae [m]; a strand on the
+    surface is in none."""
+    points = path.position(np.linspace(low, high, BITE_LOOKS + 1))
+    deep = depths(points) - GRAZING * (high - low)
+    inside, away = np.maximum(deep, 0.0), np.abs(deep)
+    shares = (inside[1:] + inside[:-1]) / np.maximum(away[1:] + away[:-1], np.finfo(float).tiny)
+    return float(shares @ np.maximum(np.diff(points, axis=0) @ along, 0.0))
 
 
 def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:

@@ -83,35 +83,48 @@ def test_friction_that_goes_with_an_assumed_channel_is_told() -> None:
     assert (half, twice) == (pytest.approx(2.0 * now, rel=0.2), pytest.approx(0.5 * now, rel=0.2))
 
 
-def channels(footprint: float | None, **given: Any) -> list[float | None]:
-    """The channels that the holes of a scenario have at the start, in an organ if a footprint is given: the first with
-    the keys `given`, the second ideal."""
+BITE = [-0.005, 0, 0], [0.005, 0, 0]  # its holes
+WALL = [0, 0, 0], [0, 0, -0.01]
+
+
+def channels(
+    holes: tuple[list[float], ...], organ: bool = True, tract: bool = False, **keys: Any
+) -> list[float | None]:
+    """The channels at the start of rough directed holes with the `keys`, of a bite 5.5 mm deep or of a thread straight
+    down, in a block of 10 mm or without an organ."""
     table = deepcopy(DRAWN)
-    table["piercing"][0] |= given
-    if footprint is not None:
+    table["thread"] |= {"start": {"kind": "free"}, "end": {"kind": "free"}}
+    if holes[0] == WALL[0]:
+        table["thread"]["path"] = [[0, 0, 0.02], [0, 0, -0.03]]
+    rough = {"direction": [0, 0, -1], "friction": {"static": 0.2, "kinetic": 0.2}} | keys
+    table["piercing"] = [{"name": f"hole{k}", "at": place} | rough for k, place in enumerate(holes)]
+    if organ:
         mesh = {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 5e-3}
-        table["tissue"] = {
-            "youngs_modulus": 1e5,
-            "poisson_ratio": 0.4,
-            "density": 1e3,
-            "clamp": ["bottom"],
-            "mesh": mesh,
-        }
-        table["piercing"] = [hole | {"footprint": footprint} for hole in table["piercing"]]
+        made_of = {"youngs_modulus": 1e5, "poisson_ratio": 0.4, "density": 1e3}
+        table["tissue"] = made_of | {"clamp": ["left"], "mesh": mesh}
+    if tract:
+        table["tract"] = [{"between": ["hole0", "hole1"], "spacing": 4e-3}]
     record, _ = next(iter(prepare(Scenario.model_validate(table)).advance()))
-    return [hole.channel for hole in record.piercings]
+    return [hole.channel for hole in record.piercings if not hole.tract]
 
 
-@pytest.mark.parametrize(
-    ("footprint", "given", "channel"),
-    [(1.5e-3, {}, 3e-3), (0.0, {}, 10 * PP.diameter), (None, {}, 10 * PP.diameter), (1.5e-3, {"channel": 4e-3}, 4e-3)],
-)
-def test_a_rough_directed_hole_has_a_channel(footprint: float | None, given: dict[str, float], channel: float) -> None:
-    """Independent check: two footprints, ten diameters without one, or as given; none where there is no friction or no
-    direction."""
-    rough = {"friction": {"static": 0.2, "kinetic": 0.2}}
-    assert channels(footprint, **rough, **given) == [pytest.approx(channel, rel=1e-3), None]
-    assert channels(footprint, **rough, direction="free") == [None, None]
+@pytest.mark.parametrize("footprint", [0.0, 5e-4, 2e-3])
+def test_a_channel_is_as_deep_as_the_bite(footprint: float) -> None:
+    """Independent check: whatever the footprint and with a tract or without, 5.5 mm; half of a wall of 10 mm that is
+    pierced on both sides and all of one that is pierced on one; none where there is no direction."""
+    keys = {"footprint": footprint}
+    assert channels(BITE, **keys) == [pytest.approx(5.5e-3, rel=1e-3)] * 2
+    assert channels(WALL, **keys) == [pytest.approx(5e-3, rel=1e-3)] * 2
+    assert channels(WALL[:1], **keys) == [pytest.approx(0.01, rel=1e-3)]
+    assert channels(BITE, **keys, direction="free") == [None, None]
+    if footprint:
+        assert channels(BITE, tract=True, **keys) == [pytest.approx(5.5e-3, rel=1e-3)] * 2
+
+
+def test_a_channel_without_a_bite_is_of_the_thread() -> None:
+    """Independent check: ten diameters without an organ; as given."""
+    assert channels(BITE, organ=False) == [pytest.approx(10 * PP.diameter)] * 2
+    assert channels(BITE, channel=4e-3) == [4e-3, 4e-3]
 
 
 def test_the_default_channel_presses() -> None:

@@ -1,8 +1,9 @@
 """Seeded mutations of text and of tables, the same for the same random numbers."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -61,13 +62,15 @@ def _spliced(data: bytes, random: Random) -> bytes:
     return data[:place] + data[start : min(end, start + 200)] + data[place:]
 
 
-def mutated_tables(data: dict[str, Any], random: Random) -> dict[str, Any]:
-    """Change one to three values of nested tables, or their keys."""
-    data = deepcopy(data)
+def mutated_tables(data: dict[str, Any], random: Random, keys: Sequence[str] = ()) -> dict[str, Any]:
+    """Change one to three values of nested tables, or their keys, or add one of the `keys`."""
+    data, added = deepcopy(data), [partial(_add, keys=keys)] if keys else []
     for _ in range(random.choice((1, 1, 2, 3))):
         places = list(_places(data))
         holder, key = random.choice(places)
-        change: Callable[..., None] = random.choice((_replace, _scale, _scale, _copy, _remove, _rename, _repeat))
+        change: Callable[..., None] = random.choice(
+            (_replace, _scale, _scale, _copy, _remove, _rename, _repeat, *added)
+        )
         change(holder, key, random, places)
     return data
 
@@ -105,6 +108,14 @@ def _rename(holder: Any, key: Any, random: Random, places: list[tuple[Any, Any]]
     if isinstance(holder, dict):
         place = random.randrange(len(key)) if key else 0
         holder[key[:place] + random.choice("aeiosx_ ") + key[place + 1 :]] = holder.pop(key)
+
+
+def _add(holder: Any, key: Any, random: Random, places: list[tuple[Any, Any]], keys: Sequence[str]) -> None:
+    """Give a table a key with a value that another one has, or with any."""
+    if isinstance(holder, dict):
+        added = random.choice(keys)
+        same = [other[place] for other, place in places if place == added] or VALUES
+        holder[added] = deepcopy(random.choice(same))
 
 
 def _repeat(holder: Any, key: Any, random: Random, places: list[tuple[Any, Any]]) -> None:

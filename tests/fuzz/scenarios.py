@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 from studies.command.command import REFUSALS
-from studies.scenario import SCENES, FileMesh, Scenario, load
+from studies.scenario import SCENES, FileMesh, GivenMesh, Scenario, load, schema
 from studies.scenario.refusal import as_key, as_toml
 from studies.simulation import prepare
 from tests.fuzz.mutations import mutated_bytes, mutated_tables
@@ -43,13 +43,104 @@ dt = 1.0e-3
 duration = 0.02
 gravity = [0, 0, -9.81]
 """
+# The keys that none of the others names.
+SPRUNG = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+clamp = ["left"]
+roller = ["bottom"]
+solver = "superlu"
+dilatation = "nodal"
+reduction = { blocks = 1, modes = 1, keep = "bases" }
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, growth = 1.4 }
+load = [{ boundary = "right", traction = [10.0, 0, 0], ramp = 0.01 }]
+[thread]
+diameter = 3.0e-4
+youngs_modulus = 1.0e9
+density = 1000.0
+bending_factor = 0.5
+control_points = 24
+energy = "springs"
+springs = 30
+resolution = "fixed"
+path = [[-0.015, 0, 0.015], [-0.005, 0, 0.006], [-0.005, 0, -0.005], [0.005, 0, -0.005], [0.005, 0, 0.015]]
+start = { kind = "free", mass = 1.0e-4 }
+end = { kind = "fixed", mass = 1.0e-4 }
+[[piercing]]
+name = "entry"
+at = [-0.005, 0, 0]
+subgrid = false
+[[piercing]]
+name = "exit"
+at = [0.005, 0, 0]
+[solve]
+duration = 0.02
+newton = "numpy"
+organ = "whole"
+integrator = "euler"
+tolerance = 1.0e-4
+"""
+FINITE = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+clamp = ["bottom"]
+material = "exponential"
+stiffening = 2.0
+fibres = [{ direction = [1, 0, 0], k1 = 1.0e4, k2 = 1.0 }]
+prestretch = [1.02, 1.0, 0.98]
+strength = 2.0e6
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3 }
+[thread]
+suture = "2-0 polypropylene"
+control_points = 24
+path = [[6e-3, -1e-3, 4e-3], [-5e-3, 0, 2e-3], [-5e-3, 0, -5e-3], [5e-3, 0, -5e-3], [5e-3, 0, 2e-3], [-6e-3, 0, 4e-3]]
+[[piercing]]
+name = "entry"
+at = [-0.005, 0, 0]
+[[piercing]]
+name = "exit"
+at = [0.005, 0, 0]
+[[tie]]
+name = "knot"
+between = ["entry", "exit"]
+force = 0.1
+until = 0.01
+speed = 0.5
+hold = 1.0
+[[cut]]
+s = 0.03
+time = 0.015
+[solve]
+kind = "static"
+duration = 0.02
+"""
+GIVEN = """
+[tissue]
+youngs_modulus = 1.0e5
+poisson_ratio = 0.45
+density = 1070.0
+mesh = { kind = "given", sha256 = "0" }
+[thread]
+suture = "2-0 polypropylene"
+path = [[0, 0, 0], [0.01, 0, 0]]
+"""
 POINTS, CELLS = 60, 4000  # control points and elements up to which a scenario is prepared
 
 
 def sources() -> list[str]:
     """List the scenarios that are mutated."""
     shipped = [path.read_text(encoding="utf-8") for path in sorted(SCENES.glob("*.toml"))]
-    return [SMALL, SMALL, SMALL, CONTRACT, *shipped]
+    return [SMALL, SMALL, SMALL, CONTRACT, *shipped, SPRUNG, FINITE, GIVEN]
+
+
+def every_key() -> list[str]:
+    """List the keys that any table of a scenario may have."""
+    tables = [schema(), *schema()["$defs"].values()]
+    return sorted({key for table in tables for key in table.get("properties", {})})
 
 
 def is_small(scenario: Scenario) -> bool:
@@ -59,7 +150,7 @@ def is_small(scenario: Scenario) -> bool:
     if scenario.tissue is None:
         return True
     mesh: Any = scenario.tissue.mesh
-    if isinstance(mesh, FileMesh) or getattr(mesh, "generator", "gmsh") == "gmsh":
+    if isinstance(mesh, FileMesh | GivenMesh) or getattr(mesh, "generator", "gmsh") == "gmsh":
         return False
     cells = 1.0
     for length in mesh.size:
@@ -75,14 +166,14 @@ def text_of(data: dict[str, Any]) -> str:
 def run(count: int, seed: int, folder: Path, share: float = 0.25) -> Tally:
     """Try so many mutated scenarios; to prepare one takes fifty times as long as to read it."""
     tally, texts, file = Tally(), sources(), folder / "mutated.toml"
-    tables = [tomllib.loads(text) for text in texts]
+    tables, keys = [tomllib.loads(text) for text in texts], every_key()
     for number in range(seed, seed + count):
         random = Random(number)
         which = random.randrange(len(texts))
         if random.random() < 0.3:
             file.write_bytes(mutated_bytes(texts[which].encode(), random))
         else:
-            file.write_text(text_of(mutated_tables(tables[which], random)), encoding="utf-8")
+            file.write_text(text_of(mutated_tables(tables[which], random, keys)), encoding="utf-8")
         drawn = random.random() < share
         tally.trial(
             f"scenario {number}", lambda drawn=drawn: _attempt(file, drawn), (*REFUSALS, FactorError, MemoryError)

@@ -1,6 +1,7 @@
 """Few of the seeded faults; `python -m tests.fuzz` tries many."""
 
 import time
+import tomllib
 from pathlib import Path
 from random import Random
 
@@ -14,9 +15,21 @@ from tests.fuzz.trial import Hangs, Tally, limited
 
 def test_mutated_scenarios_are_refused_in_words_or_prepared(tmp_path: Path) -> None:
     """Independent check: no other error, no endless refusal, and not all are refused."""
-    tally = scenarios.run(30, 0, tmp_path, share=1.0)
+    tally = scenarios.run(45, 0, tmp_path, share=1.0)
     assert tally.faults == []
     assert tally.counts["prepared"] > 1 < tally.counts["read"]
+
+
+def test_every_key_is_in_a_scenario_that_is_mutated() -> None:
+    """Independent check: the keys of the schema."""
+
+    def keys(table: object) -> set[str]:
+        if isinstance(table, dict):
+            return set(table).union(*map(keys, table.values()))
+        return set[str]().union(*map(keys, table)) if isinstance(table, list) else set()
+
+    found = set[str]().union(*(keys(tomllib.loads(text)) for text in scenarios.sources()))
+    assert found == set(scenarios.every_key())
 
 
 def test_mutated_meshes_are_refused_in_words_or_read(tmp_path: Path) -> None:
@@ -35,9 +48,9 @@ def test_mutated_folders_are_shown_or_refused_in_words(tmp_path: Path) -> None:
     assert min(tally.counts[word] for word in ("shown", "opened", "resumed", "refused")) > 2
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [4, 5, 6, 7])
 def test_a_chain_of_kills_ends_in_the_bytes_of_one_run(tmp_path: Path, seed: int) -> None:
-    """Consistency check: one chain of a run, and one of a sweep."""
+    """Consistency check: one chain of a run, of a sweep, of a refinement and of a report."""
     tally = chains.run(1, seed, tmp_path)
     assert (tally.faults, tally.counts["same bytes"]) == ([], 1)
 

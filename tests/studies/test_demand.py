@@ -17,7 +17,8 @@ from thread.catalogue import knot_pull, suture
 from thread.path import rounded_path
 
 RUNS = Path(demand.__file__).parents[1] / "campaign" / "results" / "runs.csv"
-LEFT = {"hole-strain", "hole-rotation", "tissue-strain", "tissue-rotation", "thread-strength"}
+LEFT = {"hole-strain", "hole-rotation", "tissue-strain", "tissue-rotation", "thread-strength", "thread-strain"}
+LATER = "1101110111111011101010110110111111111000111111010111100000100111101111"  # which of the cases of seed 2 did
 ORGAN = {
     "youngs_modulus": 1e4,
     "poisson_ratio": 0.45,
@@ -87,14 +88,32 @@ def test_a_pull_beyond_the_strength_of_the_suture_is_foreseen() -> None:
         assert "stiff-thread" not in said(pulled(0.02, direction="free", footprint=footprint))
 
 
-def test_what_is_foreseen_is_what_runs_say() -> None:
-    """Independent check: of the campaign's 300 runs, 95 % of those that left the linear range or passed the strength of
-    their suture were foreseen to, and 80 % of those foreseen to did."""
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_foreseen_is_what_runs_say(seed: int) -> None:
+    """Independent check: of the campaign's 300 runs, and of 70 of another seed that were made later, 95 % of those that
+    left the linear range or passed the strength of their suture were foreseen to, and 80 % of those foreseen to did."""
     with RUNS.open(encoding="utf-8") as file:
-        left = np.array([bool(LEFT & set(row["said"].split())) for row in csv.DictReader(file)])
-    foreseen = np.array([bool(said(parse(case.tables))) for case in cases(1, left.size)])
+        first = [bool(LEFT & set(row["said"].split())) for row in csv.DictReader(file)]
+    left = np.array(first if seed == 1 else [bit == "1" for bit in LATER])
+    foreseen = np.array([bool(said(parse(case.tables))) for case in cases(seed, left.size)])
     assert np.mean(foreseen[left]) >= 0.95
-    assert np.mean(left[foreseen]) >= 0.90
+    assert np.mean(left[foreseen]) >= 0.80
+
+
+def test_one_hole_is_turned_by_the_strand_to_a_hand() -> None:
+    """Independent check: 1.6 EI θ/ℓ of a right angle in the way ℓ to a hand, and nothing of the way to a free end."""
+    EI, way, path = suture("2-0 nylon").EI, 0.03, [[0, 0, 0.01], [0, 0, 0], [0, 0, -0.001], [0.03, 0, 0]]
+    wide = (1.6 * EI * 0.5 * np.pi / way / (SMALL_ROTATION * 1e4)) ** (1 / 3)
+    for footprint, end, told in ((0.99, "fixed", True), (1.01, "fixed", False), (0.5, "free", False)):
+        thread = {"suture": "2-0 nylon", "path": path, "end": {"kind": end}}
+        hole = {"name": "only", "at": [0, 0, 0], "direction": [0, 0, -1], "footprint": footprint * wide, "s": 0.01}
+        assert ("stiff-thread" in said(parse({"tissue": ORGAN, "thread": thread, "piercing": [hole]}))) == told
+
+
+def test_a_pull_that_stretches_the_thread_too_far_is_foreseen() -> None:
+    """Independent check: a tenth of EA."""
+    bound = 0.1 * suture("4-0 nylon").EA
+    assert "pull-strain" not in said(pulled(0.999 * bound)) and "pull-strain" in said(pulled(1.001 * bound))
 
 
 def test_strands_through_tissue_without_a_hole_are_foreseen() -> None:

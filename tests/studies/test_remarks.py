@@ -162,11 +162,18 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     ),
     "demand": (SMALL_STRAIN, 1, lambda x: demand.overdrawn([hole()], np.ones(1), np.array([1e-3 * x]))),
     "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0)),
+    "pull-strain": (THREAD_STRAIN, 1, lambda x: demand.overstretched(10.0 * x, 10.0)),
     "stiff-thread": (
         SMALL_ROTATION,
         1,
         lambda x: demand.overturned(
-            [hole(direction=[0, 0, 1])], np.ones(1), 0.5e-18 * x**2, np.ones(2), np.eye(3)[:2], np.eye(3)[1:2]
+            [hole(direction=[0, 0, 1])],
+            np.ones(1),
+            0.5e-18 * x**2,
+            np.ones(2),
+            np.eye(3)[:2],
+            np.ones(2),
+            np.eye(3)[1:2],
         ),
     ),
     "no-hole": (IN_TISSUE * 3e-4, 1, lambda x: judging.unpierced("on a strand", "a", x, 3e-4)),
