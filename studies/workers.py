@@ -13,9 +13,11 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
-from multiprocessing.context import BaseContext
+from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext, ForkServerContext, SpawnContext
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -24,6 +26,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CLUSTER = "pip install 'suturefem[cluster]'"
+ENDED = "a process was ended from outside, perhaps for want of memory; take fewer --jobs: what is done is kept"
 TIMEOUT = 30.0  # s, after which a scheduler that does not answer is said not to
 
 
@@ -31,18 +34,27 @@ class WorkersError(RuntimeError):
     """Workers that cannot be had, or that are gone."""
 
 
+def nothing(item: object) -> None:
+    """Make nothing before the work."""
+
+
 class Workers(Protocol):
     """Who does the work."""
 
-    def done(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and the result of the work on it, as they are done."""
+    def done(
+        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield the number of an item and the result of the work on it, as they are done; `first` makes what the work
+        on an item shares with that on others, and keeps it in its process."""
 
 
 @dataclass(frozen=True)
 class InTurn:
     """This process, one item after the other."""
 
-    def done(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[tuple[int, Result]]:
+    def done(
+        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+    ) -> Iterator[tuple[int, Result]]:
         """Yield the number of an item and the result of the work on it, in their order."""
         for number, item in enumerate(items):
             yield number, _alone(work, item)
@@ -54,27 +66,74 @@ class Processes:
 
     jobs: int
 
-    def done(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[tuple[int, Result]]:
+    def done(
+        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+    ) -> Iterator[tuple[int, Result]]:
         """Yield the number of an item and the result of the work on it, as they are done.
 
         Items are handed out in runs of neighbours, one run to a process: neighbours share what is expensive to make.
+        Where processes are forks, they are those of one that leads them: what `first` makes of the first item is made
+        there once, for all of them.
         """
+        if not items:
+            return
         context = context_of(work.__module__)
-        with ProcessPoolExecutor(min(self.jobs, len(items)) or 1, context, _begin) as pool:
-            try:
-                yield from _handed_out(pool, work, _shares(len(items), self.jobs), items)
-            except BrokenProcessPool:
-                raise WorkersError(
-                    "a process was ended from outside, perhaps for want of memory; take fewer --jobs: what is done is "
-                    "kept"
-                ) from None
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+        if context.get_start_method() == "spawn":
+            yield from _pooled(context, self.jobs, work, items)
+            return
+        results, theirs = context.Pipe(duplex=False)
+        leader = context.Process(target=_lead, args=(theirs, self.jobs, work, items, first))
+        leader.start()
+        theirs.close()
+        try:
+            for _ in items:
+                number, result, error = results.recv()
+                if error is not None:
+                    raise error
+                yield number, result
+            leader.join()
+        except EOFError:
+            raise WorkersError(ENDED) from None
+        finally:
+            results.close()
+            leader.terminate()
+            leader.join()
 
 
-def context_of(module: str) -> BaseContext:
-    """Return how processes begin: on Linux as forks of a process that does nothing but import the `module` of the work
-    once for all, since a fork of one with threads at work may lock up; elsewhere, where libraries bear no fork, anew.
+def _lead(
+    results: Connection, jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], Any]
+) -> None:
+    """Make what is shared, and send the results of processes that are forks of this one, each with its number, or an
+    error. No thread of this process runs when it forks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with _ending_with_parent():
+            _alone(first, items[0])
+        for number, result in _pooled(multiprocessing.get_context("fork"), jobs, work, items):
+            results.send((number, result, None))
+    except Exception as error:
+        results.send((0, None, error))
+
+
+def _pooled(
+    context: BaseContext, jobs: int, work: Callable[[Item], Result], items: Sequence[Item]
+) -> Iterator[tuple[int, Result]]:
+    """Yield results as they are done by so many processes, which end with the one that asks for them."""
+    with ProcessPoolExecutor(min(jobs, len(items)), context, _begin) as pool:
+        try:
+            pool.submit(nothing, None)  # forks all of them
+            if multiprocessing.parent_process() is not None:
+                _begin()
+            yield from _handed_out(pool, work, _shares(len(items), jobs), items)
+        except BrokenProcessPool:
+            raise WorkersError(ENDED) from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def context_of(module: str) -> SpawnContext | ForkServerContext:
+    """Return how a process begins: on Linux as a fork of one that does nothing but import the `module` of the work,
+    since a fork of one with threads at work may lock up; elsewhere, where libraries bear no fork, anew.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
@@ -86,14 +145,29 @@ def context_of(module: str) -> BaseContext:
 def _begin() -> None:
     """Leave interrupts to the process that began this one, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
+    if (parent := multiprocessing.parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
-def _end_with(sentinel: int) -> None:
-    multiprocessing.connection.wait([sentinel])
-    os._exit(1)
+@contextmanager
+def _ending_with_parent() -> Iterator[None]:
+    """End with the process that began this one, by a thread that is gone afterwards."""
+    ours, theirs = multiprocessing.Pipe()
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    watch = threading.Thread(target=_end_with, args=(parent.sentinel, theirs))
+    watch.start()
+    try:
+        yield
+    finally:
+        ours.close()
+        watch.join()
+        theirs.close()
+
+
+def _end_with(sentinel: int, unless: Connection | None = None) -> None:
+    if sentinel in multiprocessing.connection.wait([sentinel, *([unless] if unless else [])]):
+        os._exit(1)
 
 
 def _shares(count: int, jobs: int) -> list[list[int]]:
@@ -127,7 +201,9 @@ class Cluster:
 
     address: str
 
-    def done(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[tuple[int, Result]]:
+    def done(
+        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+    ) -> Iterator[tuple[int, Result]]:
         """Yield the number of an item and the result of the work on it, as they are done."""
         distributed = _distributed()
         with _client(distributed, self.address) as client:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -85,6 +86,17 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
         tally.last_step = step
         tally.see(drawn(simulation, step, frame))
     return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
+
+
+def make_ready(data: Mapping[str, Any]) -> None:
+    """Make the organ of a scenario given as tables, which is kept, and where loops step it, load them: by the first two
+    steps."""
+    with ONE_AT_A_TIME, suppress(*REFUSALS, *SHORTAGES, CouplingError):
+        scenario = parsed(data)
+        simulation = prepare(scenario, KEPT)
+        if simulation.methods["newton"] == "compiled" and scenario.solve.kind == "dynamic":
+            solve = scenario.solve.model_copy(update={"duration": min(scenario.solve.duration, 2 * scenario.solve.dt)})
+            simulate(prepare(scenario.model_copy(update={"solve": solve}), KEPT))
 
 
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:

@@ -20,7 +20,7 @@ from studies.scenario.table import plain_values
 from studies.scenario.toml import changed, parsed, read, tables
 from studies.simulation.sharing import organ_key
 from studies.status import COMPLETED, REFUSED
-from studies.sweeps.case import Result, case_digest, code_version, run_case, run_start
+from studies.sweeps.case import Result, case_digest, code_version, make_ready, run_case, run_start
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
 from studies.workers import InTurn, Workers
@@ -166,7 +166,7 @@ def _sweep(
         tell(Told(number, len(planned), case.settings, REFUSED, case.refused))
     missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
     done = len(planned) - len(missing)
-    for number, result in workers.done(run_case, [case.data for case in missing]):
+    for number, result in workers.done(run_case, [case.data for case in missing], make_ready):
         case, done = missing[number], done + 1
         found[case.digest] = record(result)
         if result.lasting:

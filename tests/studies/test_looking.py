@@ -18,7 +18,7 @@ from coupling.step.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
-from studies.output.reading import read_run, read_table, snapshot_of, topology_of
+from studies.output.reading import ResultsError, read_run, read_table, snapshot_of, topology_of
 from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking, section
@@ -124,13 +124,25 @@ def test_a_run_without_a_screen_is_a_picture_and_an_animation(run: Path, capsys:
     assert ".gif for all frames" in capsys.readouterr().err
 
 
-def test_a_display_that_cannot_be_opened_is_named(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Independent check: the window's process says so; modules of the folder that one stands in are not run."""
+def test_a_display_that_cannot_be_opened_is_named(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Independent check: the window's process says so, and the command says so too, shows the run in files that are
+    there and names them: that is why it ends with 0. Modules of the folder that one stands in are not run."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DISPLAY", ":99")
     for name in ("studies", "pyvista"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'run')!r}, 'w')")
-    assert "VTK opens no window on the display ':99'" in looking.window(run)
+    with patch.object(looking, "MOST_PICTURES", 2):
+        assert main(["view", str(run)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "window none: VTK opens no window on the display ':99'" in said
+    for name in ("view.png", "view.gif"):
+        assert f"{name}:" in said and (run / name).stat().st_size > 1000
+        (run / name).unlink()
+    with patch.object(looking, "drawn_into", side_effect=ResultsError("no picture could be drawn")):
+        assert main(["view", str(run)]) == 2
+    assert "no picture could be drawn" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 

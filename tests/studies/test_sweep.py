@@ -5,14 +5,17 @@ import io
 import json
 import os
 import re
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from matplotlib import rc_context
 
@@ -365,6 +368,40 @@ def test_processes_share_what_is_imported() -> None:
     found = [result for _, result in Processes(2).done(imported_and_working_in, range(4))]
     [server], workers = {server for server, _ in found}, {worker for _, worker in found}
     assert server not in workers | {os.getpid()}
+
+
+MADE: list[int] = []
+
+
+def make_once(item: int) -> None:
+    """Note the process that makes what is shared."""
+    MADE.append(os.getpid())
+
+
+def maker_and_working_in(item: int) -> tuple[list[int], int]:
+    """Return the processes that made what this one has, and this one."""
+    return MADE, os.getpid()
+
+
+def ended_from_outside(item: int) -> None:
+    """End as one that takes too much memory does."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_processes_share_what_is_made_first() -> None:
+    """Independent check: once, in none of those that work, all of which have it; and none is left afterwards, however
+    that ends."""
+    found = [result for _, result in Processes(2).done(maker_and_working_in, range(4), make_once)]
+    [leader], workers = {*found[0][0]}, {worker for _, worker in found}
+    assert all(made == [leader] for made, _ in found) and leader not in workers | {os.getpid()}
+    left = next(Processes(2).done(maker_and_working_in, range(4), make_once))
+    with pytest.raises(WorkersError, match="ended from outside"):
+        list(Processes(2).done(ended_from_outside, range(4), make_once))
+    deadline = monotonic() + 30.0
+    while any(psutil.pid_exists(pid) for pid in (leader, *workers, *left[1][0], left[1][1])):
+        assert monotonic() < deadline
+        sleep(0.05)
 
 
 def same_table(workers: Workers, folder: Path) -> None:
