@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 import coupling.reports.audit
 from coupling.kernels.constraints import Passage, held_energy, meeting
 from coupling.kernels.holes import hold_at
-from coupling.kernels.steps.audit import bears, exchange_in_place
+from coupling.kernels.steps.audit import Met, bears, exchange_between, exchange_in_place
 from coupling.reports.audit import BORNE, audit_step, passing_of
 from coupling.run.run import Run, begin
 from coupling.run.watch import CREATED
@@ -30,6 +30,14 @@ STEPS, DT, RATE = 60, 1e-3, 40.0  # [-], [s], [1/s]
 def stored_more(D: Array, c: Array, directed: bool, lam: Array, y: Array, rows: Array, after: Array) -> float:
     """What the exchange of a hold's compliance for another one stores."""
     return exchange_in_place(hold_at(D, c, directed, False, lam, y), rows, after)
+
+
+@whole
+def let_go_between(was: Any, now: Any, mid: Array, back: Array, directed: bool, lam: Array, y: Array) -> float:
+    """What a hold stores less as its compliance changes from the start of a step to its end, under the same forces."""
+    one = hold_at(was.D[0], was.c[0], directed, False, lam, y)
+    other = hold_at(now.D[0], now.c[0], directed, False, lam, y)
+    return exchange_between(one, other, Met(was, now, mid, back), 0)
 
 
 @whole
@@ -120,6 +128,23 @@ def test_what_an_exchange_stores_under_force_and_couple(ratio: float) -> None:
     most = minimize(lambda z: -stored(after, scale * z) / unit, most.x, method="Nelder-Mead", tol=1e-14)
     found = stored_more(*only_hold(before, run), run.system.rows[0], after.c[0, 0])
     assert abs(found - (-most.fun * unit - unit)) <= TWO_SOLVERS * unit
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.5])
+@pytest.mark.parametrize("directed", [False, True])
+def test_what_an_exchange_between_two_ends_stores(directed: bool, ratio: float) -> None:
+    """Independent check: under forces that stay, ½λ(c⁻ − c⁺)λ is by how much less Ψ is, with its share c₃, which is
+    where a thread leaves the direction of its hole."""
+    run = after_some_steps(directed)
+    before, after = exchanged(run, ratio)
+    lam, y = run.state.lam, run.state.y
+    was, now = passing_of(before), passing_of(after)
+    found = let_go_between(was, now, after.c[:, 0], before.c[:, 0], directed, lam[0], y[0])
+    stored = [held_energy(at, lam, y)[0] for at in (before, after)]
+    assert abs(found - (stored[0] - stored[1])) <= RESIDUAL * max(stored)
+    if directed:
+        flat = [held_energy(replace(at, c=at.c * np.array([1.0, 1.0, 1.0, 0.0])), lam, y)[0] for at in (before, after)]
+        assert abs(found - (flat[0] - flat[1])) > 1e3 * RESIDUAL * max(stored)  # there is something to be seen
 
 
 def most_made(run: Run) -> float:

@@ -203,6 +203,23 @@ def test_how_far_compliances_fall_short_is_bounded(kind: str) -> None:
     assert min(short) <= 10.0  # where the step is slow, and inertia adds little to what K resists
 
 
+def test_how_far_compliances_fall_short_is_what_answers_leave() -> None:
+    """Independent check: where damping by mass is as large as inertia, of the answers to unit pulls of sites, the
+    square of what they leave of all equations in the norm of K⁻¹, over the work of the pull."""
+    scheme = BackwardEuler(0.1 * SLOW)
+    full = organ_of(4.5e-3, rayleigh=(scheme.a / scheme.d, 1e-4))
+    space = tissue.KrylovOrgan(full).space
+    level, (alpha, beta) = space.level(1), full.rayleigh
+    operator = level.modes.operator(scheme.a, scheme.d)
+    X = space.vectors[:, : len(level.turn)] @ (level.turn @ operator.W)
+    mass, stiffness = scheme.a + alpha * scheme.d, 1.0 + beta * scheme.d
+    left = full.Y.T @ np.eye(X.shape[1]) - mass * (full.M @ X) - stiffness * (full.K @ X)
+    norms = np.sum(left * full.solver_of(full.K).solve(left), axis=0)
+    own = operator.C.diagonal()
+    expected = float(np.max(norms[own > 0.0] / own[own > 0.0]))
+    assert abs(level.shortfall(scheme) - expected) <= TWO_SOLVERS * expected
+
+
 def test_an_answer_under_all_forces_is_that_of_the_whole_organ() -> None:
     """Consistency check: compliances are the whole organ's to what Newton sees of them, in a wider space or in none,
     also under no forces, which say nothing; an answer that has them is its own."""
