@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing.connection import Connection
@@ -104,11 +103,10 @@ def _lead(
     results: Connection, jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], Any]
 ) -> None:
     """Make what is shared, and send the results of processes that are forks of this one, each with its number, or an
-    error. No thread of this process runs when it forks."""
+    error. No thread of this process runs before it forks; it ends with its parent from then on."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with _ending_with_parent():
-            _alone(first, items[0])
+        _alone(first, items[0])
         for number, result in _pooled(multiprocessing.get_context("fork"), jobs, work, items):
             results.send((number, result, None))
     except Exception as error:
@@ -149,25 +147,9 @@ def _begin() -> None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
-@contextmanager
-def _ending_with_parent() -> Iterator[None]:
-    """End with the process that began this one, by a thread that is gone afterwards."""
-    ours, theirs = multiprocessing.Pipe()
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    watch = threading.Thread(target=_end_with, args=(parent.sentinel, theirs))
-    watch.start()
-    try:
-        yield
-    finally:
-        ours.close()
-        watch.join()
-        theirs.close()
-
-
-def _end_with(sentinel: int, unless: Connection | None = None) -> None:
-    if sentinel in multiprocessing.connection.wait([sentinel, *([unless] if unless else [])]):
-        os._exit(1)
+def _end_with(sentinel: int) -> None:
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
 
 
 def _shares(count: int, jobs: int) -> list[list[int]]:

@@ -39,10 +39,10 @@ from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, schema
 from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file
-from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
+from studies.simulation.simulation import Moments, Simulation
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
         return _run(options, simulation)
 
 
-def _run(options: argparse.Namespace, simulation: AnySimulation) -> int:
+def _run(options: argparse.Namespace, simulation: Simulation) -> int:
     """Simulate into a folder that may be written, and draw the last frame."""
     begun = begin(simulation, options.out, options.resume)
     if begun is None:
@@ -150,7 +150,7 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     return ", ".join(filter(None, parts))
 
 
-def counts_of(simulation: AnySimulation) -> dict[str, Any]:
+def counts_of(simulation: Simulation) -> dict[str, Any]:
     """Return what a run will take: holes, balls of tracts, ties, steps, unknowns, and bytes of results."""
     scenario = simulation.scenario
     return {
@@ -168,7 +168,7 @@ def counts_of(simulation: AnySimulation) -> dict[str, Any]:
     }
 
 
-def _draw_start(simulation: AnySimulation, path: Path) -> str:
+def _draw_start(simulation: Simulation, path: Path) -> str:
     """Draw thread, holes and organ before the first step; return the line that says how. Raises `OSError`."""
     _, frame = next(iter(simulation.advance()))
     drawn = draw_picture(frame(), simulation.topology, path, f"{simulation.scenario.title or 'start'}: the start")
@@ -230,13 +230,10 @@ def run_bench(options: argparse.Namespace) -> int:
     assembly of a large one, or what an organ's solvers take."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
-    status = 0
-    if options.what in ("step", "all"):
-        status = int(import_module("studies.bench.step").main(options.json, options.solver))
-    if options.what in ("many", "all") and status == 0:
-        status = int(import_module("studies.bench.many").main(options.json, options.tensions))
-    if options.what in ("finite", "all") and status == 0:
-        status = int(import_module("studies.bench.finite").main(options.json, options.solver))
+    status, given = 0, {"step": options.solver, "many": options.tensions, "finite": options.solver}
+    for name, value in given.items():
+        if options.what in (name, "all") and status == 0:
+            status = int(import_module(f"studies.bench.{name}").main(options.json, value))
     if options.what == "all" and status == 0:
         status = int(import_module("studies.bench.organ").main_assembly(options.json))
     return status
@@ -268,7 +265,7 @@ def run_study(options: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(simulation: AnySimulation, recorder: Recorder) -> str:
+def _draw(simulation: Simulation, recorder: Recorder) -> str:
     """Draw the last frame; return the line that says how, and leave a remark where there is no picture."""
     if recorder.last_frame is None:
         return ""
@@ -280,7 +277,7 @@ def _draw(simulation: AnySimulation, recorder: Recorder) -> str:
 
 
 def _try_remedies(
-    options: argparse.Namespace, simulation: AnySimulation, recorder: Recorder, failure: CouplingError
+    options: argparse.Namespace, simulation: Simulation, recorder: Recorder, failure: CouplingError
 ) -> None:
     """Leave a remark of what helps a run that failed, unless whoever waits for it interrupts that."""
     made = Shared()
@@ -290,7 +287,7 @@ def _try_remedies(
 
 
 def _simulate(
-    simulation: AnySimulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
+    simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
 ) -> tuple[int, Status, CouplingError | None]:
     """Record every step; a failure keeps what was written. Returns the exit status, what became of the run, and the
     failure of a step."""
@@ -329,8 +326,8 @@ def _where(recorder: Recorder, error: BaseException) -> str:
     return f"the run failed {place}: {error or type(error).__name__}"
 
 
-def _prepare(scenario: Scenario, store: Store | None = None) -> AnySimulation:
-    prepared: AnySimulation = import_module("studies.simulation").prepare(scenario, store)
+def _prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
+    prepared: Simulation = import_module("studies.simulation").prepare(scenario, store)
     return prepared
 
 

@@ -94,14 +94,10 @@ KINDS = (
     Kind(
         "pull-strength",
         "unsupported",
-        "before the first step, a pull above the least knot-pull strength of `suture catalogue`, where that is known",
-        "a suture of that size may break there; no thread breaks in a run",
-    ),
-    Kind(
-        "pull-strain",
-        "unsupported",
-        f"before the first step, a pull that would stretch the thread by more than {THREAD_STRAIN:g}",
-        "its law is linear, and sutures are so at small strains alone",
+        "before the first step, a pull above the least knot-pull strength of `suture catalogue`, where that is known, "
+        f"or above what stretches the thread by {THREAD_STRAIN:g}",
+        "a suture of that size may break there, and none does in a run; its law is linear, and sutures are so at small "
+        "strains alone",
     ),
     Kind(
         "hole-strain",

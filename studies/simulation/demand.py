@@ -34,8 +34,7 @@ def demanding(
     holes, length = scenario.piercing, scenario.thread.length or path.length
     springs = np.array([spring(hole, modulus) for hole, modulus in zip(holes, E, strict=True)])
     tensions, ways = strand_tensions(scenario, length, section.EA, springs), directions(scenario)
-    tension = float(tensions.max())
-    out = [*overpulled(tension, strength), *overstretched(tension, section.EA)]
+    out = overpulled(float(tensions.max()), strength, section.EA)
     if scenario.thread.cuts or scenario.tissue is None or scenario.tissue.material != "linear":
         return out
     EI = section.EI if scenario.thread.bending else 0.0
@@ -101,26 +100,16 @@ def hole_forces(tensions: Array, ways: Array) -> Array:
     return np.asarray(np.linalg.norm(np.diff(along, axis=0), axis=1))
 
 
-def overpulled(tension: float, strength: float | None) -> list[Remark]:
-    """Judge a pull [N] by the strength of the suture [N]."""
-    if strength is None or tension <= strength:
+def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark]:
+    """Judge a pull [N] by the strength of the suture [N], and by how far it stretches a thread of EA [N]."""
+    if strength is not None and tension > strength:
+        what = f"its knot-pull strength is {strength:.3g} N (least average)"
+    elif tension > THREAD_STRAIN * EA:
+        what = f"{THREAD_STRAIN * EA:.3g} N stretch it by {THREAD_STRAIN:.0%}, as far as its law holds"
+    else:
         return []
-    text = (
-        f"the thread is pulled with {tension:.3g} N, and its knot-pull strength is {strength:.3g} N (least average); "
-        "take a stronger suture, or pull less"
-    )
+    text = f"the thread is pulled with {tension:.3g} N, and {what}; take a stronger suture, or pull less"
     return [remark("pull-strength", "thread", text)]
-
-
-def overstretched(tension: float, EA: float) -> list[Remark]:
-    """Judge how far a pull [N] stretches a thread of a stiffness EA [N]."""
-    if tension <= THREAD_STRAIN * EA:
-        return []
-    text = (
-        f"the thread is pulled with {tension:.3g} N, which would stretch it by {tension / EA:.0%}, and its law is "
-        f"linear and holds to about {THREAD_STRAIN:.0%}; take a stiffer suture, or pull less"
-    )
-    return [remark("pull-strain", "thread", text)]
 
 
 def overdrawn(holes: Sequence[Piercing], springs: Array, forces: Array) -> list[Remark]:

@@ -13,10 +13,9 @@ from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import check_given
 from studies.simulation.given import Given
-from studies.simulation.interface import AnySimulation, Moments
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
-from studies.simulation.simulation import OnStep, Simulation, prepare
+from studies.simulation.simulation import Moments, OnStep, Simulation, prepare
 
 
 def run(
@@ -81,7 +80,7 @@ def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
         raise ScenarioError(f"resume is refused: {reason}")
 
 
-def begin(simulation: AnySimulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:
+def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:
     """Return what records a run into a folder, and its steps, from the last checkpoint where it is to be resumed; None
     where it is completed. Raises `ScenarioError`."""
     checkpoint = None

@@ -12,13 +12,13 @@ from studies.output.remarks import Remark, remark
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import as_toml
 from studies.scenario.toml import changed, parsed, tables
-from studies.simulation.interface import AnySimulation
+from studies.simulation.simulation import Simulation
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
 log = logging.getLogger(__name__)
 
-Make = Callable[[Scenario], AnySimulation]
+Make = Callable[[Scenario], Simulation]
 Settings = Mapping[str, Any]  # by dotted names
 
 FINER = 4  # by how much shorter steps are: what a tenth more helps is chance

@@ -45,6 +45,7 @@ from studies.simulation.timing import timed
 from studies.simulation.tracts import Ball
 
 OnStep = Callable[[StepRecord], None]
+Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # of steps, each with what makes its frame
 AT_ONCE = 50  # steps at most before they are recorded: until then nobody sees them or can call them off
 
 
@@ -147,7 +148,7 @@ class Simulation:
         """Stress from displacement, None without an organ."""
         return self.assembly.recovery()
 
-    def advance(self, memory: Arrays | None = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+    def advance(self, memory: Arrays | None = None) -> Moments:
         """Yield the start, then every step, each with a function that makes its frame.
 
         With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
@@ -157,7 +158,7 @@ class Simulation:
             return self._from(self.laid(), self._starts_at_rest)
         return self._from(recall(replace(self.laid(), fresh=not self._starts_at_rest), memory), False)
 
-    def _from(self, now: OrganRun, rests: bool) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+    def _from(self, now: OrganRun, rests: bool) -> Moments:
         """Step on from where the run is, or from its rest. BLAS keeps to one thread: two of them on busy cores cost
         more than they bring."""
         with threadpool_limits(limits=1, user_api="blas"):
@@ -170,7 +171,7 @@ class Simulation:
                     yield from self._told(record if self.is_on_grid(run) else replace(record, kept=None), run)
                 now = runs[-1]
 
-    def _told(self, record: StepRecord, now: OrganRun) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
+    def _told(self, record: StepRecord, now: OrganRun) -> Moments:
         """Yield a step, and tell of it once the caller is done with it: what records a run has recorded it then."""
         yield record, partial(self.snapshot, now)
         if self.on_step is not None:

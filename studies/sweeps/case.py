@@ -3,7 +3,6 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -18,7 +17,7 @@ from studies.output.records import Snapshot, StepRecord
 from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.toml import mesh_file, parsed, tables, with_mesh_file
+from studies.scenario.toml import changed, mesh_file, parsed, tables, with_mesh_file
 from studies.simulation.sharing import Shared, start_key
 from studies.simulation.simulation import Simulation, prepare
 from studies.status import COMPLETED, FAILED, REFUSED
@@ -89,14 +88,12 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
 
 
 def make_ready(data: Mapping[str, Any]) -> None:
-    """Make the organ of a scenario given as tables, which is kept, and where loops step it, load them: by the first two
-    steps."""
-    with ONE_AT_A_TIME, suppress(*REFUSALS, *SHORTAGES, CouplingError):
-        scenario = parsed(data)
-        simulation = prepare(scenario, KEPT)
-        if simulation.methods["newton"] == "compiled" and scenario.solve.kind == "dynamic":
-            solve = scenario.solve.model_copy(update={"duration": min(scenario.solve.duration, 2 * scenario.solve.dt)})
-            simulate(prepare(scenario.model_copy(update={"solve": solve}), KEPT))
+    """Make the organ of a scenario given as tables, which is kept, and in time load what steps it: by two steps."""
+    solve = parsed(data).solve
+    if solve.kind == "static":
+        run_start(data)
+    else:
+        run_case(changed(data, {"solve.duration": min(solve.duration, 2 * solve.dt)}))
 
 
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:

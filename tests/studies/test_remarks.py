@@ -161,8 +161,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
         ),
     ),
     "demand": (SMALL_STRAIN, 1, lambda x: demand.overdrawn([hole()], np.ones(1), np.array([1e-3 * x]))),
-    "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0)),
-    "pull-strain": (THREAD_STRAIN, 1, lambda x: demand.overstretched(10.0 * x, 10.0)),
+    "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0, np.inf)),
     "stiff-thread": (
         SMALL_ROTATION,
         1,
