@@ -14,6 +14,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
@@ -24,9 +25,9 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, stages
+from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, duration, stages
 from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
-from studies.output.budget import frame_bytes, peak_memory, row_bytes, size_text
+from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
@@ -43,6 +44,7 @@ from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
 from studies.simulation.simulation import Moments, Simulation
+from studies.simulation.timing import timed
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
@@ -123,16 +125,16 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
 def check(options: argparse.Namespace) -> int:
     """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
     with stages(options.json):
-        simulation = _prepare(load(options.file, options.set))
-    remarks = simulation.remarks()
+        simulation, prepared = timed(partial(_prepare, load(options.file, options.set)), compiles=True)
+    remarks, counts = simulation.remarks(), counts_of(simulation, prepared)
     picture = "" if options.picture is None else _draw_start(simulation, options.picture)
     if options.json:
-        told = counts_of(simulation) | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
+        told = counts | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
         print(as_json(told), end="")
         return strict_status(options.strict, remarks)
-    counts = counts_of(simulation)
-    size = f"{counts['steps']} steps, about {size_text(counts['bytes'])} of results"
-    size += f" and {size_text(counts['memory'])} of memory" if counts["memory"] else ""
+    memory = f", {size_text(counts['memory'])} of memory" if counts["memory"] else ""
+    takes = f"about {size_text(counts['bytes'])} of results{memory} and {duration(counts['seconds'])} of one processor"
+    size = f"{counts['steps']} steps, {takes}"
     size_line = f"{options.file} can be run: {parts_of(simulation.scenario, counts)}, {size}"
     places = place_lines(simulation.scenario.piercing)
     print_lines([size_line, *places, *remark_lines(remarks), *([f"picture    {picture}"] if picture else [])])
@@ -150,9 +152,10 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     return ", ".join(filter(None, parts))
 
 
-def counts_of(simulation: Simulation) -> dict[str, Any]:
-    """Return what a run will take: holes, balls of tracts, ties, steps, unknowns, and bytes of results."""
-    scenario = simulation.scenario
+def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
+    """Return what a run will take: holes, balls of tracts, ties, steps, unknowns, bytes of results and of memory, and
+    seconds, with those that it took to be `prepared`."""
+    scenario, topology = simulation.scenario, simulation.topology
     return {
         "piercings": len(scenario.piercing),
         "tracts": len(scenario.tract),
@@ -163,8 +166,10 @@ def counts_of(simulation: Simulation) -> dict[str, Any]:
         "tissue_dofs": simulation.tissue_dofs,
         "steps": simulation.steps,
         "moved": {hole.name: hole.moved for hole in scenario.piercing if hole.moved is not None},
-        "bytes": round(frame_bytes(scenario, simulation.topology) + row_bytes(scenario)),
+        "bytes": round(frame_bytes(scenario, topology) + row_bytes(scenario)),
         "memory": peak_memory(),
+        "seconds": prepared
+        + seconds_of(scenario, topology, simulation.tissue_dofs, simulation.balls, simulation.methods),
     }
 
 

@@ -1,8 +1,12 @@
-"""What a run will take of disk and memory, before its first step."""
+"""What a run will take of disk, memory and time, before its first step."""
 
 import shutil
 import sys
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
+from time import process_time
+from timeit import repeat
 
 from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError
@@ -13,6 +17,17 @@ from studies.scenario.refusal import refusal
 # control point, 140 with twist and tracts, 200 a row of energy.csv and of steps.csv, 250 to 500 one of piercings.csv.
 PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
+# Seconds of one processor, measured on the shipped scenes and 70 of the campaign: of a step by compiled loops, for each
+# hole, and where an organ is solved whole for that and for each unknown; of a step in a Krylov space, and once for an
+# unknown, of which some 40 vectors are made; of a correction in numpy, for a control point, a hole and an unknown at
+# finite strain, with so many corrections a step; of an estimated byte of a frame; and to load the program and its
+# loops and draw the picture. What steps and frames of 78 of 82 runs took is a half to twice that, and of all whole runs
+# 0.6 to 1.4.
+STEP, STEP_HOLE, STEP_FACTORED, STEP_UNKNOWN = 6e-4, 7.5e-4, 3.4e-3, 1.1e-6
+STEP_KRYLOV, KRYLOV_UNKNOWN = 1e-3, 3.3e-4
+CORRECTION, CORRECTION_POINT, CORRECTION_HOLE, CORRECTION_FINITE = 5e-3, 5e-5, 1e-3, 4e-6
+CORRECTIONS, FRAME_BYTE, BEGINNING = {"dynamic": 3, "static": 20}, 4e-7, 6.0
+REFERENCE = 3.1e-3  # [s] that `pace` takes where these were measured
 GIGA, KIBI = 1e9, 1024.0
 UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
@@ -40,6 +55,30 @@ def peak_memory() -> float | None:
 
     unit = 1.0 if sys.platform == "darwin" else KIBI
     return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def seconds_of(
+    scenario: Scenario, topology: OrganTopology | None, unknowns: int, balls: int, by: Mapping[str, str | None]
+) -> float:
+    """Estimate what steps and frames take of one processor [s], with `unknowns` of an organ, `balls` of tracts, and
+    what the run is solved `by` (`Simulation.methods`), after what is prepared."""
+    solve, points, organ = scenario.solve, scenario.thread.control_points, scenario.tissue
+    holes = len(scenario.piercing) + balls
+    inertia = unknowns * (organ is not None and organ.inertia and solve.kind == "dynamic")
+    finite = unknowns * (organ is not None and organ.material != "linear")
+    once, step = 0.0, STEP + STEP_HOLE * holes + STEP_UNKNOWN * inertia + STEP_FACTORED * (inertia > 0)
+    if by.get("organ") in ("krylov", "basis"):
+        once, step = KRYLOV_UNKNOWN * inertia * (by.get("organ") == "krylov"), STEP_KRYLOV
+    if by.get("newton") == "numpy":
+        one = CORRECTION + CORRECTION_POINT * points + CORRECTION_HOLE * holes + CORRECTION_FINITE * finite
+        step += CORRECTIONS[solve.kind] * one
+    frames = FRAME_BYTE * frame_bytes(scenario, topology)
+    return pace() * (BEGINNING + once + step * solve.steps + frames)
+
+
+def pace() -> float:
+    """Return how much longer this machine takes to add numbers than that on which the seconds were measured [-]."""
+    return min(repeat(partial(sum, range(200_000)), timer=process_time, repeat=5, number=1)) / REFERENCE
 
 
 def size_text(size: float) -> str:

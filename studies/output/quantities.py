@@ -96,9 +96,7 @@ def at_end(end: str) -> tuple[Column[Any], ...]:
     start = f"{end}_"
     told = (
         replace(
-            column,
-            name=column.name.removeprefix(start),
-            parts=tuple(part.removeprefix(start) for part in column.parts),
+            column, name=column.name.removeprefix(start), parts=tuple(part.removeprefix(start) for part in column.parts)
         )
         for column in ENDS[end]
     )

@@ -70,9 +70,9 @@ def write_report(folders: Sequence[Path], path: Path) -> list[str]:
     names = labels([run.folder for run in runs])
     text = report_text(dict(zip(names, runs, strict=True)), others)
     path.parent.mkdir(parents=True, exist_ok=True)
-    for left in unfinished(path.parent, {path.name}):
-        if not psutil.pid_exists(int(left.suffix[1:])):
-            left.unlink(missing_ok=True)  # of a report that was killed
+    killed = (left for left in unfinished(path.parent, {path.name}) if not psutil.pid_exists(int(left.suffix[1:])))
+    for left in killed:
+        left.unlink(missing_ok=True)
     write_text(path, text)
     return [f"report     {path}, {len(text.encode()) / 1e6:.3g} MB; open it in a browser, it needs no network"]
 

@@ -2,7 +2,4 @@
 
 from studies.simulation.simulation import Simulation, prepare
 
-__all__ = [
-    "Simulation",
-    "prepare",
-]
+__all__ = ["Simulation", "prepare"]

@@ -10,7 +10,9 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
+from unittest.mock import patch
 
 import pytest
 
@@ -23,6 +25,7 @@ from studies.command import command, help
 from studies.command.lines import print_lines
 from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
+from studies.output import budget
 from studies.output.budget import size_text
 from studies.output.remarks import remark
 from studies.output.version import ROOT
@@ -232,6 +235,7 @@ def test_what_is_printed_as_json(
     assert command.main(["check", contract, "--json", "--picture", str(tmp_path / "start.png")]) == 0
     checked = json.loads(capsys.readouterr().out)
     assert (checked["steps"], checked["piercings"], checked["tissue_dofs"]) == (7, 2, 12)
+    assert checked["seconds"] > 0.0
     assert "picture" in checked["picture"] or "section" in checked["picture"]
     assert (tmp_path / "start.png").stat().st_size > 10_000
     assert command.main(["scenes", "--json"]) == 0
@@ -352,6 +356,35 @@ def test_progress_on_a_terminal_redraws_one_line() -> None:
     progress.close()
     assert stream.getvalue().count("\n") == 1
     assert "[##############################] step 3/3" in stream.getvalue()
+
+
+TOOK = [  # scene, nodes and unknowns of the organ, balls, ways of solving, and measured seconds of its steps and frames
+    ("abdominal_wall", 2329, 6735, 28, "whole", "numpy", 13.8),
+    ("anastomosis", 1628, 4902, 48, "whole", "numpy", 21.4),
+    ("coiled_thread", 1071, 2772, 0, "whole", "numpy", 12.5),
+    ("interrupted_stitches", 3025, 8415, 0, "whole", "compiled", 6.3),
+    ("laceration", 1471, 4080, 30, "whole", "numpy", 10.1),
+    ("mattress", 2160, 5802, 0, "whole", "numpy", 1.0),
+    ("million", 357075, 1047438, 0, "whole", "compiled", 88.5),
+    ("paper_figure_1", 0, 0, 0, None, "compiled", 0.8),
+    ("pulley", 2392, 6498, 0, "whole", "numpy", 2.1),
+    ("running_anastomosis", 1990, 5952, 0, "whole", "numpy", 13.4),
+    ("running_stitch", 2502, 6846, 0, "whole", "compiled", 7.9),
+    ("skin", 10729, 29412, 0, "whole", "numpy", 17.2),
+    ("stitch_by_stitch", 2524, 6912, 0, "whole", "numpy", 3.6),
+    ("two_piercings", 5797, 15828, 0, "krylov", "compiled", 4.5),
+]
+
+
+@pytest.mark.parametrize(("scene", "nodes", "unknowns", "balls", "organ", "newton", "took"), TOOK)
+def test_what_a_run_takes_is_told_within_a_factor_of_two(
+    scene: str, nodes: int, unknowns: int, balls: int, organ: str | None, newton: str, took: float
+) -> None:
+    """Independent check: seconds of one processor that runs of shipped scenes took, on the machine of the constants."""
+    topology: Any = SimpleNamespace(points=range(nodes))
+    with patch.object(budget, "pace", return_value=1.0):
+        told = budget.seconds_of(load(scene), topology, unknowns, balls, {"organ": organ, "newton": newton})
+    assert 0.5 <= (took + budget.BEGINNING) / told <= 2.0
 
 
 def test_durations() -> None:
