@@ -340,6 +340,7 @@ def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
     origin = provenance() | {"methods": dict(methods)} | digests | {"files": files_of(scenario)}
+    _take_out(unfinished(folder, origin["files"]))
     write_json(folder / MARK, origin)
     if mesh is not None:
         (folder / "mesh").mkdir(exist_ok=True)
@@ -348,12 +349,17 @@ def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str
     return origin
 
 
+def _take_out(paths: Iterable[Path]) -> None:
+    """Remove what an earlier run left, but for the lock of this one."""
+    for path in paths:
+        if path.name != LOCK:
+            path.unlink(missing_ok=True)
+
+
 def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
     """Take out an earlier end of the run, and note that it goes on, and how far."""
     origin = manifest(folder) or {}
-    for path in (folder / "summary.json", *unfinished(folder, origin.get("files", ()))):
-        if path.name != LOCK:
-            path.unlink(missing_ok=True)
+    _take_out([folder / "summary.json", *unfinished(folder, origin.get("files", ()))])
     text, digests = _scenario_text(scenario)
     origin |= digests | {"resumed": [*origin.get("resumed", []), provenance()]}
     write_json(folder / MARK, origin)

@@ -87,8 +87,7 @@ class DrivenEnd(_HeldEnd):
 
     kind: Literal["driven"]
     waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
-        description="rows of t [s], x, y, z [m], t increasing",
-        examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]],
+        description="rows of t [s], x, y, z [m], t increasing", examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]]
     )
 
     @model_validator(mode="after")
@@ -143,9 +142,7 @@ class Thread(ScenarioTable):
     )
     density: Positive | None = Field(default=None, description="density of the thread [kg/m³]", examples=[910.0])
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = Field(
-        default=None,
-        description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4",
-        examples=[0.4],
+        default=None, description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4", examples=[0.4]
     )
     bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = Field(
         default=None,
@@ -186,9 +183,7 @@ class Thread(ScenarioTable):
         examples=[[0.05, 0.1]],
     )
     length: Positive | None = Field(
-        default=None,
-        description="rest length of the thread [m]; default: that of the path",
-        examples=[0.0483],
+        default=None, description="rest length of the thread [m]; default: that of the path", examples=[0.0483]
     )
     damping: NotNegative = Field(default=0.0, description="mass-proportional damping of the thread [1/s]")
     bending: Annotated[bool, Field(strict=True)] = Field(

@@ -350,6 +350,20 @@ def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
     assert rb"nowhere-\u00e9.toml does not exist" in begun(["check", "nowhere-é.toml"], ascii_alone).stderr
 
 
+def test_what_a_run_was_writing_as_it_began_is_gone_with_the_next(tmp_path: Path) -> None:
+    """Independent check: killed while it wrote its mark, it begins anew and leaves none of that; another's unfinished
+    file is refused."""
+    (tmp_path / ".provenance.json.4711").write_text("{")
+    check_folder(tmp_path, SCENARIO, resume=True)
+    recorded(tmp_path)
+    assert [path for path in tmp_path.rglob(".*")] == []
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / ".letter.txt.4711").touch()
+    with pytest.raises(ScenarioError, match=r"\.letter\.txt\.4711"):
+        check_folder(other, SCENARIO)
+
+
 # -- torn files ------------------------------------------------------------------------------------------------------
 
 
