@@ -16,6 +16,7 @@ from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, Or
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
 from tissue.organs.rim import Rim
+from tissue.refinement.rounds import Fitted, fitted
 from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
@@ -33,6 +34,7 @@ __all__ = [
     "Factor",
     "FactorError",
     "FiniteOrgan",
+    "Fitted",
     "FixedSites",
     "FloatingOrgan",
     "Gaps",
@@ -76,6 +78,7 @@ __all__ = [
     "energy_density",
     "energy_share",
     "factorize",
+    "fitted",
     "fixed_sites",
     "has_space",
     "held_components",

@@ -94,6 +94,17 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
     return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for"
 
 
+def refinement_line(refinement: Mapping[str, Any]) -> str:
+    """Tell how accurate the cells at the holes are, and how they became so."""
+    if not refinement:
+        return ""
+    last, errors = refinement["rounds"][-1], refinement["errors"]
+    worst = max(errors, key=errors.__getitem__, default="")
+    told = f", the compliance of {worst!r} is known to {100.0 * errors[worst]:.2g} %" if worst else ""
+    count = len(refinement["rounds"])
+    return f"cells      {last['unknowns']} unknowns after {count} round{'s' * (count > 1)} of refinement{told}"
+
+
 def place_lines(holes: Sequence[Piercing]) -> list[str]:
     """Tell where holes came to lie on the surface, and by how much they were moved to it."""
     lines = []
@@ -164,7 +175,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     lines[1:1] = ["", *table] if table else []
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
-        lines += [line for line in (subgrid_line(recorder.subgrid),) if line]
+        lines += [line for line in (subgrid_line(recorder.subgrid), refinement_line(recorder.refinement)) if line]
         lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
     lines += load_lines(scenario.thread)

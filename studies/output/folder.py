@@ -69,6 +69,7 @@ class Recorder:
         subgrid: Mapping[str, Mapping[str, Any]] | None = None,
         judge: Judge = nothing_to_say,
         methods: Mapping[str, str | None] | None = None,
+        refinement: Mapping[str, Any] | None = None,
     ) -> None:
         self.folder = Path(folder)
         self._outcome: tuple[Status, str] | None = None
@@ -76,7 +77,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
-        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint)  # refuses before anything is changed
+        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint, refinement)  # refuses before all
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -157,6 +158,11 @@ class Recorder:
     def subgrid(self) -> Mapping[str, Mapping[str, Any]]:
         """By piercing, what the organ's mesh is too coarse for."""
         return self._tally.subgrid
+
+    @property
+    def refinement(self) -> Mapping[str, Any]:
+        """How cells were refined at the piercings, and what error that left."""
+        return self._tally.refinement
 
     @property
     def remarks(self) -> list[Remark]:

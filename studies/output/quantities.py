@@ -30,7 +30,7 @@ from studies.output.columns import (
     Column,
 )
 
-NOT_REPEATED = ("seconds_per_step", "provenance")  # wall-clock time, and where a run was made
+NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and where a run was made
 TOLD_APART = ("remarks",)  # a list of sentences
 SUBGRID = {"share": "-", "size": "m", "clear": "m"}  # of `tissue.sites.subgrid.Missing`
 ANY = "*"

@@ -292,6 +292,12 @@ KINDS = (
         "the mesh is then too stiff at the hole by more than some 8 %",
     ),
     Kind(
+        "accuracy",
+        "unsupported",
+        "a hole whose compliance is estimated to be less accurate than `tissue.mesh.accuracy`",
+        "the refinement ended after its last round, or before one for which there is no memory",
+    ),
+    Kind(
         "bare-point",
         "unsupported",
         "a footprint of zero in an organ",

@@ -33,6 +33,7 @@ class Tally:
         subgrid: Mapping[str, Mapping[str, Any]] | None = None,
         judge: Judge = nothing_to_say,
         memory: Arrays | None = None,
+        refinement: Mapping[str, Any] | None = None,
     ) -> None:
         self._judge = judge
         self._holes = scenario.piercing
@@ -43,6 +44,7 @@ class Tally:
         self.own: list[Remark] = []
         self.last_step: StepRecord | None = None
         self.subgrid = subgrid or {}
+        self.refinement = refinement or {}
         counters = memory or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
         self._constraint_max = float(counters.get("constraint_max", 0.0))
@@ -104,4 +106,9 @@ class Tally:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
             said["krylov"] = krylov_summary(self._extremes, step.krylov)
-        return head | said | (state_summary(step, self._holes, self._thread) if step else {})
+        if self.refinement:
+            said["mesh"] = {"rounds": self.refinement["rounds"]}
+        state = state_summary(step, self._holes, self._thread) if step else {}
+        for name, missed in self.refinement.get("errors", {}).items():
+            state.get("piercings", {}).get(name, {})["compliance_error"] = missed
+        return head | said | state

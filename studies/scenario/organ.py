@@ -44,7 +44,21 @@ HEAD = 1024  # bytes of a .vtk file in which it says what it holds
 # --- organ ------------------------------------------------------------------------------------------------
 
 
-class _Sized(ScenarioTable):
+class _Mesh(ScenarioTable):
+    """A mesh, of which the cells at the piercings may be refined."""
+
+    accuracy: Annotated[
+        Literal["given"] | Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)],
+        one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
+    ] = Field(
+        default="given",
+        description="relative error of the holes' compliance [-] down to which the cells around them are refined, in "
+        'rounds; "given": the mesh as it is',
+        examples=[0.03],
+    )
+
+
+class _Sized(_Mesh):
     """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
 
     h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
@@ -184,7 +198,7 @@ class TubeMesh(_Sized):
         return self
 
 
-class FileMesh(ScenarioTable):
+class FileMesh(_Mesh):
     """Volume mesh read from a file, or closed surface that is filled."""
 
     kind: Literal["file"]
@@ -229,7 +243,7 @@ class FileMesh(ScenarioTable):
         return self
 
 
-class GivenMesh(ScenarioTable):
+class GivenMesh(_Mesh):
     """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
 
     kind: Literal["given"]

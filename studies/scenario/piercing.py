@@ -83,7 +83,7 @@ class Piercing(ScenarioTable):
     subgrid: Annotated[bool, Field(strict=True)] = Field(
         default=True,
         description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
-        "show; none on a fine mesh or for a bare point",
+        "show; none on a fine mesh or for a bare point; of no effect where tissue.mesh.accuracy refines the cells",
     )
     s: NotNegative | None = Field(
         default=None,

@@ -34,7 +34,8 @@ class Tract(ScenarioTable):
     )
     subgrid: Annotated[bool, Field(strict=True)] = Field(
         default=True,
-        description="whether to add the compliance of the tissue around the balls that the mesh is too coarse to show",
+        description="whether to add the compliance of the tissue around the balls that the mesh is too coarse to show; "
+        "of no effect where tissue.mesh.accuracy refines the cells",
     )
 
     @property

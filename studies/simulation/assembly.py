@@ -22,10 +22,11 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
 from studies.simulation.law import hyperelasticity_of
-from studies.simulation.meshing import check_loaded, material_of, motions_left, organ_mesh, strength_at, wound_of
+from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_cutting, check_draws, check_pieces
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
@@ -62,8 +63,8 @@ BEARING_DIAMETERS = 10.0  # of the thread, where there is no footprint, or no bi
 class Assembly:
     """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
     makes stress from displacement, None without an organ, `depths`, which tells how deep points lie in it (k,) [m], and
-    what was handed over from Python. `holes` are its piercings and, in between, the balls of its tracts, at the
-    abscissae `s` (p,) [m] on the thread."""
+    what was handed over from Python. `fit` tells how its cells were refined, None where they are as given. `holes` are
+    its piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread."""
 
     scenario: Scenario
     holes: tuple[model.Piercing, ...]
@@ -76,6 +77,7 @@ class Assembly:
     recovery: Callable[[], tissue.StressRecovery | None]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
+    fit: tissue.Fitted | None = None
 
     @property
     def begin_abscissae(self) -> Array:
@@ -101,12 +103,13 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     length = length_of(scenario, path)
     store = shareable(store, given)
     scenario = with_places(given.applied_to(scenario), store, given.volume)
-    body = stored_body(scenario, store, given)
+    mesh = stored_mesh(scenario, store, given)
     own = abscissae(scenario, path, length)
     known = [(hole, value) for hole, value in zip(scenario.piercing, own, strict=True) if is_known(hole)]
     check_order(known, length)
-    holes, s = with_balls(scenario, path, own, length, None if body is None else body.mesh)
+    holes, s = with_balls(scenario, path, own, length, mesh)
     check_balls(scenario.thread, holes)
+    body, fit = stored_body(scenario, holes, mesh, store, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
@@ -130,7 +133,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         compiled=is_compiled(scenario.solve),
     )
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given)
+    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given, fit)
 
 
 def is_compiled(solve: model.Solve) -> bool:
@@ -349,23 +352,32 @@ def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
     return Tie(table.name, (first, last), table.force, table.from_, table.until, table.growth, table.speed, hold)
 
 
-def site_of(hole: model.Piercing) -> tissue.Site:
+def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     line = hole.tract if isinstance(hole, Ball) else ""
-    return tissue.Site(
-        hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', hole.subgrid, line
-    )
+    sprung = hole.subgrid and scenario.tissue is not None and scenario.tissue.mesh.accuracy == "given"
+    return tissue.Site(hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', sprung, line)
 
 
-def stored_body(scenario: Scenario, store: Store, given: Given) -> tissue.Elasticity | None:
-    """Return the organ's discrete elasticity, None without an organ, of what the store has of it and of its mesh, or
-    as it is handed over."""
-    table = scenario.tissue
-    if table is None:
+def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet | None:
+    """Return the organ's mesh, before any of it is refined, of what the store has of it; None without an organ."""
+    if scenario.tissue is None:
         return None
-    mesh = partial(store.take, "mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
-    return store.take("body", body_key(scenario), lambda: given.stiffened(body_of(table, mesh())))
+    made: skfem.MeshTet = store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
+    return made
+
+
+def stored_body(
+    scenario: Scenario, holes: Sequence[model.Piercing], mesh: skfem.MeshTet | None, store: Store, given: Given
+) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
+    """Return the organ's discrete elasticity, None without an organ, of what the store has of it or as it is handed
+    over, and how its cells were refined, None where they are as given."""
+    if mesh is None:
+        return None, None
+    sites = [site_of(hole, scenario) for hole in holes]
+    made = store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
+    return (made.body, made) if isinstance(made, tissue.Fitted) else (made, None)
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
@@ -390,17 +402,12 @@ def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Sto
     return known(np.ascontiguousarray(points, dtype=np.float64).tobytes())
 
 
-def body_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Elasticity:
-    """Return the discrete elasticity of an organ on its mesh."""
-    return tissue.elasticity(mesh, material_of(table, mesh), table.element, table.clamp, table.dilatation, table.roller)
-
-
 def organ_of(
     scenario: Scenario, holes: Sequence[model.Piercing], body: tissue.Elasticity | None, given: Given, store: Store
 ) -> AnyOrgan:
     """Return the organ with its holes as the coupling sees it: linear or at finite strain, with inertia or without, in
     its Krylov space or in a small basis, which is that of the `store` where it has it, or points fixed in space."""
-    sites = [site_of(hole) for hole in holes]
+    sites = [site_of(hole, scenario) for hole in holes]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)

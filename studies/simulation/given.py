@@ -115,8 +115,12 @@ class Given:
             yield refusal("tissue.material", table.material, reason)
         if self.energy is not None:
             yield from faults_of_energy(table)
-        if self.stiffness is not None or self.energy is not None:
+        accuracy = table.mesh.accuracy
+        if accuracy == "given" and (self.stiffness is not None or self.energy is not None):
             yield from faults_of_springs(scenario.piercing)
+        if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
+            reason = 'a stiffness or basis that is handed over is that of its own mesh; set "given"'
+            yield refusal("tissue.mesh.accuracy", accuracy, reason)
 
     def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
         holes = {hole.name: hole for hole in scenario.piercing}

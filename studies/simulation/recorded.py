@@ -100,5 +100,6 @@ def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[R
         simulation.subgrid,
         judge=simulation.remarks,
         methods=simulation.methods,
+        refinement=simulation.refinement,
     )
     return recorder, moments

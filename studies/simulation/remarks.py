@@ -115,9 +115,10 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
         *(
             said
             for hole, size in zip(scenario.piercing, sizes, strict=True)
-            for said in coarse_cells(hole, size, assembly.body.element)
+            for said in coarse_cells(hole, size, assembly.body.element, assembly.fit is not None)
         ),
         *outside_subgrid(subgrid),
+        *inaccurate_cells(assembly),
         *near_holes(scenario.piercing),
         *moved_holes(scenario.piercing),
         *steep_friction(scenario.contact),
@@ -612,14 +613,38 @@ def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
     ]
 
 
-def coarse_cells(hole: model.Piercing, size: float, element: str) -> list[Remark]:
-    """Judge the cells [m] at a hole to which nothing is added."""
+def inaccurate_cells(assembly: Assembly) -> list[Remark]:
+    """Judge the cells at the holes of a mesh that was refined."""
+    table, fit = assembly.scenario.tissue, assembly.fit
+    if fit is None or table is None or table.mesh.accuracy == "given":
+        return []
+    named = zip(assembly.holes, fit.errors.tolist(), strict=True)
+    return inaccurate(table.mesh.accuracy, {hole.name: error for hole, error in named}, fit.rounds[-1].unknowns)
+
+
+def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> list[Remark]:
+    """Judge the relative errors of the holes' compliance that cells refined to an `accuracy` leave."""
+    return [
+        remark(
+            "accuracy",
+            name,
+            f"the compliance of {name!r} is known to {100.0 * error:.2g} %, and {100.0 * accuracy:.2g} % were asked "
+            f'for: the refinement ended at {unknowns} unknowns; set tissue.element = "P2", or a larger '
+            "tissue.mesh.accuracy",
+        )
+        for name, error in errors.items()
+        if error > accuracy
+    ]
+
+
+def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
+    """Judge the cells [m] at a hole to which nothing is added, and which were not `refined` to an accuracy."""
     key = dotted_key(["piercing", hole.name, "footprint"])
     if hole.footprint == 0.0:
         text = f"{hole.name!r} is a bare point, whose displacement goes with the size of the cells; give {key}"
         return [remark("bare-point", hole.name, text)]
     bound = COARSE[element] * hole.footprint
-    if hole.subgrid or size <= bound:
+    if refined or hole.subgrid or size <= bound:
         return []
     text = (
         f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, at most {bound / MILLI:.2g} mm ({element}) are fine "

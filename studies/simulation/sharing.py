@@ -132,8 +132,11 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
+    of_holes: tuple[str, ...] = ("name", "at", "footprint")
     plain = without(organ_tables(scenario), ("solve", "tract", "laid"))
-    holes = [{key: hole[key] for key in ("name", "at", "footprint")} for hole in plain["piercing"]]
+    if scenario.tissue is not None and scenario.tissue.mesh.accuracy != "given":  # cells that fit the holes and balls
+        of_holes, plain = (*of_holes, "weight", "direction"), without(organ_tables(scenario), ("solve",))
+    holes = [{key: hole[key] for key in of_holes if key in hole} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
     return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held
 

@@ -95,6 +95,17 @@ class Simulation:
         balls = sorted(((h.tract, gap) for h, gap in known if isinstance(h, Ball)), key=lambda ball: ball[1]["share"])
         return alone | dict(balls)
 
+    @property
+    def refinement(self) -> dict[str, Any]:
+        """The `rounds` in which cells were refined at the holes, and by piercing the relative `errors` of its
+        compliance that were estimated [-]; empty for a mesh that is as given."""
+        fit = self.assembly.fit
+        if fit is None:
+            return {}
+        named = zip(self.assembly.holes, fit.errors.tolist(), strict=True)
+        errors = {hole.name: error for hole, error in named if not isinstance(hole, Ball) and np.isfinite(error)}
+        return {"rounds": [one.record() for one in fit.rounds], "errors": errors}
+
     @cached_property
     def foreseen(self) -> list[Remark]:
         """What is to be said of the run before its first step."""

@@ -80,7 +80,7 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
             step, frame = next(simulation.advance())
         except (*REFUSALS, *SHORTAGES, CouplingError):
             return None
-        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+        tally = tally_of(simulation)
         tally.count(step)
         tally.last_step = step
         tally.see(drawn(simulation, step, frame))
@@ -96,10 +96,16 @@ def make_ready(data: Mapping[str, Any]) -> None:
         run_case(changed(data, {"solve.duration": min(solve.duration, 2 * solve.dt)}))
 
 
+def tally_of(simulation: Simulation) -> Tally:
+    """Return what gathers the summary of a simulation."""
+    run = simulation
+    return Tally(run.scenario, run.tissue_dofs, run.subgrid, run.remarks, refinement=run.refinement)
+
+
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
     """Run a simulation without files: return its exit status, the summary that `suture run` writes of it, and whether
     the same would come of it again."""
-    tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+    tally = tally_of(simulation)
     error, last = None, None
     try:
         for step, frame in simulation.advance():

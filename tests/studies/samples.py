@@ -194,6 +194,7 @@ class Stub:
     tissue_dofs: int = 12
     balls: int = 0
     subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
+    refinement: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, str | None] = field(default_factory=dict)
     said: tuple[Remark, ...] = ()
 

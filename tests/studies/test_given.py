@@ -32,6 +32,7 @@ UP = {
 }
 BENT = changed(RING, UP)  # drawn up out of the hole on both sides, so that it presses on it
 BARE = changed(ORGAN, UP | {"piercing.0.subgrid": False})
+FITTED = changed(ORGAN, {"tissue.mesh.accuracy": 0.1})
 FINITE = changed(BARE, {"tissue.material": "neo-hookean"})
 MU = 1e5 / 2.6
 
@@ -156,6 +157,7 @@ def basis(element: Any = None) -> skfem.Basis:
         (BARE, {"stiffness": lambda basis: 0.0 * Form()(basis)}, "resists nothing"),
         (BARE, {"stiffness": lambda basis: np.nan * Form()(basis)}, "numbers that are none"),
         (BARE, {"stiffness": lambda basis: csr_matrix(np.triu(Form()(basis).toarray()))}, "not symmetric"),
+        (FITTED, {"stiffness": Form()}, "tissue.mesh.accuracy = 0.1 is refused.*set \"given\""),
         (ORGAN, {"stiffness": Form()}, "piercing.ring.subgrid = true is refused.*set false"),
         (FINITE, {"stiffness": Form()}, "tissue.material = .neo-hookean. is refused"),
         (BARE, {"energy": neo_hookean}, "tissue.material = .linear. is refused.*neo-hookean"),

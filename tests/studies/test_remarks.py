@@ -135,6 +135,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
     "forces-swing": (SWUNG, 1, judging.swinging),
     "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
+    "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),
@@ -458,6 +459,7 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE)) == []
     assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
     assert judging.coarse_cells(hole(subgrid=True), 1.0, "P1") == []
+    assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
     assert judging.overloaded(met(tension=1e9), None) == []
     assert judging.near_holes([hole(), hole(name="b")]) == []  # one place at two times

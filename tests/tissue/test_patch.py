@@ -2,14 +2,14 @@
 
 import numpy as np
 from scipy.sparse import diags_array
-from skfem import Basis, BilinearForm, ElementTetP0, ElementTetP2, ElementVector, MeshTet
+from skfem import Basis, BilinearForm, ElementTetP0, ElementTetP2, ElementVector
 from skfem.helpers import div
 
 import tissue
 from meshes.block import block
 from tests.bounds import IDENTITY
 from tissue.elasticity import NO_POINTS, stiffness
-from tissue.sites.bisection import bisect, cell_sizes
+from tissue.refinement.refine import cell_sizes, refine_to
 from tissue.sites.patch import Patch, quadratic_stiffness
 
 
@@ -21,12 +21,12 @@ def test_bisected_cells_are_small_enough_fill_their_parents_and_meet_at_whole_fa
     def wanted(corners: np.ndarray) -> np.ndarray:
         return 0.1 + 0.4 * np.linalg.norm(corners.mean(axis=1) - corner, axis=1)
 
-    parts = bisect(mesh.p.T, mesh.t.T, wanted)
-    sizes = cell_sizes(parts.points[parts.cells])
-    assert (sizes <= wanted(parts.points[parts.cells])).all()
+    parts = refine_to(mesh, wanted)
+    fine = parts.mesh
+    sizes = cell_sizes(fine.p.T[fine.t.T])
+    assert (sizes <= wanted(fine.p.T[fine.t.T])).all()
     volumes = np.bincount(parts.parents, sizes**3, mesh.nelements)
     assert np.abs(volumes - cell_sizes(mesh.p.T[mesh.t.T]) ** 3).max() <= IDENTITY * volumes.max()
-    fine = MeshTet(parts.points.T.copy(), parts.cells.T.copy())
     a, b, c = np.moveaxis(fine.p.T[fine.facets[:, fine.boundary_facets()].T], 1, 0)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
     assert abs(area - 52.0) <= IDENTITY * area

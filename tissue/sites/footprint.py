@@ -52,6 +52,13 @@ def disc(weight: str) -> FootprintRule:
     return FootprintRule(points, np.repeat(radial / AROUND, AROUND))
 
 
+def density(weight: str, r: Array) -> Array:
+    """Return the weight of the unit disc at distances r from its centre, which integrates to one; zero outside."""
+    _check(weight)
+    inside = 2.0 * (1.0 - r**2) if weight == "parabolic" else np.ones_like(r)
+    return np.where(r < 1.0, inside, 0.0) / np.pi
+
+
 @dataclass(frozen=True)
 class Cover:
     """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and weights `(k,)` of 1/π, with

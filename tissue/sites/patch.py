@@ -14,7 +14,7 @@ from skfem import Basis, MeshTet
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity, cellwise_lambda, numbering
 from tissue.material import Material, PerCell
-from tissue.sites.bisection import Bisected, bisect
+from tissue.refinement.refine import Refined, refine_to
 from tissue.sites.surface import Surface, outer_surface
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.factor import factorize
@@ -51,9 +51,9 @@ class Patch:
     def refined(self, size: Callable[[Array], Array]) -> tuple[Elasticity, Surface]:
         """Return the patch as a body of its own, at rest and so without mass, and its surface without the cut."""
         parts = self.bisected(size)
-        mesh = MeshTet(np.ascontiguousarray(parts.points.T), np.ascontiguousarray(parts.cells.T))
+        mesh = parts.mesh
         basis = numbering(mesh, "P2")
-        within, cut = self._facets(mesh, parts)
+        within, cut = self._facets(parts)
         K, material = self._stiffness(basis, self.cells[parts.parents])
         clamped = _unknowns(basis, mesh.boundary_facets(), within)
         free = np.setdiff1d(np.arange(basis.N), clamped)
@@ -62,23 +62,20 @@ class Patch:
         own = np.flatnonzero(~cut)
         return fine, Surface(mesh, outer.triangles[own], outer.normals[own], outer.behind[own], outer.vertices[own])
 
-    def bisected(self, size: Callable[[Array], Array]) -> Bisected:
-        """Return the cells bisected to `size`; parents are counted within the patch."""
-        vertices, corners = np.unique(self.body.mesh.t[:, self.cells].T, return_inverse=True)
-        return bisect(self.body.mesh.p.T[vertices], corners.reshape(-1, AXES + 1), size)
+    def bisected(self, size: Callable[[Array], Array]) -> Refined:
+        """Return the cells bisected to `size`; parents are counted within the patch, facets in the organ."""
+        coarse = self.body.mesh
+        vertices, corners = np.unique(coarse.t[:, self.cells], return_inverse=True)
+        own = MeshTet(np.ascontiguousarray(coarse.p[:, vertices]), corners.reshape(AXES + 1, -1))
+        of = np.empty(own.nfacets, np.intp)
+        of[own.t2f] = coarse.t2f[:, self.cells]
+        parts = refine_to(own, size)
+        return Refined(parts.mesh, parts.parents, np.where(parts.sides < 0, parts.sides, of[parts.sides]))
 
-    def _facets(self, mesh: MeshTet, parts: Bisected) -> tuple[Mask, Mask]:
-        """Return of each facet on the boundary of the bisected `mesh` which components are held `(f, 3)`, and whether
-        it lies in the cut `(f,)`."""
-        coarse, facets = self.body.mesh, mesh.boundary_facets()
-        parents = self.cells[parts.parents[mesh.f2t[0, facets]]]
-        corners = coarse.p.T[coarse.t[:, parents].T]
-        offset = mesh.p[:, mesh.facets[:, facets]].mean(axis=1).T - corners[:, 0]
-        inner = np.linalg.solve(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2), offset[..., None])[..., 0]
-        opposite = np.column_stack([1.0 - inner.sum(axis=1), inner]).argmin(axis=1)
-        beside = coarse.t2f[:, parents]  # of its four facets the one without the opposite corner
-        without = ~(coarse.facets[:, beside] == coarse.t[opposite, parents]).any(axis=0)
-        on = beside[without.argmax(axis=0), np.arange(parents.size)]
+    def _facets(self, parts: Refined) -> tuple[Mask, Mask]:
+        """Return of each facet on the boundary of the bisected cells which components are held `(f, 3)`, and whether it
+        lies in the cut `(f,)`."""
+        coarse, on = self.body.mesh, parts.sides[parts.mesh.boundary_facets()]
         cut = coarse.f2t[1, on] >= 0
         held = np.isin(self.body.nodes[coarse.facets[:, on]], self.body.clamped).all(axis=0)
         return held | cut[:, None], cut

@@ -37,7 +37,7 @@ from scipy.spatial.distance import cdist
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
-from tissue.sites.bisection import PAIRS
+from tissue.refinement.refine import PAIRS
 from tissue.sites.closed_form import Footprint, answer, foreign, is_endless, moduli, unbounded
 from tissue.sites.line import FORCES, line_gap, rows_of
 from tissue.sites.patch import Patch

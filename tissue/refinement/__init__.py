@@ -1,0 +1,1 @@
+"""Cells where the holes are: error estimate, marking and bisection."""

@@ -1,0 +1,280 @@
+"""How much of each hole's compliance a mesh misses, cell by cell, from the columns K⁻¹Yᵀ that condensation asks for.
+
+The compliance is C = Y K⁻¹ Yᵀ, and by Galerkin orthogonality C_kk − C_kk,h is the energy of the error of column k: an
+estimate of that energy is one of the error of the compliance (Becker and Rannacher, Acta Numerica 10, 2001). The stress
+of the column, averaged at the nodes and made to agree with the traction on the surface, stands for the exact one
+(Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
+
+    η_T² = ∫_T (σ* − σ_h) : D⁻¹ (σ* − σ_h) dx,      C_kk − C_kk,h ≈ Σ_T η_T².
+
+σ* is of the element's own order. It is averaged within a material alone, since stress jumps between two. The part of
+the pressure that is averaged at the vertices already (`tissue.elasticity`) is in σ* what it is in σ_h.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from skfem.quadrature import get_quadrature
+
+from tissue.arrays import Array, Indices
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, reference_slopes
+from tissue.sites.footprint import density
+from tissue.sites.rows import shapes
+from tissue.sites.site import Site, Sites
+from tissue.sites.surface import outer_surface
+from tissue.solvers.choice import solver_once
+from tissue.supports import holds_still
+
+CELLS = 4096  # that are looked at once: some ten megabytes a column
+SMOOTH = np.cos(np.radians(30.0))  # of a facet's normal with the mean one of its node: below, the node is on an edge
+AXES = 3
+SOFT = 1.0  # of E/ρL²: springs that hold a body which nothing else does are as soft as the body itself
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The `compliance` of the goals, `(g, 3)` [m/N], along x, y and z each, and of that what every cell is estimated to
+    miss, `missed` `(g, 3, c)` [m/N]. `goals` `(g,)` are the sites that have a footprint."""
+
+    goals: Indices
+    compliance: Array
+    missed: Array
+
+    @cached_property
+    def indicators(self) -> Array:
+        """What is missed of the compliance in each cell, over that of its goal and direction, in sum, `(c,)` [-]."""
+        return np.asarray(np.sum(self.missed / self.compliance[..., None], axis=(0, 1)))
+
+    @cached_property
+    def errors(self) -> Array:
+        """Relative error of the compliance of each goal, in the direction in which it is largest, `(g,)` [-]."""
+        missed = self.missed.sum(axis=2)
+        return np.asarray(np.max(missed / (self.compliance + missed), axis=1))
+
+
+def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate:
+    """Return what the mesh of a body misses of the compliance of its sites to forces. A bare point has no limit under
+    refinement, and is no goal."""
+    goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0], np.intp)
+    columns = csr_matrix(placed.Y[(9 * goals[:, None] + np.arange(AXES)).ravel()])
+    W = np.zeros((body.N, columns.shape[0]))
+    W[body.free] = solver_once(held(body), body.basis.doflocs[:, body.free].T).solve(columns.T.toarray())
+    compliance = np.einsum("nk,nk->k", columns.T.toarray(), W[body.free]).reshape(-1, AXES)
+    missed = np.empty((*compliance.shape, body.mesh.nelements))
+    recovery = Recovery(body)
+    for row, goal in enumerate(goals):
+        own = W[:, AXES * row : AXES * row + AXES]
+        missed[row] = recovery.missed(own, tractions(body, recovery, sites[goal], placed, goal))
+    return Estimate(goals, compliance, missed)
+
+
+def held(body: Elasticity) -> csr_matrix:
+    """Return the stiffness over the free unknowns; where a part of the body is free to move, with soft springs all
+    over."""
+    K, vertices = body.K[body.free][:, body.free], body.mesh.nvertices
+    links = csr_matrix((np.ones(body.mesh.nedges), body.mesh.edges), shape=(vertices, vertices))
+    count, label = connected_components(links, directed=False)
+    is_held = np.isin(body.nodes[:vertices], body.clamped)
+    if all(holds_still(body.points[own], is_held[own]) for own in (np.flatnonzero(label == k) for k in range(count))):
+        return csr_matrix(K)
+    span = float(np.linalg.norm(np.ptp(body.points, axis=0)))
+    firm = SOFT * np.max(body.material.youngs_modulus / body.material.density) / span**2
+    return csr_matrix(K + firm * body.M[body.free][:, body.free])
+
+
+def tractions(body: Elasticity, recovery: "Recovery", site: Site, placed: Sites, goal: int) -> Array:
+    """Return the size of the traction by a unit force on a site's footprint at the nodes of the surface, `(r,)` [Pa/N];
+    none by a force inside."""
+    axis = placed.normals[goal]
+    if not np.isfinite(axis).all():
+        return np.zeros(recovery.rim.size)
+    offset, facing = body.points[recovery.rim] - placed.points[goal], recovery.normals @ axis
+    height = offset @ axis
+    across = np.linalg.norm(offset - height[:, None] * axis, axis=1) / site.radius
+    struck = (facing > 0.0) & (np.abs(height) <= site.radius)
+    return np.asarray(np.where(struck, facing * density(site.weight, across), 0.0) / site.radius**2)
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What recovers the stress of columns on a `body`, cell by cell."""
+
+    body: Elasticity
+
+    @cached_property
+    def material(self) -> tuple[Array, Array]:
+        """λ and μ that act in each cell, `(c,)` each [Pa]."""
+        given, count = self.body.material, self.body.mesh.nelements
+        spread = given.lame_lambda if self.body.pressure is None else cellwise_lambda(given)
+        return np.broadcast_to(spread, count), np.broadcast_to(given.lame_mu, count)
+
+    @cached_property
+    def copies(self) -> tuple[Indices, Indices]:
+        """The number of each cell's nodes within its own material, `(c, n)`, and the node of each number."""
+        return np.searchsorted(self.keys, self._cell_keys), self.keys % len(self.body.nodes)
+
+    @cached_property
+    def groups(self) -> Indices:
+        """The material of each cell by its number, `(c,)`."""
+        return np.asarray(np.unique(np.stack(self.material), axis=1, return_inverse=True)[1]).ravel()
+
+    @property
+    def _cell_keys(self) -> Indices:
+        """Number of the material times that of the nodes, plus the node, of each cell, `(c, n)`."""
+        return np.asarray(self.groups[:, None] * len(self.body.nodes) + self.body.cells)
+
+    @cached_property
+    def keys(self) -> Indices:
+        """Those that there are, rising: a node on a border has one in each material, `(m,)`."""
+        return np.unique(self._cell_keys)
+
+    @cached_property
+    def _surface(self) -> tuple[Indices, Array]:
+        """Nodes of the surface at which the traction is known, and the normals there."""
+        surface = outer_surface(self.body.mesh)
+        nodes = self.body.facet_nodes(surface.vertices)
+        rim, place = np.unique(nodes, return_inverse=True)
+        place, normals = place.reshape(nodes.shape), np.zeros((rim.size, 3))
+        for axis in range(AXES):
+            each = np.repeat(surface.normals[:, axis], nodes.shape[1])
+            normals[:, axis] = np.bincount(place.ravel(), each, rim.size)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+        tilt = np.ones(rim.size)
+        np.minimum.at(tilt, place, np.einsum("fi,fni->fn", surface.normals, normals[place]))
+        free = (tilt >= SMOOTH) & ~np.isin(self.body.nodes[rim], self.body.clamped).any(axis=1)
+        return rim[free], normals[free]
+
+    @property
+    def rim(self) -> Indices:
+        """Nodes of the surface that are free and on no edge, at which the traction is known, `(r,)`."""
+        return self._surface[0]
+
+    @property
+    def normals(self) -> Array:
+        """Outward unit normals there, `(r, 3)`."""
+        return self._surface[1]
+
+    def missed(self, W: Array, traction: Array) -> Array:
+        """Return η² of each cell, `(3, c)` [m/N], of columns W `(N, 3)` [m/N] by unit forces along x, y and z that are
+        a `traction` `(r,)` [Pa/N] on the nodes of the surface."""
+        U = W[self.body.nodes]  # node, component, column
+        nodal, out = self._nodal(U, traction), np.empty((AXES, self.body.mesh.nelements))
+        element = ELEMENTS[self.body.element]()
+        places, weights = get_quadrature(element, 2 * element.maxdeg)
+        weights = weights / weights.sum() / 6.0
+        phi, _ = shapes(self.body, places.T)
+        for cells in self._chunks:
+            own = np.einsum("na,cnijk->caijk", phi, nodal[self.copies[0][cells]], optimize=True)
+            off = own - self._stress(cells, places.T, U)
+            lam, mu = (m[cells, None, None] for m in self.material)
+            trace = np.einsum("caiik->cak", off)
+            energy = 0.5 / mu * (np.einsum("caijk,caijk->cak", off, off) - lam / (3.0 * lam + 2.0 * mu) * trace**2)
+            out[:, cells] = np.einsum("cak,a,c->kc", energy, weights, self.body.six_volumes[cells])
+        return out
+
+    @cached_property
+    def _inverse(self) -> Array:
+        """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]."""
+        return self.body.inverse_edges
+
+    @property
+    def _chunks(self) -> list[Indices]:
+        every = np.arange(self.body.mesh.nelements)
+        return np.array_split(every, 1 + every.size // CELLS)
+
+    def _stress(self, cells: Indices, places: Array, U: Array) -> Array:
+        """Return the stress at places of the reference cell `(a, 3)`, shape `(c, a, 3, 3, k)`."""
+        slopes, own = reference_slopes(self.body.element, places), U[self.body.cells[cells]]
+        inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, axis of the reference cell, place
+        H = np.einsum("cikla,clj->caijk", inner, self._inverse[cells], optimize=True)
+        lam, mu = (m[cells, None, None] for m in self.material)
+        stress = mu[..., None, None] * (H + H.swapaxes(2, 3))
+        for axis in range(AXES):
+            stress[:, :, axis, axis] += lam * np.einsum("caiik->cak", H)
+        return stress
+
+    def _nodal(self, U: Array, traction: Array) -> Array:
+        """Return σ* at the numbers of the nodes within materials, `(m, 3, 3, k)`."""
+        copies, node = self.copies
+        corners = np.asarray(ELEMENTS[self.body.element]().doflocs)
+        volume = np.bincount(copies.ravel(), np.repeat(self.body.six_volumes, copies.shape[1]))
+        total = np.zeros((volume.size, 27))
+        places = corners[:1] if self.body.element == "P1" else corners
+        for cells in self._chunks:
+            stress = self._stress(cells, places, U) * self.body.six_volumes[cells, None, None, None, None]
+            each = np.broadcast_to(stress, (cells.size, len(corners), *stress.shape[2:])).reshape(-1, 27)
+            spread = csr_matrix(
+                (np.ones(len(each)), copies[cells].ravel(), np.arange(len(each) + 1)), shape=(len(each), volume.size)
+            )
+            total += np.asarray(spread.T @ each)
+        stress = self._continuous((total / volume[:, None]).reshape(-1, 3, 3, AXES))
+        return self._balanced(stress, node, U, traction)
+
+    @cached_property
+    def _borders(self) -> tuple[Indices, Array]:
+        """The two numbers of each node on a border between materials, `(b, 2)`, and the normal there, `(b, 3)`."""
+        mesh, groups = self.body.mesh, self.groups
+        inner = np.flatnonzero(mesh.f2t[1] >= 0)
+        facets = inner[groups[mesh.f2t[0, inner]] != groups[mesh.f2t[1, inner]]]
+        beside = np.sort(groups[mesh.f2t[:, facets]], axis=0)
+        nodes = self.body.facet_nodes(mesh.facets[:, facets].T)
+        a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
+        normals = np.cross(b - a, c - a)
+        first = groups[mesh.f2t[0, facets]] == beside[0]
+        outward = mesh.p.T[mesh.t[:, mesh.f2t[0, facets]]].mean(axis=0) - a
+        normals *= np.where((np.sum(normals * outward, axis=1) < 0.0) == first, 1.0, -1.0)[:, None]
+        keys = beside[..., None] * len(self.body.nodes) + nodes
+        numbers = np.searchsorted(self.keys, keys).reshape(2, -1).T
+        pairs, place = np.unique(numbers, axis=0, return_inverse=True)
+        each = np.repeat(normals, nodes.shape[1], axis=0)
+        sums = np.stack([np.bincount(place.ravel(), each[:, axis], len(pairs)) for axis in range(AXES)], axis=1)
+        return pairs, sums / np.linalg.norm(sums, axis=1)[:, None]
+
+    def _continuous(self, stress: Array) -> Array:
+        """Return σ* `(m, 3, 3, k)`, changed at borders of materials by as little as makes the traction the same on
+        both sides; in the energy the softer side is changed less."""
+        pairs, n = self._borders
+        if not len(pairs):
+            return stress
+        soft = 1.0 / np.array([np.min(self.material[1][self.groups == g]) for g in range(self.groups.max() + 1)])
+        weights = soft[self.keys[pairs] // len(self.body.nodes)]
+        weights /= weights.sum(axis=1)[:, None]
+        sides = np.einsum("bsijk,bj->bsik", stress[pairs], n)
+        common = np.einsum("bsik,bs->bik", sides, weights)
+        for side in range(2):
+            np.add.at(stress, pairs[:, side], turned(common - sides[:, side], n))
+        return stress
+
+    def _balanced(self, stress: Array, node: Indices, U: Array, traction: Array) -> Array:
+        """Return σ*, changed at the surface by as little as makes σ*n the traction there."""
+        place = np.full(len(self.body.nodes), -1, np.intp)
+        place[self.rim] = np.arange(self.rim.size)
+        at = np.flatnonzero(place[node] >= 0)
+        row = place[node[at]]
+        n = self.normals[row]
+        gap = traction[row, None, None] * np.eye(AXES) - np.einsum("mijk,mj->mik", stress[at], n)
+        gap -= n[:, :, None] * self._pressure(U)[node[at]][:, None]
+        stress[at] += turned(gap, n)
+        return stress
+
+    def _pressure(self, U: Array) -> Array:
+        """Return the part of λ div U that is averaged at the vertices, at every node, `(m, k)`."""
+        body = self.body
+        if body.pressure is None:
+            return np.zeros((len(body.nodes), U.shape[2]))
+        W = np.empty((body.N, U.shape[2]))
+        W[body.nodes] = U
+        p = np.asarray(body.pressure @ W)
+        return p if body.element == "P1" else np.vstack([p, 0.5 * p[body.mesh.edges].sum(axis=0)])
+
+
+def turned(traction: Array, n: Array) -> Array:
+    """Return the least symmetric stresses `(m, 3, 3, k)` that have a `traction` `(m, 3, k)` on planes of the unit
+    normals `n` `(m, 3)`."""
+    along = np.einsum("mik,mi->mk", traction, n)
+    both = np.einsum("mik,mj->mijk", traction, n)
+    return np.asarray(both + both.swapaxes(1, 2) - np.einsum("mk,mi,mj->mijk", along, n, n))

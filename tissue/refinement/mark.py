@@ -1,0 +1,86 @@
+"""Which cells are too large: beforehand by their distance from the holes, then by what they contribute to the error."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+from skfem import MeshTet
+
+from tissue.arrays import Array, Indices
+from tissue.sites.site import Site
+from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
+
+# Size of cells at a footprint over its radius at which half-spaces have an error of REACHED, its growth with the
+# distance, and the order of the error of the compliance in the size; P1 comes near to that in two rounds.
+SIZES = {"P1": (0.2, 0.4, 2.0), "P2": (0.6, 0.8, 4.0)}
+REACHED = 0.03
+THINNEST = 0.4  # of the radius: thinner layers are left to the estimate
+BULK = 0.7  # of the indicators in sum that the marked cells have (Dörfler, SIAM J. Numer. Anal. 33, 1996)
+ALIKE = 1e-6  # of an indicator: cells that differ by less are images of one another, and marked together
+
+
+def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
+    """Return what gives the size [m] that cells of corners `(c, 4, 3)` may have at most before any error is known, with
+    holes at `sites` that are to be of an `accuracy` [-].
+
+    A region of the mesh that begins or ends within the radius of a hole asks for cells that are smaller in proportion.
+    """
+    finest, growth, order = SIZES[element]
+    share, surface = finest * (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
+    holes, layers = [], borders(mesh)
+    for site in (site for site in sites if site.radius > 0.0):
+        point, axis = place(surface, site)
+        depth = np.linalg.norm(closest_on_triangles(point, layers) - point, axis=1).min(initial=site.radius)
+        holes.append((share * max(depth, THINNEST * site.radius), site.radius, point, axis))
+
+    def size(corners: Array) -> Array:
+        middle, own = corners.mean(axis=1), 0.5 * np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])))
+        each = [
+            least + growth * np.maximum(away(middle, radius, point, axis) - own, 0.0)
+            for least, radius, point, axis in holes
+        ]
+        return np.asarray(np.min(each, axis=0, initial=np.inf))
+
+    return size
+
+
+def borders(mesh: MeshTet) -> Array:
+    """Return the facets between regions of a mesh, shape `(b, 3, 3)` [m]."""
+    part = np.zeros(mesh.nelements, np.intp)
+    for number, cells in enumerate((mesh.subdomains or {}).values(), start=1):
+        part[cells] = number
+    inner = np.flatnonzero(mesh.f2t[1] >= 0)
+    between = inner[part[mesh.f2t[0, inner]] != part[mesh.f2t[1, inner]]]
+    return np.asarray(mesh.p.T[mesh.facets[:, between].T])
+
+
+def place(surface: Surface, site: Site) -> tuple[Array, Array]:
+    """Return where a site comes to lie (3,) [m], and the outward normal there, not a number inside the body."""
+    point = np.asarray(site.point, float)
+    distance, nearest, facets = surface.nearest(point)
+    if distance > ON_SURFACE * surface.diagonal:
+        return point, np.full(3, np.nan)
+    normal = surface.normals[facets].mean(axis=0)
+    return nearest, normal / np.linalg.norm(normal)
+
+
+def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
+    """Return the distance of points `(k, 3)` from a disc across an `axis`, or from a ball where that is none, `(k,)`
+    [m]."""
+    offset = points - centre
+    height = offset @ axis if np.isfinite(axis).all() else np.zeros(len(points))
+    across = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - height**2, 0.0))
+    return np.asarray(np.hypot(height, np.maximum(across - radius, 0.0)))
+
+
+def marked(mesh: MeshTet, indicators: Array, mirror: int | None = None) -> Indices:
+    """Return the cells of the largest `indicators` `(c,)` that together have BULK of all, with those that are as large;
+    with their images about the plane across the axis `mirror`, None for a mesh that need not stay its own image."""
+    falling = np.sort(indicators)[::-1]
+    least = falling[np.searchsorted(np.cumsum(falling), BULK * falling.sum())]
+    cells = np.flatnonzero(indicators >= (1.0 - ALIKE) * least)
+    if mirror is None:
+        return cells
+    middles, signs = mesh.p[:, mesh.t].mean(axis=1).T, np.ones(3)
+    signs[mirror] = -1.0
+    return np.union1d(cells, cKDTree(middles).query(middles[cells] * signs)[1])
