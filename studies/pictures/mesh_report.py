@@ -8,12 +8,14 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
+import tissue
 from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
 from studies.arrays import Array
 from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene
 from studies.scenario import Scenario, ScenarioError
+from studies.simulation.assembly import assemble
 from studies.simulation.meshing import organ_mesh
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Unshared
@@ -46,9 +48,10 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     if path.suffix.lower() != ".vtu":
         raise ScenarioError(f"--out {path} is refused: the mesh is written for ParaView; name it {path.stem}.vtu")
     scenario = with_places(scenario, Unshared())
-    mesh = organ_mesh(scenario)
+    fit = fit_of(scenario)
+    mesh = organ_mesh(scenario) if fit is None else fit.body.mesh
     scratch = path.with_name(f".{path.stem}.part.vtu")
-    paraview(mesh).write(scratch, file_format="vtu")
+    paraview(mesh, None if fit is None else fit.indicators).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
     drawn = draw_scene(
@@ -57,7 +60,23 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
         "studies.pictures.mesh_space",
         "studies.pictures.mesh_section",
     )
-    return [*lines(mesh, scenario), "", f"ParaView   {path}", f"picture    {drawn.line}"]
+    return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {drawn.line}"]
+
+
+def fit_of(scenario: Scenario) -> tissue.Fitted | None:
+    """Return how the cells at the holes are refined, None for a mesh that is as given."""
+    if scenario.tissue is None or scenario.tissue.mesh.accuracy == "given":
+        return None
+    return assemble(scenario).fit
+
+
+def round_lines(fit: tissue.Fitted | None) -> list[str]:
+    """Write the rounds in which cells were refined."""
+    rounds = () if fit is None else fit.rounds
+    return [
+        f"round {number}    {one.unknowns} unknowns, the compliance of a hole known to {100.0 * one.error:.2g} %"
+        for number, one in enumerate(rounds, start=1)
+    ]
 
 
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
@@ -93,9 +112,10 @@ def region_numbers(mesh: skfem.MeshTet) -> Indices:
     return numbers
 
 
-def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
+def paraview(mesh: skfem.MeshTet, indicators: Array | None = None) -> meshio.Mesh:
     """Make tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on
-    triangles), for each boundary `boundary_…`, 1 on its triangles, and for each region `region_…`, 1 in its cells."""
+    triangles), with `indicators` of the cells `indicator`, their shares of the holes' relative errors, for each
+    boundary `boundary_…`, 1 on its triangles, and for each region `region_…`, 1 in its cells."""
     named = mesh.boundaries or {}
     facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
     m, k = mesh.nelements, len(facets)
@@ -103,6 +123,8 @@ def paraview(mesh: skfem.MeshTet) -> meshio.Mesh:
         "region": [region_numbers(mesh), np.full(k, NO_CELL)],
         "radius_ratio": [radius_ratios(mesh.p.T[mesh.t.T]), np.zeros(k)],
     }
+    if indicators is not None:
+        data["indicator"] = [indicators, np.zeros(k)]
     for name, chosen in named.items():
         data[f"boundary_{name}"] = [np.zeros(m, dtype=np.int8), np.isin(facets, chosen).astype(np.int8)]
     for name, cells in (mesh.subdomains or {}).items():

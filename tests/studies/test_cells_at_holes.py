@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 
@@ -11,10 +12,11 @@ import studies
 from meshes.block import block
 from studies.command.summary import refinement_line
 from studies.output.quantities import quantities
+from studies.pictures.mesh_report import write_report
 from studies.scenario import ScenarioError, parse
 from studies.scenario.toml import changed
 from studies.simulation import Simulation, prepare
-from tests.studies.test_sweep import ORGAN
+from tests.studies.test_sweep import ORGAN, RING
 
 ASKED = 0.05
 HOLE = {"at": [0.004, 0.003, 0.0], "direction": "free", "footprint": 1e-3}
@@ -43,6 +45,20 @@ def test_a_run_reports_its_cells_and_their_error(tmp_path: Path) -> None:
     assert quantities(summary)["piercings.ring.compliance_error"].value == error
     assert f"{len(rounds)} round" in refinement_line(simulation.refinement)
     assert "'ring'" in refinement_line(simulation.refinement)
+
+
+def test_the_mesh_command_shows_the_cells(tmp_path: Path) -> None:
+    """Independent check: the file has the cells of the run, and what each of them has of the error, in sum that of the
+    three directions together."""
+    told = write_report(parse(FITTED), tmp_path / "mesh.vtu")
+    mesh, simulation = meshio.read(tmp_path / "mesh.vtu"), fitted(FITTED, {})
+    assert simulation.topology is not None
+    cells, fit = mesh.cells_dict["tetra"], simulation.assembly.fit
+    assert fit is not None
+    assert len(cells) == len(simulation.topology.cells)
+    indicators = mesh.cell_data_dict["indicator"]["tetra"]
+    assert fit.error <= indicators.sum() <= 3.0 * fit.error / (1.0 - fit.error)
+    assert sum(line.startswith("round") for line in told) == len(fit.rounds)
 
 
 def test_the_mesh_as_given_is_the_default() -> None:
@@ -83,3 +99,27 @@ def test_finite_strain_begins_on_refined_cells() -> None:
     """Consistency check: the cells are those of the linear organ, whose tangent the material has at rest."""
     keys = {"tissue.material": "neo-hookean", "tissue.rayleigh": [0.0, 0.0]}
     assert fitted(FITTED, keys).refinement["errors"] == fitted(FITTED, {}).refinement["errors"]
+
+
+def test_tissue_that_stiffens_is_as_accurate_as_asked() -> None:
+    """Consistency check: a hole drawn by 3 N, 28 E a², on cells for 3 % at rest and on those for 1 %."""
+    strip = {"kind": "block", "size": [0.02, 0.01, 0.004], "h": 2.5e-3}
+    keys = {
+        "tissue.youngs_modulus": 3e5,
+        "tissue.poisson_ratio": 0.45,
+        "tissue.clamp": ["left"],
+        "tissue.material": "exponential",
+        "tissue.stiffening": 5.0,
+        "thread": RING["thread"] | {"path": [[0.008, 0.0, 0.0], [0.03, 0.0, 1e-3]], "control_points": 24},
+        "thread.start": {"kind": "free"},
+        "thread.end": {"kind": "pulled", "force": [3.0, 0.0, 0.15]},
+        "piercing.0": {"name": "ring", "at": [0.008, 0.0, 0.0], "footprint": 0.6e-3, "kind": "anchored", "s": 0.0},
+        "solve": {"kind": "static", "load_steps": 6},
+    }
+    ways = []
+    for accuracy in (0.03, 0.01):
+        simulation = fitted(FITTED, keys | {"tissue.mesh": strip | {"accuracy": accuracy}})
+        last = [step for step, _ in simulation.advance()][-1]
+        ways.append(float(last.piercings[0].displacement[0]))
+    assert ways[0] == pytest.approx(ways[1], rel=0.03)
+    assert ways[0] > 5.0 * 0.6e-3
