@@ -52,8 +52,8 @@ class _Mesh(ScenarioTable):
         one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
     ] = Field(
         default="given",
-        description="relative error of the holes' compliance [-] down to which the cells around them are refined, in "
-        'rounds; "given": the mesh as it is',
+        description="relative error of the holes' compliance to forces [-] down to which the cells around them are "
+        'refined, in rounds; "given": the mesh as it is',
         examples=[0.03],
     )
 
