@@ -227,7 +227,7 @@ class Thread:
         is in equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
 
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
-        (T·u = 0 holds for T = 0): `crushing_energy`, on the rule of the bending, is against it.
+        (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it.
         """
         parameters, once = axial_points(self.spline)
         w = np.zeros(parameters.shape)

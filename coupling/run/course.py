@@ -163,6 +163,7 @@ def fixture_of(
     of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
     thread = system.thread
+    values = *values, thread.damping, thread.point_masses, thread.bending
     alike = (thread.spline.travel, thread.section) if isinstance(thread.spline, Placed) else (thread,)
     fixture = FIXTURES.of(
         (*alike, system.piercings, system.gravity),

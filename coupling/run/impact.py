@@ -152,7 +152,7 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
     z, organ = solution.iterate, accept_organ(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.transport_frame(state.frame, z.q)
-    here = riding(solution.residual)
+    here = {**riding(solution.residual), "drive": state.drive}  # that of the motion, and not of being drawn in
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame, solved=None, **here)
 
 
@@ -160,7 +160,8 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
     """Return the problem of a step that moves nothing but what hole `k` asks: all forces of the state are loads on
     it.
 
-    The hole's own abscissa is held, the others follow their laws; lips do not cross.
+    The hole's own abscissa is held, the others follow their laws, but are held too where knots travel; lips do not
+    cross.
     """
     thread = system.thread
     at = system.passage_of(state)

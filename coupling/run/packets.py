@@ -43,8 +43,9 @@ def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
     first, directed = travel.wanted(layers), system.rows[:, 3]
     holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
     ends: list[float | None] = [None, None]
-    for k, side in enumerate(system.clamps):
-        ends[side] = float(first[len(system.piercings) + k])
+    for hold in holds:
+        if hold.directed and not 0.0 < hold.s < system.thread.spline.end:
+            ends[0 if hold.s <= 0.0 else 1] = hold.first
     of_ends = ends[0], ends[1]
     return travelling(system.thread.spline.end, holds, system.holds, travel.longest, of_ends, travel.scale)
 
@@ -63,7 +64,10 @@ def fitted_for(system: System[Body], state: State[Body], later: System[Body], en
     later, system = later.at(end), system.at(state)
     if fits(later, end):
         return system, state, 0.0
-    return put_on_knots(system, state, due(system, state, bent_over(later, end)))
+    travel = due(system, state, bent_over(later, end))
+    if travel.is_like(travel_of(system)):  # it fits as well as knots that are made at the start can
+        return system, state, 0.0
+    return put_on_knots(system, state, travel)
 
 
 def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Exchange[Body]:

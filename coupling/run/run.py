@@ -515,12 +515,12 @@ def begin(
     tolerance: float = np.inf,
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
-    nearest, closed = np.full(len(system.piercings), np.nan), []
+    nearest, closed, system = np.full(len(system.piercings), np.nan), [], system.at(state)
     for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
         state, event = begin_tie(system, state, k)
         closed.append(event)
     run = Run(
-        system=system.at(state),
+        system=system,
         state=state,
         energies=initial_energies(system, state),
         s_begun=state.s,

@@ -33,6 +33,7 @@ def strands_of(system: System[Body], state: State[Body], taut: Flags) -> Strands
 
 def look_at(system: System[Body], state: State[Body], taut: Flags) -> Looked:
     """Return what there is to see of the strands of a state, of which those `taut` (k + 1,) were so before."""
+    system = system.at(state)
     along, count = along_of(system), strand_count(system, state)
     out = Looked(*np.empty((4, count)))
     s, present = np.ascontiguousarray(state.s), np.ascontiguousarray(state.present)
@@ -57,7 +58,7 @@ def tension_over(system: System[Body], state: State[Body], s: float, taut: bool)
     looked = look_at(system, state, np.zeros(0, dtype=bool))
     bounds = looked.ends[:-1]
     k = int(np.searchsorted(bounds, s))
-    here = np.searchsorted(bounds, system.thread.axial.s) == k
+    here = np.searchsorted(bounds, along_of(system.at(state)).axial).reshape(state.N.shape) == k
     T = float(np.median(state.N[here])) if here.any() else np.nan
     return float(T - looked.enough[k] if taut else looked.least[k] - T)
 

@@ -42,6 +42,7 @@ from coupling.step.newton import (
 from coupling.step.tension import is_pressed
 from coupling.system import State
 from thread.banded import diagonal_of, half_band_of
+from thread.riding import put_on
 from thread.thread import Thread
 
 NEUTRAL = 1e-3  # of the stiffness against the softest bending, or of inertia: what a motion that costs nothing is given
@@ -169,6 +170,20 @@ class OwnMotions(Generic[Body]):
         return self.problem.system.thread.placed(self.z.s)
 
     @cached_property
+    def from_where(self) -> Array:
+        """Where the inertia of the step is from, on the thread's knots at the solution, shape `(n, c)` [m]."""
+        thread, problem = self.thread, self.problem
+        return put_on(thread, list(problem.earlier)) if thread.travels else problem.q_ref
+
+    @cached_property
+    def load(self) -> Array:
+        """Loads and weight on the control points, shape `(n, c)` [N]."""
+        problem = self.problem
+        if not self.thread.travels:
+            return problem.load
+        return np.asarray(problem.load + problem.weight * problem.system.on(self.thread.spline).weight)
+
+    @cached_property
     def free(self) -> Array:
         """A basis of them, orthonormal, shape `(c n, k)`."""
         system, (n, c) = self.problem.system, self.z.q.shape
@@ -187,10 +202,10 @@ class OwnMotions(Generic[Body]):
     def potential(self, x: Array) -> tuple[float, Array]:
         """Return the potential after a motion `x` (k,) [J], and its slope `(k,)`: energy, inertia and loads."""
         q, thread, problem = self.moved(x), self.thread, self.problem
-        points, off = thread.points(q, problem.frame), q - problem.q_ref
+        points, off = thread.points(q, problem.frame), q - self.from_where
         inertia = problem.mass_factor * thread.momentum(off)
-        slope = thread.gradient(points) + inertia - problem.load
-        value = thread.energy(points) + 0.5 * np.vdot(inertia, off) - np.vdot(problem.load, q)
+        slope = thread.gradient(points) + inertia - self.load
+        value = thread.energy(points) + 0.5 * np.vdot(inertia, off) - np.vdot(self.load, q)
         return float(value), slope.ravel() @ self.free
 
     def curvature(self, x: Array) -> Array:

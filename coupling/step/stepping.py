@@ -345,7 +345,8 @@ def rises_by(one: Array, other: Array) -> float:
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
     reaction where an end is held, else its load."""
-    out = np.array([load[k] - system.weight[k] for k in (0, -1)])
+    weight = np.zeros_like(load) if system.thread.travels else system.weight  # which is then no part of the load
+    out = np.array([load[k] - weight[k] for k in (0, -1)])
     for point, _ in prescribed_positions(system, 0.0):
         out[point, :3] = residual[point, :3]
     for point, _ in prescribed_angles(system, 0.0):
@@ -468,7 +469,7 @@ def advance(
             continue
         except (StepError, InversionError) as error:
             gone = runs_out(system, state, part)
-            if gone.any():
+            if gone.any() and level >= min(depth + FOLLOWED, HALVINGS):
                 state, beyond = release(state, gone), [*beyond, further_on(state, part)]
                 pending.append((part, level, remembers))
                 continue
@@ -497,7 +498,10 @@ def local_error(step: Step[Body]) -> float:
     old, new, system = step.old, step.new, step.solution.problem.system
     scheme: Scheme = BackwardEuler(step.dt) if new.before is None else scheme_of(old, step.dt)
     past = past_states(scheme, old)
-    of_points = scheme.local_error(*(each.v[:, :3] for each in (new, *past)))
+    thread, rates = step.solution.residual.configuration.thread, [each.v for each in (new, *past)]
+    if thread.travels:  # the rates of the same material points, on the knots of the end
+        rates[1:] = [put_on(thread, [(curve.spline, curve.v)]) for curve in map(solved_curve, past)]
+    of_points = scheme.local_error(*(v[:, :3] for v in rates))
     of_holes = scheme.local_error(*(each.s_dot for each in (new, *past)))
     moving = np.abs(of_points[~system.held_flags[:, :3]])
     return float(max(moving.max(initial=0.0), np.abs(of_holes[new.present]).max(initial=0.0)))

@@ -5,9 +5,10 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
 from coupling.kernels.steps import tension
-from coupling.kernels.steps.tension import Along, Limits, Pull
+from coupling.kernels.steps.tension import INSIDE, Along, Limits, Pull
 from coupling.system import State, System
 from thread.compliance import SLACK
+from thread.placed import Placed
 from thread.thread import STAGES
 
 REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
@@ -20,8 +21,12 @@ def along_of(system: System[Body]) -> Along:
     """Return the abscissae of a thread as the kernels want them."""
     spline, axial = system.thread.spline, np.ascontiguousarray(system.thread.axial.s)
     axial = axial.reshape(len(axial), -1)
+    greville = spline.greville
+    if isinstance(spline, Placed):
+        middles = 0.5 * (spline.breaks[:-1] + spline.breaks[1:])[:, None]
+        axial, greville = axial + INSIDE * (middles - axial), spline.places
     share = system.thread.axial_rule.w if system.thread.travels else np.ones(axial.shape)
-    places = spline.breaks, spline.cuts, axial, spline.greville, share
+    places = spline.breaks, spline.cuts, axial, greville, share
     return Along(*map(np.ascontiguousarray, places))
 
 

@@ -11,6 +11,7 @@ import pytest
 from coupling.integrators import BackwardEuler
 from coupling.paper.assembled import Monolith, monolithic_solve
 from coupling.reports.audit import audit_step, initial_energies, multiplier_imbalance
+from coupling.run import begin
 from coupling.step import newton, solver
 from coupling.step.stepping import dynamic_problem, organ_answer, predict, try_step
 from coupling.system import Friction, Piercing, State, System
@@ -305,3 +306,35 @@ def test_a_thread_drawn_out_of_its_last_hole_leaves_it() -> None:
     records = [record for record, _ in prepare(Scenario.model_validate(table)).advance()]
     events = [event for record in records for event in record.events if event.kind == "leaves"]
     assert len(events) == 1 and records[-1].piercings[0].state == "left"
+
+
+def test_loops_and_python_make_the_same_steps() -> None:
+    """Consistency check: steps made in the compiled loops and one by one, with packets made anew between them, under
+    gravity and with a point mass at an end that is pulled: places, forces at the ends, and the audit."""
+    system, state = drawn_hairpin()
+    system = replace(system, compiled=True, thread=replace(system.thread, point_masses=(0.0, 1e-4)))
+    one = other = begin(system, state, try_step)
+    one = one.steps(1e-3, 12)
+    for _ in range(12):
+        step = replace(other, system=replace(other.system, compiled=False)).step(1e-3)
+        other = replace(step, system=replace(step.system, compiled=True))
+    a, b = one.state, other.state
+    for name in ("q", "v", "s", "y", "lam", "reaction", "drive"):
+        x, y = getattr(a, name), getattr(b, name)
+        assert np.abs(x - y).max() < 10.0 * TWO_SOLVERS * np.abs(x).max(), name
+    assert one.energies.external_work == pytest.approx(other.energies.external_work, rel=1e-6)
+    assert one.energies.kinetic == pytest.approx(other.energies.kinetic, rel=1e-6)
+    assert abs(one.energies.balance_error) < RESIDUAL * one.energies.at_stake
+
+
+def test_steps_are_controlled_by_the_error_of_material_points() -> None:
+    """A tighter tolerance takes more and smaller steps, also across packets that are made anew."""
+    name, pull, turn, before = seeded(10)[0]
+    counts = []
+    for tolerance in (1e-4, 1e-6):
+        scenario = drawn(name, pull, turn, before, "dynamic", 0.06)
+        solve = scenario.solve.model_copy(update={"tolerance": tolerance})
+        records = [record for record, _ in prepare(scenario.model_copy(update={"solve": solve})).advance()]
+        counts.append(sum(record.newton_iterations for record in records))
+        assert np.isfinite(records[-1].piercings[0].tension_after)
+    assert counts[1] > counts[0]

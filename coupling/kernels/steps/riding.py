@@ -22,7 +22,7 @@ from coupling.kernels.steps.audit import (
     product,
     work_along,
 )
-from coupling.kernels.steps.tension import Along
+from coupling.kernels.steps.tension import INSIDE, Along
 from thread.kernels.curve import FIRST, Curve, Stretched, along_span, elastic_energy, put
 from thread.kernels.loops import loop, owning
 from thread.kernels.travel import (
@@ -88,8 +88,10 @@ def place_along(ride: Ride, S: Array, field: Field, along: Along) -> None:
     """Write the abscissae of a thread whose knots are at `S` (n,) [m]; its spans are those of a `field`."""
     put_breaks(field.polynomials, field.first, S, along.breaks, field.knots[1] - field.knots[0])
     for e in range(len(along.axial)):
+        middle = 0.5 * (along.breaks[e] + along.breaks[e + 1])
         for g in range(along.axial.shape[1]):
-            along.axial[e, g] = on_span(ride.axial_value[e, g], S, field.first[e])
+            s = on_span(ride.axial_value[e, g], S, field.first[e])
+            along.axial[e, g] = s + INSIDE * (middle - s)
             along.share[e, g] = ride.axial_w[e, g] * on_span(ride.axial_slope[e, g], S, field.first[e])
     for i in range(len(S)):
         along.greville[i] = S[i]

@@ -19,6 +19,7 @@ from thread.kernels.loops import entry, loop, owning
 from thread.kernels.vectors import Vector, dot, vector
 
 AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
+INSIDE = 1e-6  # of a span: a point of the stretch at a knot of a hole lies so far within the span that it belongs to
 KNOWN, BEYOND = -1, -2
 FIRST = 0
 
