@@ -163,12 +163,12 @@ def fixture_of(
     of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
     values = scheme.dt, scheme.d, scheme.weights, system.epsilon, *of_ends, state.present.tobytes(), len(motion.U)
     thread = system.thread
-    values = *values, thread.damping, thread.point_masses, thread.bending
+    of_thread = thread.damping, thread.point_masses, thread.bending
     alike = (thread.spline.travel, thread.section) if isinstance(thread.spline, Placed) else (thread,)
     fixture = FIXTURES.of(
         (*alike, system.piercings, system.gravity),
         lambda: make_fixture(system, scheme, state, answer, motion, taut),
-        values,
+        (*values, *of_thread),
     )
     fixture.given.y_free[:] = all_holds(system, answer.y_free)
     fixture.given.C[:] = pad_compliance(system, answer.C)

@@ -222,7 +222,8 @@ def travelling_spline(
     places = [at for at, held in zip((0.0, length), clamped, strict=True) if held]
     holds += [Hold(len(holes) + k, at, True, longest) for k, at in enumerate(places)]
     total = len(holes) + len(places) + 2 * len(scenario.tie)
-    ends = tuple(longest if any(hold.directed and hold.s == at for hold in holds) else None for at in (0.0, length))
+    bent = [any(hold.directed and hold.s == at for hold in holds) for at in (0.0, length)]
+    ends = longest if bent[0] else None, longest if bent[1] else None
     travel = travelling(length, holds, total, longest, ends, float(np.sqrt(table.tolerance / TOLERANCE)))
     at = np.zeros(total)
     at[[hold.number for hold in holds]] = [hold.s for hold in holds]
