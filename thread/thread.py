@@ -362,7 +362,7 @@ class Thread:
         """The energy of stretch and bending."""
         if self.spring_layout is not None:
             return Springs(self.spring_layout, self.EA, self.EI)
-        return Continuous(self.spline.first, self.elastic_rule, self.axial_rule, self.EA, self.EI)
+        return Continuous(self.spline.first, self.elastic_rule, self.axial_rule, self.EA, self.EI, self.travels)
 
     @cached_property
     def stations(self) -> Stations:

@@ -387,10 +387,7 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
 
 
 def is_resolved(problem: Problem[Body], state: State[Body]) -> bool:
-    """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread. Knots that
-    travel have no traps between them."""
-    if problem.system.thread.travels:
-        return True
+    """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread."""
     thread, force = problem.system.thread, drawing_force(problem, state)
     spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(state.s)]
     return bool((force * spans**2 <= thread.EI).all())

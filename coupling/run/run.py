@@ -535,7 +535,7 @@ def begin(
         cuts=cuts,
         events=tuple(closed),
     )
-    return run.refitted(0.0, True) if system.thread.travels else run
+    return run.refitted(0.0, True) if system.thread.travels and closed else run
 
 
 def schedule_piercings(

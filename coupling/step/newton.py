@@ -235,8 +235,9 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
         inertia = problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, ridden=ridden)
     at, elastic = now.at, now.elastic
-    balance, push = elastic - problem.load + inertia, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push
+    balance += inertia
     holds = np.empty((len(z.s), 6))
     holds[:, S] = ruled(problem.law, z.sigma, at, z.s, z.lam, z.y).residual[:, 0]
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)

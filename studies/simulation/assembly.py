@@ -47,7 +47,6 @@ log = logging.getLogger(__name__)
 Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
 
-TURN = 0.5  # rad: what the path turns by over a span of the laid thread at most, where knots travel
 TOLERANCE = 0.01  # relative error of the holes' forces that the packets of thread.packets.FIRST √(EI/T) are made for
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
@@ -113,7 +112,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
-    thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, path, holes, length, s))
+    thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, holes, length, s))
     check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
     resolution = resolution_of(scenario.thread, length, s)
     check_cutting(scenario.cut, thread.spline, resolution)
@@ -205,14 +204,10 @@ def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Res
     return Resolution(Tree(graded_spline(table, length, s).breaks), AT_COARSE, everywhere=False)
 
 
-def travelling_spline(
-    scenario: Scenario, path: RoundedPath, holes: Sequence[model.Piercing], length: float, s: Sequence[float]
-) -> Placed:
+def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
     """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
-    table, bend = scenario.thread, float(np.abs(path.curvatures).max())
+    table = scenario.thread
     longest = length / (table.control_points - DEGREE)
-    if bend:
-        longest = min(longest, TURN / bend * length / path.length)
     holds = [
         Hold(k, at, hole.direction != "free", longest)
         for k, (hole, at) in enumerate(zip(holes, s, strict=True))
@@ -248,14 +243,12 @@ def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
     return spline
 
 
-def thread_of(
-    scenario: Scenario, path: RoundedPath, holes: Sequence[model.Piercing], length: float, s: Sequence[float]
-) -> Thread:
+def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Thread:
     """Return the thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
     table = scenario.thread
     travels = table.knots == "travelling"
     return Thread(
-        spline=travelling_spline(scenario, path, holes, length, s) if travels else spline_of(table, length, s),
+        spline=travelling_spline(scenario, holes, length, s) if travels else spline_of(table, length, s),
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,

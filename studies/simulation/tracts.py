@@ -136,7 +136,7 @@ def bites_of(
     """Return how far the path runs in tissue along its direction at each of the `rough` holes that needs a channel,
     from the middle of the strand before it to the middle of the one behind [m]: the depth of a bite, half a wall that
     is pierced on both sides, all of one that it leaves without a hole. `at` (p,) are the abscissae on the path [m]."""
-    if scenario.tissue is None:
+    if scenario.tissue is None or not at:
         return {}
     between = [0.0, *(0.5 * (low + high) for low, high in pairwise(at)), path.length]
     ways = zip(scenario.piercing, between[:-1], at, between[1:], strict=True)

@@ -29,21 +29,21 @@ STEPS, DT, RATE = 60, 1e-3, 40.0  # [-], [s], [1/s]
 @whole
 def stored_more(D: Array, c: Array, directed: bool, lam: Array, y: Array, rows: Array, after: Array) -> float:
     """What the exchange of a hold's compliance for another one stores."""
-    return exchange_in_place(hold_at(D, c, directed, False, lam, y), rows, after)
+    return exchange_in_place(hold_at(D, c, directed, False, False, 0.0, lam, y), rows, after)
 
 
 @whole
 def let_go_between(was: Any, now: Any, mid: Array, back: Array, directed: bool, lam: Array, y: Array) -> float:
     """What a hold stores less as its compliance changes from the start of a step to its end, under the same forces."""
-    one = hold_at(was.D[0], was.c[0], directed, False, lam, y)
-    other = hold_at(now.D[0], now.c[0], directed, False, lam, y)
+    one = hold_at(was.D[0], was.c[0], directed, False, False, 0.0, lam, y)
+    other = hold_at(now.D[0], now.c[0], directed, False, False, 0.0, lam, y)
     return exchange_between(one, other, Met(was, now, mid, back), 0)
 
 
 @whole
 def is_borne(D: Array, c: Array, directed: bool, lam: Array, y: Array, after: Array, borne: float) -> bool:
     """Whether another compliance bears a hold where it is."""
-    return bears(hold_at(D, c, directed, False, lam, y), after, borne)
+    return bears(hold_at(D, c, directed, False, False, 0.0, lam, y), after, borne)
 
 
 def only_hold(at: Passage, run: Run) -> tuple[Any, ...]:

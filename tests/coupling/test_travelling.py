@@ -57,7 +57,7 @@ def drawn(name: str, pull: float, turn: float, before: float | None, kind: str, 
             "end": {"kind": "driven", "waypoints": way},
         },
         "piercing": [hole],
-        "solve": {"kind": "static", "duration": duration, "load_steps": 4}
+        "solve": {"kind": "static", "duration": duration, "load_steps": 10}
         if kind == "static"
         else {"dt": 1e-3, "duration": duration},
     }
@@ -71,7 +71,7 @@ def seeded(count: int) -> list[tuple[str, float, float, float | None]]:
         name = SUTURES[rng.integers(len(SUTURES))]
         pull = suture(name).EA * 10 ** rng.uniform(-5.0, np.log10(2e-2))
         turn, share = np.radians(rng.uniform(30.0, 150.0)), rng.uniform(-0.2, 0.6)
-        if np.sqrt(suture(name).EI / pull) < 5e-3 and abs(share - 0.5) > 0.05:
+        if np.sqrt(suture(name).EI / pull) < 3e-3 and abs(share - 0.5) > 0.05:
             out.append((name, float(pull), float(turn), None if rng.uniform() < 0.3 else float(share * turn)))
     return out
 

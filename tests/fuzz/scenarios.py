@@ -93,10 +93,11 @@ stiffening = 2.0
 fibres = [{ direction = [1, 0, 0], k1 = 1.0e4, k2 = 1.0 }]
 prestretch = [1.02, 1.0, 0.98]
 strength = 2.0e6
-mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3 }
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, accuracy = 0.5 }
 [thread]
 suture = "2-0 polypropylene"
 control_points = 24
+knots = "fixed"
 path = [[6e-3, -1e-3, 4e-3], [-5e-3, 0, 2e-3], [-5e-3, 0, -5e-3], [5e-3, 0, -5e-3], [5e-3, 0, 2e-3], [-6e-3, 0, 4e-3]]
 [[piercing]]
 name = "entry"

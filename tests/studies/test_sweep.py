@@ -195,7 +195,7 @@ def test_the_digest_of_a_case_has_the_source_that_it_hangs_on() -> None:
             elif isinstance(node, ast.ImportFrom | ast.Import):
                 foreign |= {str(getattr(node, "module", None) or node.names[0].name).split(".")[0]}
     assert own <= {*ROOMS, *(module.removesuffix(".py") for module in MODULES), "studies/manual"}
-    plain = {"pydantic", "pydantic_core", "pyvista", "pandas", "psutil", "threadpoolctl"}
+    plain = {"pydantic", "pydantic_core", "pyvista", "pandas", "psutil", "threadpoolctl", "filelock", "tomli_w"}
     named = {name.replace("scikit-fem", "skfem") for name in PACKAGES}
     inside = {"meshes", "thread", "tissue", "coupling", "studies", *sys.stdlib_module_names}
     assert foreign <= inside | plain | named

@@ -16,7 +16,7 @@ class Continuous:
     """Stretch and bending energy on the spans of a spline.
 
     `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `EA` [N], `EI` [N
-    m²].
+    m²]; whether crushing meets a `barrier` (`thread.kernels.curve.crushing`).
     """
 
     first: Indices
@@ -24,6 +24,7 @@ class Continuous:
     stretch: GaussRule
     EA: float
     EI: float
+    barrier: bool = False
 
     reach = ORDERS
     seen = 3
@@ -46,7 +47,15 @@ class Continuous:
         slope, bend, axial_slope = plain(bending.b[:, :, 1]), plain(bending.b[:, :, 2]), plain(stretch.b[:, :, 1])
         first = self.first.astype(np.int64)
         return Curve(
-            first, slope, bend, plain(bending.w), axial_slope, plain(stretch.w), float(self.EA), float(self.EI)
+            first,
+            slope,
+            bend,
+            plain(bending.w),
+            axial_slope,
+            plain(stretch.w),
+            float(self.EA),
+            float(self.EI),
+            self.barrier,
         )
 
     def evaluate(self, q: Array, frame: object = None) -> Stretched:

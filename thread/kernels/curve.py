@@ -30,7 +30,8 @@ class Curve(NamedTuple):
     """The elastic thread on its knots.
 
     `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
-    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; EA [N], EI [N m²].
+    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; EA [N], EI [N m²];
+    whether crushing meets a `barrier`.
     """
 
     first: Indices
@@ -41,6 +42,7 @@ class Curve(NamedTuple):
     axial_w: Array
     EA: float
     EI: float
+    barrier: bool
 
 
 class Stretched(NamedTuple):
@@ -89,15 +91,17 @@ def point(a: Array, e: int, g: int) -> Vector:
 
 
 @loop
-def crushing(EA: float, a: float) -> tuple[float, float, float]:
-    """Return ½EA p⁴/a, p = ½(1 − a), of a = |T|² < 1, and its first two derivatives by a: a barrier, without end as
-    |T| → 0, against a collapse between the points of the stretch, where EA ε² has none. At a shortening of 1 % it is
-    1e-4 of the energy of the stretch."""
+def crushing(curve: Curve, a: float) -> tuple[float, float, float]:
+    """Return ½EA p⁴, p = ½(1 − a), of a = |T|² < 1, and its first two derivatives by a: against |T| → 0 between the
+    points of the stretch. At a shortening of 1 % it is 1e-4 of the energy of the stretch. Where knots travel it is
+    ½EA p⁴/a, a barrier without end: at the double knot of a hole a corner of the path would collapse else."""
     p = max(0.5 * (1.0 - a), 0.0)
+    if not curve.barrier:
+        return 0.5 * curve.EA * p**4, -curve.EA * p**3, 1.5 * curve.EA * p**2
     return (
-        0.5 * EA * p**4 / a,
-        -0.5 * EA * p**3 * (2.0 / a + p / a**2),
-        0.5 * EA * p**2 * (3.0 / a + 4.0 * p / a**2 + 2.0 * p**2 / a**3),
+        0.5 * curve.EA * p**4 / a,
+        -0.5 * curve.EA * p**3 * (2.0 / a + p / a**2),
+        0.5 * curve.EA * p**2 * (3.0 / a + 4.0 * p / a**2 + 2.0 * p**2 / a**3),
     )
 
 
@@ -108,7 +112,7 @@ def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector
     phi_a = (2.0 * b * b / a - c) / a**2
     phi_b = -2.0 * b / a**2
     half = 0.5 * curve.EI
-    by_T = sum_of(2.0 * (half * phi_a + crushing(curve.EA, a)[1]), T, half * phi_b, K)
+    by_T = sum_of(2.0 * (half * phi_a + crushing(curve, a)[1]), T, half * phi_b, K)
     return by_T, sum_of(half * phi_b, T, half * 2.0 / a, K)
 
 
@@ -121,7 +125,7 @@ def bending_hessian(curve: Curve, T: Vector, K: Vector) -> tuple[Matrix, Matrix,
     phi_ab = -2.0 * phi_b / a
     phi_a = -half * c / a**2 + 0.5 * b * phi_ab
     phi_aa = half * (2.0 * c - 6.0 * b * b / a) / a**3
-    _, slope, bent = crushing(curve.EA, a)
+    _, slope, bent = crushing(curve, a)
     by_TT = sum_of(4.0 * (phi_aa + bent), T, 2.0 * phi_ab, K)
     TT = added(outer(T, by_TT), outer(K, sum_of(2.0 * phi_ab, T, phi_bb, K)))
     TK = added(outer(T, sum_of(2.0 * phi_ab, T, 2.0 * phi_bb, K)), outer(K, times(phi_bb, T)))
@@ -190,7 +194,7 @@ def bending_energy(curve: Curve, T: Vector, K: Vector) -> float:
     in Reissner's rod, whose bending moment exerts no axial force; per deformed length the axial force would jump by
     twice EI κ² where the curvature does."""
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
-    return 0.5 * curve.EI * ((a * c - b * b) / a**2) + crushing(curve.EA, a)[0]
+    return 0.5 * curve.EI * ((a * c - b * b) / a**2) + crushing(curve, a)[0]
 
 
 @loop

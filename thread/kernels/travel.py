@@ -167,7 +167,7 @@ def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, o
     T, K, w = point(at.T, e, g), point(at.K, e, g), ride.w[e, g]
     a, b, c, S1 = dot(T, T), dot(T, K), dot(K, K), curve.w[e, g] / ride.w[e, g]
     bending = 0.5 * curve.EI * (a * c - b * b) / a**2
-    crush, slope, bent = crushing(curve.EA, a)
+    crush, slope, bent = crushing(curve, a)
     by = -bending + crush - 2.0 * a * slope
     by_by = (2.0 * bending + 2.0 * a * (slope + 2.0 * a * bent)) / S1
     add_rates(w * by, w * by_by, ride, e, ride.rate[e, g], out)
