@@ -71,7 +71,8 @@ def seeded(count: int) -> list[tuple[str, float, float, float | None]]:
         name = SUTURES[rng.integers(len(SUTURES))]
         pull = suture(name).EA * 10 ** rng.uniform(-5.0, np.log10(2e-2))
         turn, share = np.radians(rng.uniform(30.0, 150.0)), rng.uniform(-0.2, 0.6)
-        if np.sqrt(suture(name).EI / pull) < 3e-3 and abs(share - 0.5) > 0.05:
+        sharp = turn * (1.0 - share) > np.radians(150.0)
+        if np.sqrt(suture(name).EI / pull) < 3e-3 and abs(share - 0.5) > 0.05 and not sharp:
             out.append((name, float(pull), float(turn), None if rng.uniform() < 0.3 else float(share * turn)))
     return out
 
