@@ -92,9 +92,11 @@ def start_key(scenario: Scenario) -> str:
 def thread_key(scenario: Scenario, length: float, s: Sequence[float]) -> str:
     """Return the digest of all that the thread is made from, with its rest length and the abscissae of holes [m]."""
     laid = [length, *(float(at) for at in s)]
-    return digest(
-        {"thread": unpulled(tables(scenario)["thread"]), "laid": laid, "scheme": scenario.solve.scheme}, scenario
-    )
+    made = {"thread": unpulled(tables(scenario)["thread"]), "laid": laid, "scheme": scenario.solve.scheme}
+    if scenario.thread.knots == "travelling":  # whose knots are those of the holes that it is laid in, and of ties
+        holes = [[hole.direction == "free", hole.from_ == 0.0] for hole in scenario.piercing]
+        made |= {"knots": [holes, len(scenario.tie)]}
+    return digest(made, scenario)
 
 
 def unpulled(thread: dict[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from coupling.system import Friction, Piercing, State, System
 from studies.output.records import StepRecord
 from studies.scenario import Scenario
 from studies.simulation import prepare
+from studies.simulation.sharing import thread_key
 from tests.bounds import GAP, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, block_organ, hairpin, laid
 from thread.catalogue import suture
@@ -339,3 +340,11 @@ def test_steps_are_controlled_by_the_error_of_material_points() -> None:
         counts.append(sum(record.newton_iterations for record in records))
         assert np.isfinite(records[-1].piercings[0].tension_after)
     assert counts[1] > counts[0]
+
+
+def test_threads_are_shared_only_by_cases_with_the_same_holes() -> None:
+    """Identity: a hole that imposes a direction has a double knot, so its thread is another one."""
+    free, directed = stitched(), stitched()
+    directed["piercing"][0]["direction"] = [1, 0, 0]
+    keys = {thread_key(Scenario.model_validate(table), 0.04, (0.01, 0.02)) for table in (free, directed, stitched())}
+    assert len(keys) == 2
