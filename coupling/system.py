@@ -341,9 +341,8 @@ class System(Generic[Body]):
                 return knot_passage(self.thread.placed(s).spline, q, s, self.rows[:, 3], drive, ridden)
             return passage(self.thread, q, s, self.rows[:, 3], home, layers)
 
-        if (
-            self.thread.spline.cuts.size or ridden is not None
-        ):  # the pieces that `home` says are no part of what is remembered
+        # the pieces that `home` says are no part of what is remembered, nor is what an iterate alone rides on
+        if self.thread.spline.cuts.size or ridden is not None:
             return make()
         return self._passages.of((q, s, layers, drive), make)
 

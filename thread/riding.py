@@ -9,24 +9,16 @@ from thread.arrays import Array
 from thread.energies.continuous import Continuous
 from thread.kernels.travel import Field, Ridden, Ride, elastic_rates_of, end_masses_of, inertia_of, riding_force_of
 from thread.placed import Placed
-from thread.quadrature import gauss_rule
+from thread.quadrature import gauss_rule, rule_at
 from thread.spline import ORDERS, Spline
-from thread.thread import MASS_POINTS, Points, Thread, axial_points, exact_weights
+from thread.thread import MASS_POINTS, Points, Thread, axial_rule
 
-LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
 LOCAL = np.arange(ORDERS)
 
 
 def plain(x: Array) -> Array:
     """Return an array as the kernels want it, in the order of C."""
     return np.ascontiguousarray(x, dtype=float)
-
-
-def gauss_in_chi(spline: Spline, points: int) -> tuple[Array, Array]:
-    """Return Gauss points of every span and their weights in χ, shape `(spans, points)` each."""
-    x, w = np.polynomial.legendre.leggauss(points)
-    low, width = spline.breaks[:-1, None], np.diff(spline.breaks)[:, None]
-    return low + 0.5 * width * (1.0 + x), 0.5 * width * w
 
 
 def rates_of(spline: Placed, b: Array) -> Array:
@@ -47,17 +39,9 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
     if not isinstance(spline, Placed):
         return standing(thread, gravity)
     chi, travel = spline.chi, spline.travel
-
-    def functions(points: Array) -> Array:
-        return chi.basis(points.ravel())[1].reshape(*points.shape, ORDERS, ORDERS)
-
-    bent, w = gauss_in_chi(chi, thread.elastic_points)
-    stretched, once = axial_points(spline)
-    axial_w = np.zeros(stretched.shape)
-    axial_w[once] = exact_weights(spline, stretched[once])
-    axial_w = np.where(once.all(axis=1, keepdims=True), axial_w, 0.5 * axial_w.sum(axis=1, keepdims=True))
-    moved, mass_w = gauss_in_chi(chi, MASS_POINTS)
-    B, A, M = functions(bent), functions(stretched), functions(moved)
+    bending, mass = gauss_rule(chi, thread.elastic_points), gauss_rule(chi, MASS_POINTS)
+    stretch = rule_at(chi, *axial_rule(spline))
+    B, A, M = bending.b, stretch.b, mass.b
     first, at = chi.basis(chi.breaks[travel.at])
     return Ride(
         True,
@@ -66,15 +50,15 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         travel.between.astype(np.int64),
         plain(B[:, :, 1]),
         plain(B[:, :, 2]),
-        plain(w),
+        plain(bending.w),
         rates_of(spline, B[:, :, 1]),
         plain(A[:, :, 0]),
         plain(A[:, :, 1]),
-        plain(axial_w),
+        plain(stretch.w),
         rates_of(spline, A[:, :, 1]),
         plain(M[:, :, 0]),
         plain(M[:, :, 1]),
-        plain(mass_w),
+        plain(mass.w),
         rates_of(spline, M[:, :, 1]),
         rates_of(spline, M[:, :, 0]),
         first.astype(np.int64),
@@ -147,13 +131,13 @@ def empty_ridden(spline: Placed) -> Ridden:
 
 
 def ride(
-    thread: Thread, fields: tuple[Field, Field], factor: float, gravity: Array, q: Array, N: Array
+    thread: Thread, how: Ride, fields: tuple[Field, Field], factor: float, q: Array, N: Array
 ) -> tuple[Array, Ridden]:
     """Return inertia of the `factor` [1/s²] from earlier curves, with weight, shape `(n, c)` [N], and what the
-    potential owes to the abscissae, of a thread whose knots travel, at control values `q` (n, c) under the axial forces
-    `N` (spans, a) [N]."""
+    potential owes to the abscissae, of a thread whose knots travel as `how` says, at control values `q` (n, c) under
+    the axial forces `N` (spans, a) [N]."""
     assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
-    out, how, F, place = empty_ridden(thread.spline), ride_of(thread, gravity), np.zeros((thread.n, 3)), plain(q[:, :3])
+    out, F, place = empty_ridden(thread.spline), np.zeros((thread.n, 3)), plain(q[:, :3])
     curve, at = thread.axial.curve, thread.axial.evaluate(place)
     elastic_rates_of(curve, how, at, plain(N), out)
     inertia_of(curve, how, fields, float(factor), place, F, out)
@@ -161,19 +145,9 @@ def ride(
     return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), out
 
 
-def with_riding_force(thread: Thread, points: Points, dz: Array, N: Array) -> Array:
+def with_riding_force(thread: Thread, how: Ride, points: Points, dz: Array, N: Array) -> Array:
     """Return axial forces `N` (spans, a) [N] with what holes that move by the first column of `dz` (m, …) change."""
     assert isinstance(thread.axial, Continuous)
     N = plain(N.copy())
-    riding_force_of(thread.axial.curve, ride_of(thread, np.zeros(3)), points.at[0], np.ascontiguousarray(dz), N)
+    riding_force_of(thread.axial.curve, how, points.at[0], np.ascontiguousarray(dz), N)
     return N
-
-
-def share_left(thread: Thread, ds: Array) -> float:
-    """Return the part of a correction in which no part of the thread between two holes that move by `ds` (m,) [m] falls
-    below LEFT of its length; 1 where knots stand still."""
-    spline = thread.spline
-    if not isinstance(spline, Placed):
-        return 1.0
-    shrink = -np.diff(spline.travel.b @ ds) / ((1.0 - LEFT) * spline.spacing)
-    return float(1.0 / max(1.0, shrink.max()))

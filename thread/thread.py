@@ -91,6 +91,15 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
     return points, np.hstack([np.ones_like(two), two])
 
 
+def axial_rule(spline: Spline) -> tuple[Array, Array]:
+    """Return points and weights of the stretch in the parameter of the knots, shape `(spans, 2)` each; two equal points
+    share their weight. Raises `ThreadError` as `exact_weights` does."""
+    points, once = axial_points(spline)
+    w = np.zeros(points.shape)
+    w[once] = exact_weights(spline, points[once])
+    return points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
+
+
 def exact_weights(spline: Spline, s: Array) -> Array:
     """Return quadrature weights in the parameter of the knots, at as many points as T has functions, which integrate
     each of those functions exactly.
@@ -229,11 +238,7 @@ class Thread:
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
         (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it.
         """
-        parameters, once = axial_points(self.spline)
-        w = np.zeros(parameters.shape)
-        w[once] = exact_weights(self.spline, parameters[once])
-        w = np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
-        return rule_at(self.spline, parameters, w)
+        return rule_at(self.spline, *axial_rule(self.spline))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 

@@ -22,8 +22,6 @@ PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go
 OF_X = slice(0, 3)  # x among the nine numbers of y
 NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp), 1.0)
 FREE = np.zeros(0)  # abscissae that are not led
-
-
 RIDING = 6  # row of Vᵀ that has H_qs where knots travel
 
 

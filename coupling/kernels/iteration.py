@@ -232,15 +232,16 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
 
 
 @loop
-def pass_knot(ride: Ride, z: Unknowns, k: int, r: Found) -> None:
-    """Evaluate the thread at the knot of hold k, of a thread whose knots travel: P and T do not depend on s."""
-    first, S = ride.first[k], r.ridden.S
+def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Found | Passing) -> None:
+    """Evaluate the thread at the knot of hold k, of a thread whose knots travel and are at `S` (n,) [m]: P and T do not
+    depend on s."""
+    first = ride.first[k]
     r.first[k], rate = first, on_span(ride.at[k, 1], S, first)
     for i in range(4):
         r.b[k, 0, i], r.b[k, 1, i] = ride.at[k, 0, i], ride.at[k, 1, i] / rate
         r.b[k, 2, i] = r.b[k, 3, i] = 0.0
     for order in range(4):
-        put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
+        put(along_span(r.b[k, order], q, first), r.D[k], order, FIRST)
     for derivative in range(3):
         for j in range(LACKS):
             r.c[k, derivative, j] = 0.0
@@ -307,7 +308,7 @@ def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r:
         add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
     for k in range(m):
         if ride.on:
-            pass_knot(ride, z, k, r)
+            pass_knot(ride, r.ridden.S, z.q, k, r)
         else:
             pass_hold(knots, given, z, k, r)
     bare = not lacks(r.c)
@@ -700,5 +701,5 @@ def solve_of(digest: int) -> Any:
 
 
 solve = solve_of(sources(__file__))
-strand_reach = entry(reach_in_strands)
+strand_reach, share_between = entry(reach_in_strands), entry(share_between_holes)
 share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # as Python calls them

@@ -250,7 +250,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
         return replace(
             z,
             q=z.q + dq,
-            N=next_axial_force(r, dq, x[system.blocks["s"]][:, None]),
+            N=next_axial_force(problem, r, dq, x[system.blocks["s"]][:, None]),
             s=z.s + x[system.blocks["s"]],
             lam=z.lam + x[system.blocks["lam"]].reshape(-1, 5),
             y=all_variables(problem, U_next),

@@ -109,28 +109,29 @@ def turned_over(step: Step[Body]) -> Array:
     turns[audit.EXTERNAL] = closing_works(step).sum()
     turns[audit.NUMERICAL] = lying_work(step) + solution.linearisation
     turns[audit.REMAINDER] = -lag.sum()
-    motions = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
-    if solution.problem.system.thread.travels:
-        motions = motions[0]._replace(v=plain(put_on_end(step, old.v))), motions[1]
-    on = forces_on(step)
+    before, after = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
+    q, v = start_on_end(step)
+    on = forces_on(step, q, v)
+    motions = before._replace(v=plain(v)), after
     audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
     if solution.problem.system.thread.travels:
-        add_travelling(step, on, turns)
+        add_travelling(step, on, v, turns)
     return turns
 
 
-def put_on_end(step: Step[Body], values: Array) -> Array:
-    """Return control values (n, c) of the start of a step, of its curve at the material points, on the knots of its
+def start_on_end(step: Step[Body]) -> tuple[Array, Array]:
+    """Return q and v (n, c) of the start of a step; where knots travel, at the material points, on the knots of its
     end."""
-    spline = step.old.spline
-    assert spline is not None
-    return put_on(step.solution.residual.configuration.thread, [(spline, values)])
+    old, spline, thread = step.old, step.old.spline, step.solution.residual.configuration.thread
+    if spline is None:
+        return old.q, old.v
+    return put_on(thread, [(spline, old.q)]), put_on(thread, [(spline, old.v)])
 
 
-def add_travelling(step: Step[Body], on: OnThread, turns: Array) -> None:
-    """Add what a step turns over by the way of the knots themselves, with ∂Π/∂s of each part of the potential: the
-    elastic energy, the weight, and the inertia, what it takes beyond the change of the kinetic energy being the
-    integrator's."""
+def add_travelling(step: Step[Body], on: OnThread, v: Array, turns: Array) -> None:
+    """Add what a step that began with `v` (n, c) [m/s], on the knots of its end, turns over by the way of the knots:
+    with ∂Π/∂s of each part of the potential, the elastic energy, the weight and the inertia. What the inertia takes
+    beyond the change of the kinetic energy is the integrator's."""
     old, new, solution = step.old, step.new, step.solution
     problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
     ds, dq, n = new.s - old.s, new.q - old.q, thread.n
@@ -140,7 +141,7 @@ def add_travelling(step: Step[Body], on: OnThread, turns: Array) -> None:
     inertia = r.thread.reshape(n, -1) - r.configuration.elastic + problem.load - weight + r.push
     change = 0.5 * np.vdot(new.v, on.momentum)
     change -= 0.5 * np.vdot(old.v, problem.system.at(old).thread.momentum(old.v))
-    taken = thread.damping * np.vdot(new.v, on.moved) + 0.5 * np.vdot(on.faster, new.v - put_on_end(step, old.v))
+    taken = thread.damping * np.vdot(new.v, on.moved) + 0.5 * np.vdot(on.faster, new.v - v)
     turns[audit.EXTERNAL] -= np.vdot(weight, dq) + by_weight @ ds
     turns[audit.NUMERICAL] += by_elastic @ ds
     beyond = np.vdot(inertia, dq) + by_inertia @ ds - change - taken
@@ -179,17 +180,14 @@ def holes_of(step: Step[Body]) -> Holes:
     )
 
 
-def forces_on(step: Step[Body]) -> OnThread:
-    """Return what acts on the thread at the end of a step."""
-    old, new, problem, r = step.old, step.new, step.solution.problem, step.solution.residual
-    moves = (new.q - old.q, new.v - old.v, new.v)
-    system, push = problem.system, r.push
-    if system.thread.travels:
-        moves = (new.q - put_on_end(step, old.q), new.v - put_on_end(step, old.v), new.v)
-        system = system.on(r.configuration.thread.spline)
-    moved, faster, momentum = (momentum_of(system, x) for x in moves)
+def forces_on(step: Step[Body], q: Array, v: Array) -> OnThread:
+    """Return what acts on the thread at the end of a step that began with `q` and `v` (n, c), on the knots of its
+    end."""
+    new, problem, r = step.new, step.solution.problem, step.solution.residual
+    system = problem.system.on(r.configuration.thread.spline)
+    moved, faster, momentum = (momentum_of(system, x) for x in (new.q - q, new.v - v, new.v))
     elastic, load, balance = map(plain, (r.configuration.elastic, problem.load, r.thread.reshape(new.q.shape)))
-    return OnThread(elastic, load, balance, problem.system.held_flags, plain(push), moved, faster, momentum)
+    return OnThread(elastic, load, balance, problem.system.held_flags, plain(r.push), moved, faster, momentum)
 
 
 def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:

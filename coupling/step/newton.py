@@ -39,13 +39,15 @@ from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction, own_stiffness
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import holds_solved, share, strand_reach
+from coupling.kernels.iteration import holds_solved, share, share_between, strand_reach
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
 from thread.errors import ThreadError
 from thread.frames import Frame
-from thread.riding import field_of, ride, ride_of, share_left, with_riding_force
+from thread.kernels.travel import Field, Ride
+from thread.placed import Placed
+from thread.riding import field_of, ride, ride_of, with_riding_force
 from thread.spline import Spline
 from thread.thread import Points
 from tissue.errors import OrganError
@@ -113,6 +115,17 @@ class Problem(Generic[Body]):
         """The earlier curves of a thread whose knots travel, always two; one is zero where there is none."""
         fields = self.fields or ((self.system.thread.spline, self.q_ref[:, :3]),)
         return fields[0], (fields[1] if len(fields) > 1 else (fields[0][0], np.zeros_like(fields[0][1])))
+
+    @cached_property
+    def ride(self) -> Ride:
+        """How the knots travel, under the part of the weight that acts."""
+        return ride_of(self.system.thread, self.weight * self.system.gravity)
+
+    @cached_property
+    def fields_read(self) -> tuple[Field, Field]:
+        """The earlier curves as the kernels read them."""
+        one, other = self.earlier
+        return field_of(*one), field_of(*other)
 
     @cached_property
     def inertia(self) -> Array:
@@ -227,10 +240,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     """Evaluate all residuals of a step."""
     thread, inertia, ridden = problem.system.thread, np.zeros_like(z.q), None
     if thread.travels:
-        one, other = problem.earlier
-        fields = field_of(*one), field_of(*other)
-        gravity = problem.weight * problem.system.gravity
-        inertia, ridden = ride(thread.placed(z.s), fields, problem.mass_factor, gravity, z.q, z.N)
+        inertia, ridden = ride(thread.placed(z.s), problem.ride, problem.fields_read, problem.mass_factor, z.q, z.N)
     elif problem.mass_factor:
         inertia = problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, ridden=ridden)
@@ -389,23 +399,30 @@ def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FR
 def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
     """Return an iterate moved by dq (n, c) and dz (m, 15)."""
     return replace(
-        z, q=z.q + dq, N=next_axial_force(r, dq, dz), s=z.s + dz[:, S], lam=z.lam + dz[:, PHI], y=z.y + dz[:, Y]
+        z,
+        q=z.q + dq,
+        N=next_axial_force(problem, r, dq, dz),
+        s=z.s + dz[:, S],
+        lam=z.lam + dz[:, PHI],
+        y=z.y + dz[:, Y],
     )
 
 
-def next_axial_force(r: Residual, dq: Array, dz: Array) -> Array:
+def next_axial_force(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> Array:
     """Return the axial forces (spans, a) [N] of an iterate moved by dq (n, c), its abscissae by the first column of dz
     (m, …)."""
     thread = r.configuration.thread
     N = thread.next_axial_force(r.points, dq)
-    return with_riding_force(thread, r.points, dz, N) if thread.travels else N
+    return with_riding_force(thread, problem.ride, r.points, dz, N) if thread.travels else N
 
 
 def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> Iterate:
     """Make one Newton correction; `reach` as for `coupling.kernels.bordered.newton_direction`. Raises
     `SingularError`."""
     dq, dz = direction(problem, z, r, reach)
-    share = min(allowed_share(problem, dq), share_left(r.configuration.thread, dz[:, S]))
+    share, spline = allowed_share(problem, dq), r.configuration.thread.spline
+    if isinstance(spline, Placed):
+        share = min(share, share_between(problem.ride, np.ascontiguousarray(spline.places), np.ascontiguousarray(dz)))
     return moved(problem, z, r, share * dq, share * dz)
 
 
@@ -415,8 +432,8 @@ def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: flo
     thread = problem.system.thread
     spline = thread.spline
     if thread.travels:
-        reach, how = np.empty(len(z.s)), ride_of(thread, np.zeros(3))
-        strand_reach(how, float(spans), float(spline.end), np.ascontiguousarray(z.s), reach)
+        reach = np.empty(len(z.s))
+        strand_reach(problem.ride, float(spans), float(spline.end), np.ascontiguousarray(z.s), reach)
         return correct(problem, z, r, reach)
     return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s, problem.law.s_old)])
 

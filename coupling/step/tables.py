@@ -24,7 +24,6 @@ from thread.energies.continuous import Continuous
 from thread.kernels.curve import Curve
 from thread.kernels.loops import files_of
 from thread.kernels.travel import Ridden
-from thread.riding import field_of, ride_of
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -122,8 +121,8 @@ def given_of(problem: Problem) -> Given:
         problem.stiffen,
         plain(problem.gaps),
         np.zeros((system.holds, NINE)),
-        ride_of(system.thread, problem.weight * system.gravity),
-        (field_of(*problem.earlier[0]), field_of(*problem.earlier[1])),
+        problem.ride,
+        problem.fields_read,
     )
 
 

@@ -11,7 +11,7 @@ from thread.errors import ThreadError
 from thread.kernels.travel import Field
 from thread.packets import Hold, Travel, travelling
 from thread.placed import Placed
-from thread.riding import field_of, potential_rates, put_on, ride
+from thread.riding import field_of, potential_rates, put_on, ride, ride_of
 from thread.thread import Thread
 
 LENGTH, GRAVITY = 0.06, np.array([1.0, -2.0, -9.81])
@@ -98,7 +98,7 @@ def test_mixed_and_second_slopes_are_those_of_the_first(thread: Thread, wavy: np
     def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         placed = thread.placed(s)
         points = placed.points(wavy)
-        F, ridden = ride(placed, fields, FACTOR, GRAVITY, wavy, thread.EA * points.strain)
+        F, ridden = ride(placed, ride_of(placed, GRAVITY), fields, FACTOR, wavy, thread.EA * points.strain)
         return placed.gradient(points) + F, ridden.by_s, ridden.by_qs, ridden.by_ss
 
     _, _, by_qs, by_ss = at(S0)

@@ -7,7 +7,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH
-from coupling.kernels.iteration import Found, Given, Passing, add_momentum
+from coupling.kernels.iteration import Found, Given, Passing, add_momentum, pass_knot
 from coupling.kernels.steps.audit import (
     ELASTIC,
     EXTERNAL,
@@ -23,7 +23,7 @@ from coupling.kernels.steps.audit import (
     work_along,
 )
 from coupling.kernels.steps.tension import INSIDE, Along
-from thread.kernels.curve import FIRST, Curve, Stretched, along_span, elastic_energy, put
+from thread.kernels.curve import Curve, Stretched, elastic_energy
 from thread.kernels.loops import loop, owning
 from thread.kernels.travel import (
     Field,
@@ -101,14 +101,8 @@ def place_along(ride: Ride, S: Array, field: Field, along: Along) -> None:
 def pass_knots(ride: Ride, S: Array, q: Array, drive: Array, at: Passing) -> None:
     """Evaluate the thread at the knots of its holes."""
     for k in range(len(ride.first)):
-        first = ride.first[k]
-        at.first[k], rate = first, on_span(ride.at[k, 1], S, first)
+        pass_knot(ride, S, q, k, at)
         at.drive[k] = drive[k]
-        for i in range(4):
-            at.b[k, 0, i], at.b[k, 1, i] = ride.at[k, 0, i], ride.at[k, 1, i] / rate
-            at.b[k, 2, i] = at.b[k, 3, i] = 0.0
-        for order in range(4):
-            put(along_span(at.b[k, order], q, first), at.D[k], order, FIRST)
 
 
 @loop
