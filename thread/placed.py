@@ -90,10 +90,12 @@ class Placed(Spline):
         """Return the control values of the curve that has `values` (n, c) at `greville`."""
         return self.chi.through(values)
 
-    def evaluate(self, parameter: Array) -> tuple[Array, Array, Array]:
-        """Return abscissae (m,) [m], S' (m,) [m] and the functions as of `basis`, `(m, 4, 4)`, at χ (m,)."""
-        first, b = self.chi.basis(parameter)
-        S, S1, S2, S3 = np.einsum("mki,mi->km", b, self.places[first[:, None] + np.arange(ORDERS)])
+    def evaluate(self, parameter: Array, span: Indices | None = None) -> tuple[Array, Array, Array]:
+        """Return abscissae (m,) [m], S' (m,) [m] and the functions as of `basis`, `(m, 4, 4)`, at χ (m,) on the spans
+        (m,), None: those that hold them."""
+        span = self.chi.spans_of(parameter) if span is None else span
+        b = self.chi.basis_on(span, parameter)
+        S, S1, S2, S3 = np.einsum("mki,mi->km", b, self.places[self.first[span][:, None] + np.arange(ORDERS)])
         by_S = np.empty_like(b)
         by_S[:, 0] = b[:, 0]
         by_S[:, 1] = b[:, 1] / S1[:, None]

@@ -27,5 +27,5 @@ def gauss_rule(spline: Spline, points: int) -> GaussRule:
 
 def rule_at(spline: Spline, parameter: Array, w: Array) -> GaussRule:
     """Return the rule of points and weights in the parameter of the knots, `(spans, g)` each."""
-    s, rate, b = spline.evaluate(parameter.ravel())
+    s, rate, b = spline.evaluate(parameter.ravel(), np.repeat(np.arange(len(w)), w.shape[1]))
     return GaussRule(s.reshape(w.shape), w * rate.reshape(w.shape), b.reshape(*w.shape, ORDERS, ORDERS))

@@ -11,7 +11,7 @@ from thread.kernels.travel import Field, Ridden, Ride, elastic_rates_of, end_mas
 from thread.placed import Placed
 from thread.quadrature import gauss_rule, rule_at
 from thread.spline import ORDERS, Spline
-from thread.thread import MASS_POINTS, Points, Thread, axial_rule
+from thread.thread import BENDING_POINTS, MASS_POINTS, Points, Thread, axial_rule
 
 LOCAL = np.arange(ORDERS)
 
@@ -39,7 +39,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
     if not isinstance(spline, Placed):
         return standing(thread, gravity)
     chi, travel = spline.chi, spline.travel
-    bending, mass = gauss_rule(chi, thread.elastic_points), gauss_rule(chi, MASS_POINTS)
+    bending, mass = gauss_rule(chi, BENDING_POINTS), gauss_rule(chi, MASS_POINTS)
     stretch = rule_at(chi, *axial_rule(spline))
     B, A, M = bending.b, stretch.b, mass.b
     first, at = chi.basis(chi.breaks[travel.at])

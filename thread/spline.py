@@ -109,10 +109,10 @@ class Spline:
         """Ends of the spans in the parameter of the knots, here the abscissa itself, shape `(spans + 1,)`."""
         return self.breaks
 
-    def evaluate(self, parameter: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, parameter: Array, span: Indices) -> tuple[Array, Array, Array]:
         """Return abscissae (m,) [m], their rates by the parameter (m,), and the functions as of `basis`, `(m, 4, 4)`,
-        at parameters (m,)."""
-        return parameter, np.ones_like(parameter), self.basis(parameter)[1]
+        at parameters (m,) on the spans (m,)."""
+        return parameter, np.ones_like(parameter), self.basis_on(span, parameter)
 
     @cached_property
     def spacing(self) -> Array:
@@ -187,9 +187,12 @@ class Spline:
         """
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
-        x = s - self.breaks[span]
-        powers = FALLING * (x[:, None] ** _R)[:, POWER]
-        return self.first[span], powers @ self.polynomials[span]
+        return self.first[span], self.basis_on(span, s)
+
+    def basis_on(self, span: Indices, s: Array) -> Array:
+        """Return the functions of the spans (m,) and their derivatives at `s` (m,) [m], shape `(m, 4, 4)`."""
+        powers = FALLING * ((s - self.breaks[span])[:, None] ** _R)[:, POWER]
+        return np.asarray(powers @ self.polynomials[span])
 
     def curve(self, q: Array, s: ArrayLike, home: Array | None = None) -> Array:
         """Evaluate P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for

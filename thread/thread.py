@@ -41,7 +41,7 @@ LOCAL = 4  # functions of a cubic on one span
 POSITION = 3  # coordinates of a place
 
 MASS_POINTS = 4  # exact for the product of two cubics
-ELASTIC_POINTS = 2
+BENDING_POINTS = 2
 STAGES = 8  # of √(EI/T) in a factor of two; between them the missing compliance is interpolated
 
 
@@ -100,6 +100,17 @@ def axial_rule(spline: Spline) -> tuple[Array, Array]:
     return points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
 
 
+def hole_rule(spline: Spline) -> GaussRule:
+    """Return the ends of the spans with half of each span as the weight where a hole stands, else zero, shape `(spans,
+    2)`: where knots travel, for else no knot stands at a hole."""
+    ends = np.stack([spline.parameters[:-1], spline.parameters[1:]], axis=1)
+    held = np.zeros(len(spline.parameters), dtype=bool)
+    if isinstance(spline, Placed):
+        held[spline.travel.at[spline.travel.holds]] = True
+    half = 0.5 * (ends[:, 1:] - ends[:, :1])
+    return rule_at(spline, ends, half * np.stack([held[:-1], held[1:]], axis=1))
+
+
 def exact_weights(spline: Spline, s: Array) -> Array:
     """Return quadrature weights in the parameter of the knots, at as many points as T has functions, which integrate
     each of those functions exactly.
@@ -147,7 +158,6 @@ class Thread:
     bending: bool = True
     damping: float = 0.0
     point_masses: tuple[float, float] = (0.0, 0.0)
-    elastic_points: int = ELASTIC_POINTS
     twist: bool = False
     springs: int | None = None
     coil: float = 0.0
@@ -223,7 +233,7 @@ class Thread:
     @cached_property
     def elastic_rule(self) -> GaussRule:
         """Gauss rule of the bending energy."""
-        return gauss_rule(self.spline, self.elastic_points)
+        return gauss_rule(self.spline, BENDING_POINTS)
 
     @cached_property
     def axial_rule(self) -> GaussRule:
@@ -236,7 +246,8 @@ class Thread:
         is in equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
 
         Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
-        (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it.
+        (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it, and
+        `barrier` at the knots of holes.
         """
         return rule_at(self.spline, *axial_rule(self.spline))
 
@@ -367,7 +378,8 @@ class Thread:
         """The energy of stretch and bending."""
         if self.spring_layout is not None:
             return Springs(self.spring_layout, self.EA, self.EI)
-        return Continuous(self.spline.first, self.elastic_rule, self.axial_rule, self.EA, self.EI, self.travels)
+        rules = self.elastic_rule, self.axial_rule, hole_rule(self.spline)
+        return Continuous(self.spline.first, *rules, self.EA, self.EI)
 
     @cached_property
     def stations(self) -> Stations:

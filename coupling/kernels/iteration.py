@@ -176,6 +176,7 @@ class Found(NamedTuple):
     T: Array
     K: Array
     T_axial: Array
+    T_edge: Array
     strain: Array
     trail: Trail
     ridden: Ridden
@@ -290,7 +291,7 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
 @loop
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
     """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
-    at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain), len(z.s), given.ride
+    at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), len(z.s), given.ride
     clear_ridden(r.ridden)
     if ride.on:
         place_knots(ride, z.s, r.ridden.S)
@@ -412,7 +413,7 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
         for k in range(REACH + 1):
             for x in range(3):
                 A[i, x, 3 * k + x] = given.mass_factor * mass[i, k]
-    on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain), z.N, A)
+    on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), z.N, A)
     for k in range(len(z.s)):
         if not bare:
             slope, turn = r.b[k, 1], lacking_stiffness(hold_of(given, z, r, k, bare))
@@ -614,7 +615,7 @@ def solve_set(
         if ending != SOLVED:
             return ending, scale, bare
         add_correction(bounds, knots.spacing, lever, given.ride, r.ridden.S, z, dq, dz)
-        at = Stretched(r.T, r.K, r.T_axial, r.strain)
+        at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
         on_curve.next_axial_force(curve, at, dq, z.N)
         if given.ride.on:
             next_riding_force(curve, given.ride, at, dz, z.N)

@@ -177,6 +177,7 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         T=np.empty((spans, points, 3)),
         K=np.empty((spans, points, 3)),
         T_axial=np.empty((spans, axial, 3)),
+        T_edge=np.empty((spans, 2, 3)),
         strain=np.empty((spans, axial)),
         trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
         ridden=Ridden(np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4))),

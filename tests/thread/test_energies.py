@@ -23,12 +23,13 @@ RNG = np.random.default_rng(5)
 
 # Five points whose first two control values are T and T' themselves, with EI = 2: the energy is the sum of κ².
 FIRST, SECOND, NOTHING = (np.tile(row, (5, 1, 1)) for row in np.vstack([np.eye(4)[:2], np.zeros(4)]))
-POINTS = Curve(np.zeros(5, np.int64), FIRST, SECOND, np.ones((5, 1)), NOTHING, np.zeros((5, 1)), 0.0, 2.0, False)
+EDGES = np.zeros((5, 2, 4)), np.zeros((5, 2))
+POINTS = Curve(np.zeros(5, np.int64), FIRST, SECOND, np.ones((5, 1)), NOTHING, np.zeros((5, 1)), *EDGES, 0.0, 2.0)
 
 
 def at_points(T: np.ndarray, K: np.ndarray) -> Stretched:
     """The five points with given derivatives (5, 3) each."""
-    return Stretched(T[:, None].copy(), K[:, None].copy(), np.zeros((5, 1, 3)), np.zeros((5, 1)))
+    return Stretched(T[:, None].copy(), K[:, None].copy(), np.zeros((5, 1, 3)), np.zeros((5, 1)), np.zeros((5, 2, 3)))
 
 
 def curvature_squared_gradient(T: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

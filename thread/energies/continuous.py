@@ -15,16 +15,16 @@ from thread.spline import ORDERS
 class Continuous:
     """Stretch and bending energy on the spans of a spline.
 
-    `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `EA` [N], `EI` [N
-    m²]; whether crushing meets a `barrier` (`thread.kernels.curve.crushing`).
+    `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `holes`: the ends of the
+    spans with half of each span where a hole stands, else zero (`thread.kernels.curve.barrier`); `EA` [N], `EI` [N m²].
     """
 
     first: Indices
     bending: GaussRule
     stretch: GaussRule
+    holes: GaussRule
     EA: float
     EI: float
-    barrier: bool = False
 
     reach = ORDERS
     seen = 3
@@ -53,16 +53,17 @@ class Continuous:
             plain(bending.w),
             axial_slope,
             plain(stretch.w),
+            plain(self.holes.b[:, :, 1]),
+            plain(self.holes.w),
             float(self.EA),
             float(self.EI),
-            self.barrier,
         )
 
     def evaluate(self, q: Array, frame: object = None) -> Stretched:
         """Evaluate the curve at the quadrature points; the bending of a round section does not need the frame."""
         bent, stretched = self.curve.w.shape, self.curve.axial_w.shape
-        T, K, T_axial = (np.empty((*shape, 3)) for shape in (bent, bent, stretched))
-        at = Stretched(T, K, T_axial, np.empty(stretched))
+        T, K, T_axial, T_edge = (np.empty((*shape, 3)) for shape in (bent, bent, stretched, self.holes.w.shape))
+        at = Stretched(T, K, T_axial, np.empty(stretched), T_edge)
         evaluated(self.curve, np.ascontiguousarray(q), at)
         return at
 

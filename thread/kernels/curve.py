@@ -30,8 +30,8 @@ class Curve(NamedTuple):
     """The elastic thread on its knots.
 
     `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
-    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; EA [N], EI [N m²];
-    whether crushing meets a `barrier`.
+    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; b' at both ends of each
+    span, `edge_slope` (spans, 2, 4), with `edge_w` (spans, 2) [m], zero where no hole stands; EA [N], EI [N m²].
     """
 
     first: Indices
@@ -40,19 +40,22 @@ class Curve(NamedTuple):
     w: Array
     axial_slope: Array
     axial_w: Array
+    edge_slope: Array
+    edge_w: Array
     EA: float
     EI: float
-    barrier: bool
 
 
 class Stretched(NamedTuple):
     """The curve at its quadrature points: `T`, `K` (spans, g, 3), first and second derivative of P at those of the
-    bending [-, 1/m]; `T_axial` (spans, a, 3) and the `strain` (spans, a) at those of the stretch."""
+    bending [-, 1/m]; `T_axial` (spans, a, 3) and the `strain` (spans, a) at those of the stretch; `T_edge` (spans, 2,
+    3) at the holes."""
 
     T: Array
     K: Array
     T_axial: Array
     strain: Array
+    T_edge: Array
 
 
 @loop
@@ -82,6 +85,9 @@ def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
             T = along_span(curve.axial_slope[e, g], q, first)
             put(T, at.T_axial[e], g, FIRST)
             at.strain[e, g] = 0.5 * (dot(T, T) - 1.0)
+        for g in range(2):
+            if curve.edge_w[e, g] > 0.0:
+                put(along_span(curve.edge_slope[e, g], q, first), at.T_edge[e], g, FIRST)
 
 
 @loop
@@ -93,11 +99,16 @@ def point(a: Array, e: int, g: int) -> Vector:
 @loop
 def crushing(curve: Curve, a: float) -> tuple[float, float, float]:
     """Return ½EA p⁴, p = ½(1 − a), of a = |T|² < 1, and its first two derivatives by a: against |T| → 0 between the
-    points of the stretch. At a shortening of 1 % it is 1e-4 of the energy of the stretch. Where knots travel it is
-    ½EA p⁴/a, a barrier without end: at the double knot of a hole a corner of the path would collapse else."""
+    points of the stretch. At a shortening of 1 % it is 1e-4 of the energy of the stretch."""
     p = max(0.5 * (1.0 - a), 0.0)
-    if not curve.barrier:
-        return 0.5 * curve.EA * p**4, -curve.EA * p**3, 1.5 * curve.EA * p**2
+    return 0.5 * curve.EA * p**4, -curve.EA * p**3, 1.5 * curve.EA * p**2
+
+
+@loop
+def barrier(curve: Curve, a: float) -> tuple[float, float, float]:
+    """Return ½EA p⁴/a and its first two derivatives by a, as `crushing`, but without end as |T| → 0: at the knot of a
+    hole, which no point of stretch or bending sees, a corner of the path would collapse else."""
+    p = max(0.5 * (1.0 - a), 0.0)
     return (
         0.5 * curve.EA * p**4 / a,
         -0.5 * curve.EA * p**3 * (2.0 / a + p / a**2),
@@ -146,6 +157,12 @@ def add_span_gradient(curve: Curve, at: Stretched, e: int, F: Array, first: int)
         T = point(at.T_axial, e, g)
         for i in range(4):
             add_row(N * slope[i], T, F, first + i, FIRST)
+    for g in range(2):
+        if curve.edge_w[e, g] > 0.0:
+            T = point(at.T_edge, e, g)
+            N = 2.0 * curve.edge_w[e, g] * barrier(curve, dot(T, T))[1]
+            for i in range(4):
+                add_row(N * curve.edge_slope[e, g, i], T, F, first + i, FIRST)
 
 
 @loop
@@ -179,6 +196,14 @@ def add_span_tangent(curve: Curve, at: Stretched, N: Array, e: int, A: Array, fi
         for i in range(4):
             for j in range(i, 4):
                 add_block(A, first + i, first + j, slope[i] * slope[j], stiff)
+    for g in range(2):
+        if curve.edge_w[e, g] > 0.0:
+            w, slope, T = curve.edge_w[e, g], curve.edge_slope[e, g], point(at.T_edge, e, g)
+            _, by, by_by = barrier(curve, dot(T, T))
+            stiff = added(diagonal(2.0 * w * by), outer(T, times(4.0 * w * by_by, T)))
+            for i in range(4):
+                for j in range(i, 4):
+                    add_block(A, first + i, first + j, slope[i] * slope[j], stiff)
 
 
 @loop
@@ -206,6 +231,10 @@ def elastic_energy(curve: Curve, at: Stretched) -> float:
             energy += curve.w[e, g] * bending_energy(curve, point(at.T, e, g), point(at.K, e, g))
         for g in range(curve.axial_w.shape[1]):
             energy += 0.5 * curve.EA * curve.axial_w[e, g] * at.strain[e, g] ** 2
+        for g in range(2):
+            if curve.edge_w[e, g] > 0.0:
+                T = point(at.T_edge, e, g)
+                energy += curve.edge_w[e, g] * barrier(curve, dot(T, T))[0]
     return energy
 
 

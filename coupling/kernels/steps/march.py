@@ -474,7 +474,7 @@ def audit(
     if rides:
         audit_ride(curve, given, works, holes, r, now, room.end, met, room.turns)
         return
-    room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain))
+    room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge))
     audit_march(knots, given, works, holes, r, now, room.end, met, room.turns)
 
 

@@ -205,7 +205,7 @@ def audit_ride(
     add_momentum(mass, 1.0, new.q, at_q, moved)
     add_momentum(mass, 1.0, new.v, at_v, faster)
     add_momentum(mass, 1.0, new.v, none, momentum)
-    at = Stretched(r.T, r.K, r.T_axial, r.strain)
+    at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
     out[ELASTIC] = elastic_energy(curve, at)
     on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
     start = Motion(
