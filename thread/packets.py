@@ -22,9 +22,9 @@ GROWTH = 1.7  # ratio of neighbouring spans
 FAR = 5.0  # √(EI/T) to which a packet reaches: e^−5 of the bend is left there
 FIRST = 0.5  # of √(EI/T): the span next to a hole
 COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a shorter span is made anew
-GROWN = 1.5  # ratio by which a strand may grow or shrink on the same spans
+GROWN = 1.5  # ratio by which the spans between two packets may grow or shrink
 RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
-SHARE = 0.35  # of a strand that the packet of one of its ends takes at most
+SHARE = 0.3  # of a strand that the packet of one of its ends takes at most
 END = -1  # in place of a hole: an end of the thread
 
 
@@ -43,8 +43,9 @@ class Hold:
 class Travel:
     """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
     and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of the thread. As it was
-    made: the numbers of the `holds` (k,), the spans next to every hold, `first` (m,) [m], and the `lengths` of the
-    strands [m]; and what it was made for: spans no `longest` [m], and FIRST √(EI/T) times `scale` next to a hole."""
+    made: the numbers of the `holds` (k,), the spans next to every hold, `first` (m,) [m], and of each strand the length
+    of its packets, `rigid`, and of the `middle` between them [m]; and what it was made for: spans no `longest` [m], and
+    FIRST √(EI/T) times `scale` next to a hole."""
 
     knots: Array
     a: Array
@@ -53,7 +54,8 @@ class Travel:
     between: Indices
     holds: Indices
     first: Array
-    lengths: Array
+    rigid: Array
+    middle: Array
     longest: float
     scale: float
 
@@ -68,24 +70,24 @@ class Travel:
 
     def fits(self, holds: Indices, layers: Array, s: Array) -> bool:
         """Whether the packets are those of the `holds` (k,), as long as the `layers` (m,) [m] ask for that the thread
-        bends over at them, and the strands with holes at `s` (m,) [m] about as long as they were."""
+        bends over at them, and the strands between packets about as long as they were, with holes at `s` (m,) [m]."""
         if not np.array_equal(np.sort(holds), np.sort(self.holds)):
             return False
-        wanted, has, lengths = self.wanted(layers)[holds], self.first[holds], self.strands(s)
+        wanted, has, ratio = self.wanted(layers)[holds], self.first[holds], self.between_packets(s) / self.middle
         alike = (has <= COARSE * wanted) & (has >= FINE * wanted)
-        return bool(alike.all() and (lengths < GROWN * self.lengths).all() and (lengths * GROWN > self.lengths).all())
+        return bool(alike.all() and (ratio < GROWN).all() and (ratio * GROWN > 1.0).all())
 
-    def strand_of_spans(self) -> Array:
-        """Return how long the strand of each span was, shape `(spans,)` [m]."""
+    def strand_of_spans(self) -> Indices:
+        """Return the strand that each span is on, shape `(spans,)`."""
         new = np.any(np.diff(self.between, axis=0, prepend=self.between[:1] - 1) != 0, axis=1)
-        return np.asarray(self.lengths[np.cumsum(new) - 1])
+        return np.asarray(np.cumsum(new) - 1)
 
-    def strands(self, s: Array) -> Array:
-        """Return the lengths of the strands with holds at `s` (m,) [m], shape `(strands,)` [m]."""
+    def between_packets(self, s: Array) -> Array:
+        """Return how long the middles of the strands are with holds at `s` (m,) [m], shape `(strands,)` [m]."""
         length = float(self.a[-1] + self.b[-1] @ s)
         inside = np.sort(s[self.holds])
         inside = inside[(inside > 0.0) & (inside < length)]
-        return np.diff(np.concatenate([[0.0], inside, [length]]))
+        return np.diff(np.concatenate([[0.0], inside, [length]])) - self.rigid
 
     def places(self, s: Array) -> Array:
         """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s` (m,) [m]."""
@@ -95,10 +97,12 @@ class Travel:
 @dataclass(frozen=True)
 class Strand:
     """The spans between two neighbouring holds: the material knots behind the first are `constant` [m] + (1 −
-    `share`) s_left + `share` s_right, shape `(spans,)` each, the last of them the second hold itself."""
+    `share`) s_left + `share` s_right, shape `(spans,)` each, the last of them the second hold itself; its packets are
+    `rigid` [m] together."""
 
     constant: Array
     share: Array
+    rigid: float
 
 
 def widths(first: float, longest: float, length: float) -> Array:
@@ -130,7 +134,7 @@ def strand_of(length: float, longest: float, left: float | None, right: float | 
     before_end = other.sum() - np.cumsum(other[::-1])
     before_end[-1:] = 0.0
     constant = [np.cumsum(one), (1.0 - g) * edges[0] - g * edges[1], -before_end]
-    return Strand(np.concatenate(constant), np.concatenate([np.zeros(one.size), g, np.ones(other.size)]))
+    return Strand(np.concatenate(constant), np.concatenate([np.zeros(one.size), g, np.ones(other.size)]), sum(edges))
 
 
 def travelling(
@@ -152,11 +156,13 @@ def travelling(
     if np.any(np.diff(places) <= 1e-9 * length):
         raise ThreadError("holes: two are at one abscissa, or one at an end of the thread; put them apart")
     rows, between, at, breaks = [np.zeros(total + 1)], [], np.zeros(total, dtype=np.intp), [0] * ORDERS
+    rigid = np.zeros(len(places) - 1)
     for k in range(len(places) - 1):
         left, right = inner[k - 1] if k else None, inner[k] if k < len(inner) else None
         strand = strand_of(
             places[k + 1] - places[k], longest, left.first if left else ends[0], right.first if right else ends[1]
         )
+        rigid[k] = strand.rigid
         both = (left.number if left else END, right.number if right else END)
         for constant, share in zip(strand.constant, strand.share, strict=True):
             row = np.zeros(total + 1)
@@ -180,8 +186,8 @@ def travelling(
     numbers, first = np.array([hold.number for hold in holds], dtype=np.intp), np.zeros(total)
     first[numbers] = [hold.first for hold in holds]
     return Travel(
-        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, np.diff(places),
-        longest, scale,
+        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, rigid,
+        np.diff(places) - rigid, longest, scale,
     )  # fmt: skip
 
 

@@ -341,11 +341,12 @@ def fit_of(thread: Thread) -> Fit:
     """Return when the packets of a thread fit; of one whose knots stand still, nothing."""
     spline, EI, least = thread.spline, float(thread.EI), REST * float(thread.EA)
     if not isinstance(spline, Placed):
-        return Fit(NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, EI, 0.0, least)
+        return Fit(NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, EI, 0.0, least)
     travel = spline.travel
-    part, made = packets.FIRST * travel.scale, plain(travel.strand_of_spans())
+    part, strand = packets.FIRST * travel.scale, travel.strand_of_spans()
     ratios = packets.COARSE, packets.FINE, packets.GROWN
-    return Fit(plain(travel.first), made, part, float(travel.longest), *ratios, EI, spline.end, least)
+    lengths = plain(travel.rigid[strand]), plain(travel.middle[strand])
+    return Fit(plain(travel.first), *lengths, part, float(travel.longest), *ratios, EI, spline.end, least)
 
 
 def riding_of(thread: Thread, motion: Motion) -> dict[str, Any]:

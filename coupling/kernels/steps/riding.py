@@ -42,10 +42,12 @@ from thread.kernels.travel import (
 class Fit(NamedTuple):
     """When packets fit (`thread.packets.Travel.fits`): the spans next to the holes that a step begins with are `first`
     (m,) [m], wanted are `part` √(EI/T), at most `longest` [m], and they may be `coarse` and `fine` times that; the
-    strands were `made` (spans,) [m] long, and may have `grown` so many times; EI [N m²], the thread's `length` [m], and
+    packets of the strand of each span are `rigid` (spans,) [m], and between them it was `made` (spans,) [m] long, which
+    may have `grown` so many times; EI [N m²], the thread's `length` [m], and
     the `least` tension [N]."""
 
     first: Array
+    rigid: Array
     made: Array
     part: float
     longest: float
@@ -116,7 +118,7 @@ def fits(fit: Fit, ride: Ride, T: Array, s: Array, present: Flags) -> bool:
                 return False
     for e in range(len(fit.made)):
         left, right = ride.between[e, 0], ride.between[e, 1]
-        length = (s[right] if right >= 0 else fit.length) - (s[left] if left >= 0 else 0.0)
+        length = (s[right] if right >= 0 else fit.length) - (s[left] if left >= 0 else 0.0) - fit.rigid[e]
         if not (length < fit.grown * fit.made[e] and length * fit.grown > fit.made[e]):
             return False
     return True
