@@ -7,10 +7,14 @@ a simple one where it does not. Its abscissa s_k moves the control values S_i. T
 packet that moves rigidly, τ = s_k ± δ, with δ growing geometrically from a part of √(EI/T) on; what is left of a strand
 is divided affinely between the edges of its two packets. S_i are the Greville means of the τ, so that S rises with χ.
 A packet in a strand that is straight beyond it leaves the energy as it is where it goes: no hole feels a lattice.
+
+Where the thread is cut, χ has a knot of multiplicity four: strands end there as at the thread's own ends, and nothing
+goes across.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +29,7 @@ COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a s
 GROWN = 1.5  # ratio by which the spans between two packets may grow or shrink
 RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
 SHARE = 0.3  # of a strand that the packet of one of its ends takes at most
-END = -1  # in place of a hole: an end of the thread
+END = -1  # in place of a hole: an end of the thread, or of one of its pieces
 
 
 @dataclass(frozen=True)
@@ -42,16 +46,18 @@ class Hold:
 @dataclass(frozen=True)
 class Travel:
     """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
-    and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of the thread. As it was
-    made: the numbers of the `holds` (k,), the spans next to every hold, `first` (m,) [m], and of each strand the length
-    of its packets, `rigid`, and of the `middle` between them [m]; and what it was made for: spans no `longest` [m], and
-    FIRST √(EI/T) times `scale` next to a hole."""
+    and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of a piece of the
+    thread, whose abscissa is in `limits` (spans, 2) [m], which is zero at a hold. As it was made: the numbers of the
+    `holds` (k,), the spans next to every hold, `first` (m,) [m], and of each strand the length of its packets, `rigid`,
+    and of the `middle` between them [m]; and what it was made for: spans no `longest` [m], and FIRST √(EI/T) times
+    `scale` next to a hole."""
 
     knots: Array
     a: Array
     b: Array
     at: Indices
     between: Indices
+    limits: Array
     holds: Indices
     first: Array
     rigid: Array
@@ -77,17 +83,21 @@ class Travel:
         alike = (has <= COARSE * wanted) & (has >= FINE * wanted)
         return bool(alike.all() and (ratio < GROWN).all() and (ratio * GROWN > 1.0).all())
 
+    def first_of_strands(self) -> Indices:
+        """Return the first span of each strand, shape `(strands,)`."""
+        ends = np.hstack([self.between, self.limits])
+        return np.flatnonzero(np.append(True, (ends[1:] != ends[:-1]).any(axis=1)))
+
     def strand_of_spans(self) -> Indices:
         """Return the strand that each span is on, shape `(spans,)`."""
-        new = np.any(np.diff(self.between, axis=0, prepend=self.between[:1] - 1) != 0, axis=1)
-        return np.asarray(np.cumsum(new) - 1)
+        return np.searchsorted(self.first_of_strands(), np.arange(len(self.between)), side="right") - 1
 
     def between_packets(self, s: Array) -> Array:
         """Return how long the middles of the strands are with holds at `s` (m,) [m], shape `(strands,)` [m]."""
-        length = float(self.a[-1] + self.b[-1] @ s)
-        inside = np.sort(s[self.holds])
-        inside = inside[(inside > 0.0) & (inside < length)]
-        return np.diff(np.concatenate([[0.0], inside, [length]])) - self.rigid
+        first = self.first_of_strands()
+        holds = self.between[first]
+        ends = np.where(holds == END, self.limits[first], np.append(s, 0.0)[holds])
+        return np.asarray(ends[:, 1] - ends[:, 0] - self.rigid)
 
     def places(self, s: Array) -> Array:
         """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s` (m,) [m]."""
@@ -144,62 +154,51 @@ def travelling(
     longest: float,
     ends: tuple[float | None, float | None],
     scale: float = 1.0,
+    cuts: Sequence[float] = (),
 ) -> Travel:
-    """Return how the knots of a thread of a rest `length` [m] travel with its `holds`, which are `total` with those
-    that it is not in. Spans are no longer than `longest` [m]; those next to an end are as long as `ends` says [m], None
-    where nothing bends the thread there; `scale` is what the packets are made for (`Travel`).
+    """Return how the knots of a thread of a rest `length` [m], cut at the abscissae `cuts` [m], travel with its
+    `holds`, which are `total` with those that it is not in. Spans are no longer than `longest` [m]; those next to an
+    end of the thread are as long as `ends` says [m], None where nothing bends the thread there; `scale` is what the
+    packets are made for (`Travel`).
 
-    Raises `ThreadError` where two holds are at one abscissa, or one at an end.
+    Raises `ThreadError` where two holds are at one abscissa, or one at an end or at a cut.
     """
-    inner = sorted((hold for hold in holds if 0.0 < hold.s < length), key=lambda hold: hold.s)
-    places = np.array([0.0, *(hold.s for hold in inner), length])
+    first_at: dict[float, float | None] = {0.0: ends[0], length: ends[1]}
+    stops: list[tuple[float, Hold | None]] = [(at, None) for at in (0.0, *cuts, length)]
+    stops = sorted([*stops, *((hold.s, hold) for hold in holds if 0.0 < hold.s < length)], key=lambda stop: stop[0])
+    places = np.array([at for at, _ in stops])
     if np.any(np.diff(places) <= 1e-9 * length):
-        raise ThreadError("holes: two are at one abscissa, or one at an end of the thread; put them apart")
-    rows, between, at, breaks = [np.zeros(total + 1)], [], np.zeros(total, dtype=np.intp), [0] * ORDERS
-    rigid = np.zeros(len(places) - 1)
-    for k in range(len(places) - 1):
-        left, right = inner[k - 1] if k else None, inner[k] if k < len(inner) else None
-        strand = strand_of(
-            places[k + 1] - places[k], longest, left.first if left else ends[0], right.first if right else ends[1]
-        )
+        raise ThreadError("holes: two are at one abscissa, or one at an end or a cut of the thread; put them apart")
+    rows, between, limits, breaks = [np.zeros(total + 1)], [], [], [0] * ORDERS
+    at, rigid = np.zeros(total, dtype=np.intp), np.zeros(len(places) - 1)
+    for k, ((low, left), (high, right)) in enumerate(pairwise(stops)):
+        packets = left.first if left else first_at.get(low), right.first if right else first_at.get(high)
+        strand = strand_of(high - low, longest, *packets)
         rigid[k] = strand.rigid
-        both = (left.number if left else END, right.number if right else END)
         for constant, share in zip(strand.constant, strand.share, strict=True):
             row = np.zeros(total + 1)
-            row[-1] = constant + (0.0 if right else share * length)
+            row[-1] = constant + (0.0 if left else (1.0 - share) * low) + (0.0 if right else share * high)
             if left:
                 row[left.number] += 1.0 - share
             if right:
                 row[right.number] += share
             rows.append(row)
-            between.append(both)
+            between.append((left.number if left else END, right.number if right else END))
+            limits.append((0.0 if left else low, 0.0 if right else high))
             breaks.append(len(rows) - 1)
         if right:
             at[right.number] = len(rows) - 1
-            breaks += [len(rows) - 1] * right.directed
-    breaks += [len(rows) - 1] * DEGREE
+        breaks += [len(rows) - 1] * (right.directed if right else DEGREE)
     for hold in holds:
         at[hold.number] = 0 if hold.s <= 0.0 else at[hold.number] if hold.s < length else len(rows) - 1
     material = np.array(rows)[breaks]
     S = (material[1:-3] + material[2:-2] + material[3:-1]) / DEGREE
     knots = np.array(breaks, dtype=np.float64)
+    for cut, after in zip(cuts, Spline(knots).piece_starts[1:], strict=True):
+        S[after - 1 : after + 1, -1] = cut  # to the last bit
     numbers, first = np.array([hold.number for hold in holds], dtype=np.intp), np.zeros(total)
     first[numbers] = [hold.first for hold in holds]
     return Travel(
-        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), numbers, first, rigid,
-        np.diff(places) - rigid, longest, scale,
+        knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), np.array(limits), numbers,
+        first, rigid, np.diff(places) - rigid, longest, scale,
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Placed(Spline):
-    """A spline of (P, S) at one place of its holes: abscissae are S, `places` (n,) [m], and `travel` says how they
-    move. Its functions and their derivatives by S are those of χ by the chain rule."""
-
-    places: Array
-    travel: Travel
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if np.any(np.diff(self.places) <= 0.0):
-            raise ThreadError("holes: two came so near to one another that no thread is left between their knots")

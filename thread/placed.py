@@ -21,15 +21,18 @@ NEWTON = 12  # corrections at most for the χ of an abscissa, within the span th
 
 @dataclass(frozen=True)
 class Placed(Spline):
-    """A spline of (P, S): `knots` are χ, `places` (n,) [m] the control values of S, which rise, and `travel` says how
-    they move with the holes. Abscissae are S everywhere, as of any other spline. Raises `ThreadError`."""
+    """A spline of (P, S): `knots` are χ, `places` (n,) [m] the control values of S, which rise, and are the same on
+    both sides of a cut; `travel` says how they move with the holes. Abscissae are S everywhere, as of any other spline.
+    Raises `ThreadError`."""
 
     places: Array
     travel: Travel
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not np.all(np.diff(self.places) > 0.0):
+        rise = np.diff(self.places)
+        rise[self.piece_starts[1:] - 1] += 1.0  # over a cut
+        if not np.all(rise > 0.0):
             raise ThreadError("knots: two holes are so near to one another that no thread is left between their knots")
 
     def moved(self, s: Array) -> "Placed":
@@ -53,6 +56,11 @@ class Placed(Spline):
         """Last abscissa [m]."""
         return float(self.places[-1])
 
+    @cached_property
+    def cuts(self) -> Array:
+        """Abscissae where the curve is cut, shape `(pieces − 1,)` [m]."""
+        return self.places[self.piece_starts[1:]]
+
     @property
     def parameters(self) -> Array:
         """Ends of the spans in χ, shape `(spans + 1,)`."""
@@ -62,7 +70,7 @@ class Placed(Spline):
     def breaks(self) -> Array:
         """Ends of the spans, shape `(spans + 1,)` [m]."""
         breaks = self.evaluate(self.chi.breaks)[0]
-        breaks[[0, -1]] = self.start, self.end
+        breaks[np.searchsorted(self.chi.breaks, self.chi.piece_ends)] = self.piece_ends
         return breaks
 
     @cached_property
@@ -77,9 +85,10 @@ class Placed(Spline):
 
     @cached_property
     def spacing(self) -> Array:
-        """Distances of the control points along the thread, shape `(n − 1,)` [m]: no tangent P'/S' is longer than the
-        longest ratio of a difference of control points to them."""
-        return np.diff(self.places)
+        """Distances of the control points along the thread, shape `(n − 1,)` [m], infinite over a cut: no tangent P'/S'
+        is longer than the longest ratio of a difference of control points to them."""
+        distances = np.diff(self.places)
+        return np.where(distances > 0.0, distances, np.inf)
 
     @cached_property
     def greville(self) -> Array:
@@ -103,9 +112,9 @@ class Placed(Spline):
         by_S[:, 3] = (b[:, 3] - 3.0 * by_S[:, 2] * (S1 * S2)[:, None] - by_S[:, 1] * S3[:, None]) / S1[:, None] ** 3
         return S, S1, by_S
 
-    def parameter(self, s: Array) -> Array:
-        """Return χ of abscissae `s` (m,) [m], by Newton's method on the span that holds each."""
-        span = self.spans_of(s)
+    def parameter(self, s: Array, span: Indices | None = None) -> Array:
+        """Return χ of abscissae `s` (m,) [m], by Newton's method on the spans (m,), None: those that hold them."""
+        span = self.spans_of(s) if span is None else span
         low, high = self.chi.breaks[span], self.chi.breaks[span + 1]
         share = (s - self.breaks[span]) / (self.breaks[span + 1] - self.breaks[span])
         chi, local = low + share * (high - low), self.places[self.first[span][:, None] + np.arange(ORDERS)]
@@ -119,5 +128,5 @@ class Placed(Spline):
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
         """Evaluate the functions and their derivatives by S at abscissae `s`, as of `Spline`."""
         s = np.asarray(s, dtype=np.float64)
-        chi = self.parameter(s)
-        return self.chi.basis(chi)[0], self.evaluate(chi)[2]
+        span = self.spans_of(s, home)
+        return self.first[span], self.evaluate(self.parameter(s, span), span)[2]

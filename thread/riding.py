@@ -25,19 +25,17 @@ def rates_of(spline: Placed, b: Array) -> Array:
     """Return the rates of Σ b_i S_i, `b` (spans, g, 4), by the abscissae of the holds at both ends of the strand, shape
     `(spans, g, 2)`, zero for an end of the thread."""
     travel, local = spline.travel, spline.first[:, None] + LOCAL
-    out = np.zeros((*b.shape[:2], 2))
+    moves, out = np.pad(travel.b, ((0, 0), (0, 1))), np.zeros((*b.shape[:2], 2))  # the last column is that of END
     for side in range(2):
-        hold = travel.between[:, side]
-        moves = np.where((hold >= 0)[:, None], travel.b[local, np.maximum(hold, 0)[:, None]], 0.0)
-        out[:, :, side] = np.einsum("egi,ei->eg", b, moves)
+        out[:, :, side] = np.einsum("egi,ei->eg", b, moves[local, travel.between[:, side, None]])
     return out
 
 
 def ride_of(thread: Thread, gravity: Array) -> Ride:
-    """Return how the knots of a thread travel under `gravity` (3,) [m/s²]."""
+    """Return how the knots of a thread travel under `gravity` (3,) [m/s²], or (spans, 3) of each span."""
     spline = thread.spline
     if not isinstance(spline, Placed):
-        return standing(thread, gravity)
+        return standing(thread)
     chi, travel = spline.chi, spline.travel
     bending, mass = gauss_rule(chi, BENDING_POINTS), gauss_rule(chi, MASS_POINTS)
     stretch = rule_at(chi, *axial_rule(spline))
@@ -48,6 +46,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         plain(travel.a),
         plain(travel.b),
         travel.between.astype(np.int64),
+        plain(travel.limits),
         plain(B[:, :, 1]),
         plain(B[:, :, 2]),
         plain(bending.w),
@@ -64,18 +63,17 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         first.astype(np.int64),
         plain(at[:, :2]),
         float(thread.section.rhoA),
-        plain(gravity),
+        plain(np.broadcast_to(gravity, (len(spline.first), 3))),
         plain(np.array(thread.point_masses)),
     )
 
 
-def standing(thread: Thread, gravity: Array) -> Ride:
+def standing(thread: Thread) -> Ride:
     """Return what the kernels read of a thread whose knots stand still: nothing."""
     none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     return Ride(
-        False, none, plane, np.zeros((0, 2), np.int64), block, block, plane, block, block, block, plane, block, block,
-        block,
-        plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plain(gravity),
+        False, none, plane, np.zeros((0, 2), np.int64), plane, block, block, plane, block, block, block, plane, block,
+        block, block, plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plane,
         plain(np.array(thread.point_masses)),
     )  # fmt: skip
 
@@ -111,7 +109,8 @@ def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
 
 def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Array, Array]:
     """Return the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives by the abscissae of the holes of the
-    potential of the weight and of the elastic energy, shape `(m,)` [N] each, of a thread whose knots travel."""
+    potential of the weight and of the elastic energy, shape `(m,)` [N] each, of a thread whose knots travel; `gravity`
+    as for `ride_of`."""
     spline, ride = thread.spline, ride_of(thread, gravity)
     assert isinstance(spline, Placed) and isinstance(thread.axial, Continuous)
     weight, elastic = empty_ridden(spline), empty_ridden(spline)

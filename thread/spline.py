@@ -70,10 +70,7 @@ class Spline:
     @cached_property
     def cuts(self) -> Array:
         """Abscissae where the curve is cut, shape `(pieces − 1,)` [m]."""
-        inside = self.knots[ORDERS:-ORDERS]
-        return (
-            inside[: 1 - ORDERS][inside[: 1 - ORDERS] == inside[ORDERS - 1 :]] if inside.size >= ORDERS else inside[:0]
-        )
+        return self.knots[self.piece_starts[1:]]
 
     @property
     def pieces(self) -> int:
@@ -88,7 +85,18 @@ class Spline:
     @cached_property
     def piece_starts(self) -> Indices:
         """First control point of each piece, shape `(pieces,)`."""
-        return np.append(0, np.searchsorted(self.knots, self.cuts)).astype(np.intp, copy=False)
+        inside = self.knots[ORDERS:-ORDERS]
+        return np.append(0, ORDERS + np.flatnonzero(inside[: 1 - ORDERS] == inside[ORDERS - 1 :]))
+
+    @cached_property
+    def piece_points(self) -> Indices:
+        """Number of control points of each piece, shape `(pieces,)`."""
+        return np.diff(self.piece_starts, append=self.n)
+
+    @cached_property
+    def home(self) -> Array:
+        """An abscissa in the middle of the piece that each control point is of, shape `(n,)` [m]."""
+        return np.repeat(0.5 * (self.piece_ends[:-1] + self.piece_ends[1:]), self.piece_points)
 
     def piece_of(self, s: ArrayLike) -> Indices:
         """Return the index of the piece that holds each abscissa; at a cut the one that begins there."""
@@ -127,9 +135,16 @@ class Spline:
         return (self.knots[1:-3] + self.knots[2:-2] + self.knots[3:-1]) / DEGREE
 
     def through(self, values: Array) -> Array:
-        """Return the control values of the curve in one piece that has `values` (n, c) at the Greville abscissae."""
-        at = np.clip(self.greville, self.start, self.end)  # the mean of three ends may lie beyond them by round-off
-        return np.asarray(make_interp_spline(at, values, DEGREE, self.knots).c)
+        """Return the control values of the curve that has `values` (n, c) at the Greville abscissae."""
+        low, high = self.piece_ends[:-1], self.piece_ends[1:]
+        # the mean of three ends may lie beyond them by round-off
+        at = np.clip(self.greville, np.repeat(low, self.piece_points), np.repeat(high, self.piece_points))
+        each = zip(self.piece_starts, self.piece_points, strict=True)
+        pieces = [
+            make_interp_spline(at[k : k + n], values[k : k + n], DEGREE, self.knots[k : k + n + ORDERS]).c
+            for k, n in each
+        ]
+        return np.concatenate(pieces)
 
     @cached_property
     def polynomials(self) -> Array:

@@ -120,10 +120,11 @@ def exact_weights(spline: Spline, s: Array) -> Array:
     """
     if s.size != spline.n - spline.pieces:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
-    t = spline.knots[1:-1]
-    length = t[3:] - t[:-3]  # of each function's support; none where the spline is cut
-    functions = BSpline(t, np.eye(spline.n - 1), 2)(s)[:, length > 0.0]
-    w = np.linalg.solve(functions.T, length[length > 0.0] / 3.0)
+    points = np.split(s, spline.piece_starts[1:] - np.arange(1, spline.pieces))
+    w = np.empty(0)
+    for first, own in zip(spline.piece_starts, points, strict=True):
+        t = spline.knots[first + 1 : first + own.size + LOCAL]
+        w = np.append(w, np.linalg.solve(BSpline(t, np.eye(own.size), 2)(own).T, (t[3:] - t[:-3]) / 3.0))
     if not np.all(w > 0.0):
         raise ThreadError("knots: neighbouring spans differ too much for a positive rule; grade them more gently")
     return np.asarray(w, dtype=np.float64)

@@ -60,6 +60,7 @@ from thread.kernels.travel import (
     on_span,
     place_curve,
     place_knots,
+    strand_end,
 )
 from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
@@ -575,7 +576,7 @@ def reach_in_strands(ride: Ride, spans: float, length: float, s: Array, reach: A
         reach[k] = length
     for e in range(len(ride.between)):
         left, right = ride.between[e, 0], ride.between[e, 1]
-        strand = (s[right] if right >= 0 else length) - (s[left] if left >= 0 else 0.0)
+        strand = strand_end(ride, s, e, 1) - strand_end(ride, s, e, 0)
         if left >= 0:
             reach[left] = min(reach[left], 0.25 * spans * strand)
         if right >= 0:

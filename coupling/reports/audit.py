@@ -135,7 +135,7 @@ def add_travelling(step: Step[Body], on: OnThread, v: Array, turns: Array) -> No
     old, new, solution = step.old, step.new, step.solution
     problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
     ds, dq, n = new.s - old.s, new.q - old.q, thread.n
-    weight, by_weight, by_elastic = potential_rates(thread, problem.weight * problem.system.gravity, new.q)
+    weight, by_weight, by_elastic = potential_rates(thread, problem.gravity, new.q)
     assert new.drive is not None
     by_inertia = -new.drive - by_elastic - by_weight
     inertia = r.thread.reshape(n, -1) - r.configuration.elastic + problem.load - weight + r.push
@@ -232,9 +232,10 @@ def body_of(step: Step[Body]) -> Array:
 
 def lying_work(step: Step[Body]) -> float:
     """Return what keeps the pieces of a cut thread where they lie at rest takes from their way [J]
-    (`coupling.rest.equilibrium.LYING`); zero in motion, where inertia is in its place."""
+    (`coupling.rest.equilibrium.LYING`); zero in motion, where inertia is in its place, and where knots travel, which
+    `add_travelling` counts with."""
     problem = step.solution.problem
-    if not problem.stiffen:
+    if not problem.stiffen or problem.system.thread.travels:
         return 0.0
     pull = problem.mass_factor * problem.system.thread.momentum(step.new.q - problem.q_ref)
     return float(np.sum(pull * (step.new.q - step.old.q)))

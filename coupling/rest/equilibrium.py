@@ -113,7 +113,8 @@ def static_problem(
     force that they have at its end."""
     time, system = share * duration, system.at(state)
     load = share * (end_load(system, duration) - (system.weight if system.thread.travels else 0.0))
-    load[loose_points(system, state)] = 0.0
+    loose = loose_points(system, state)
+    load[loose] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
     return Problem(
@@ -131,7 +132,7 @@ def static_problem(
         layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
         fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
-        weight=share,
+        weight=np.where(loose, 0.0, share),
     )
 
 
@@ -145,7 +146,7 @@ def loose_points(system: System[Body], state: State[Body]) -> Flags:
     held[spline.piece_of(state.s[state.present])] = True
     for piece, end in zip((0, -1), system.ends, strict=True):
         held[piece] |= end.position(0.0) is not None
-    return np.repeat(~held, np.diff([*spline.piece_starts, spline.n]))
+    return np.repeat(~held, spline.piece_points)
 
 
 def settle(
@@ -380,9 +381,12 @@ def held_in_place(problem: Problem[Body], s: Array) -> Problem[Body]:
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
     """Solve again with the pieces of a cut thread tied to where they are now, so that a piece whose place is told by
     what holds it bears nothing of that tie. Raises `StepError`."""
-    if not solution.problem.mass_factor:
+    problem, z = solution.problem, solution.iterate
+    if not problem.mass_factor:
         return solution
-    again = solve(replace(solution.problem, q_ref=solution.iterate.q), solution.iterate)
+    spline = solution.residual.configuration.thread.spline
+    fields = ((spline, z.q[:, :3]),) if problem.fields else ()
+    again = solve(replace(problem, q_ref=z.q, fields=fields), z)
     return replace(again, iterations=solution.iterations + again.iterations)
 
 

@@ -77,7 +77,7 @@ def stretched(spline: Spline, by: float) -> Spline:
     """Return a spline whose abscissae are so many times as far from one another."""
     if not isinstance(spline, Placed):
         return Spline(spline.knots * by)
-    travel = replace(spline.travel, a=spline.travel.a * by)
+    travel = replace(spline.travel, a=spline.travel.a * by, limits=spline.travel.limits * by)
     return Placed(spline.knots, spline.places * by, travel)
 
 

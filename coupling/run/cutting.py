@@ -6,14 +6,21 @@ which remember nothing of those before. At rest they find another equilibrium at
 Where the cut falls into a span that holds a hole, the compliance that the spline lacks there changes, and what that
 stored with it: this loss is in the event. So is what springs store more or less, which are spread anew on both
 pieces. Knots that follow do so on either piece from then on (`coupling.run.adaptivity.Resolution.tree_of`).
+
+Where knots travel, the pieces get knots of their own: the strand that is cut becomes two. Nothing is transferred, since
+the inertia of the steps that follow is from the curve as it was, read at the material points of the pieces; the shape
+that they begin with is put on the new knots, and what that changes of the energies is the loss in the event.
 """
 
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
 from coupling.run.adaptivity import exchange_spline
 from coupling.run.events import Event
+from coupling.run.packets import bent_over, due, put_on_knots
 from coupling.system import State, System, forgetful
 from thread.errors import ThreadError
 from thread.refit import Refit, cut
@@ -33,9 +40,25 @@ def cut_thread(system: System[Body], state: State[Body], s: float) -> tuple[Syst
     Raises `CouplingError` where the thread cannot be cut there.
     """
     thread, state = system.thread, forgetful(state)
+    if thread.travels:
+        return cut_strand(system.at(state), state, s)
     try:
         spline, place, fields = cut(thread.spline, s, [state.q, state.v])
     except ThreadError as error:
         raise CouplingError(str(error)) from None
     other, moved, (event,) = exchange_spline(system, state, Refit(spline, fields))
     return other, moved, replace(event, kind="cut", s=place)
+
+
+def cut_strand(system: System[Body], state: State[Body], s: float) -> tuple[System[Body], State[Body], Event]:
+    """Cut a thread whose knots travel at `s` [m], as `cut_thread` does."""
+    spline, near = system.thread.spline, system.thread.section.diameter
+    if not spline.start < s < spline.end or np.abs(spline.piece_ends - s).min() < near:
+        cause = f"nearer than its diameter, {near:.3g} m, the thread ends, or is cut; cut where it is whole"
+        raise CouplingError(f"cut at {s:.6g} m: {cause}")
+    try:
+        travel = due(system, state, bent_over(system, state), [s])
+    except ThreadError as error:
+        raise CouplingError(f"cut at {s:.6g} m: {error}") from None
+    other, moved, loss = put_on_knots(system, state, travel)
+    return other, moved, Event(state.time, "cut", s=s, loss=loss, control_points=other.thread.n)

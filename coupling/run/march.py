@@ -59,12 +59,13 @@ class Marks(Generic[Body]):
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
     """Return the scheme of steps from a state that the loops cover, None where they do not: the thread and the holes
-    that `coupling.step.solver.covers`, without ties and without hands on holes, by backward Euler or BDF2."""
+    that `coupling.step.solver.covers`, without ties and without hands on holes, in one piece where knots stand still,
+    by backward Euler or BDF2."""
     if (
         not system.compiled
         or system.ties
         or system.by_hand.any()
-        or system.thread.spline.cuts.size
+        or (system.thread.spline.cuts.size and not system.thread.travels)
         or not covers(system)
         or not is_on_one_travel(system, state, take)
     ):

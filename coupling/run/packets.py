@@ -4,6 +4,7 @@ Between steps alone: in a step the knots χ stay, and a hole takes its packet wi
 thread's inertia is from the curves as they were solved, each on its own knots, and its shape is solved for anew.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,8 +38,9 @@ def bent_over(system: System[Body], state: State[Body]) -> Array:
     return lengths_bent_over(system, state.s, state.N, state.lam, state.present)
 
 
-def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
-    """Return the knots for the holes of a state at which the thread bends over `layers` (m,) [m]."""
+def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[float] = ()) -> Travel:
+    """Return the knots for the holes of a state at which the thread bends over `layers` (m,) [m], with further `cuts`
+    [m]."""
     travel, here = travel_of(system), np.flatnonzero(holds_in_force(system, state))
     first, directed = travel.wanted(layers), system.rows[:, 3]
     holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
@@ -47,7 +49,9 @@ def due(system: System[Body], state: State[Body], layers: Array) -> Travel:
         if hold.directed and not 0.0 < hold.s < system.thread.spline.end:
             ends[0 if hold.s <= 0.0 else 1] = hold.first
     of_ends = ends[0], ends[1]
-    return travelling(system.thread.spline.end, holds, system.holds, travel.longest, of_ends, travel.scale)
+    spline, total = system.thread.spline, system.holds
+    every = sorted([*spline.cuts.tolist(), *cuts])
+    return travelling(spline.end, holds, total, travel.longest, of_ends, travel.scale, every)
 
 
 def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
@@ -75,7 +79,7 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     is solved for there."""
     old, new = system.thread.spline, Placed(travel.knots, travel.places(state.s), travel)
     other = system.on(new)
-    q, v = (new.through(old.curve(x, new.greville)[:, 0]) for x in (state.q, state.v))
+    q, v = (new.through(old.curve(x, new.greville, new.home)[:, 0]) for x in (state.q, state.v))
     thread, known = other.thread, system.thread.axial
     N = old.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
     moved = replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))

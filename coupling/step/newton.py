@@ -83,8 +83,8 @@ class Problem(Generic[Body]):
     that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
-    is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts,
-    which is then no part of `load`;
+    is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
+    all of it or on each control point (n,), which is then no part of `load`;
     `by_turns`: a correction turns no tangent by more than LARGEST_TURN (`coupling.step.continuation.solve_held`);
     `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
     where they are given (`coupling.rest.branch`).
@@ -106,7 +106,7 @@ class Problem(Generic[Body]):
     rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
     fields: tuple[tuple[Spline, Array], ...] = ()
-    weight: float = 1.0
+    weight: float | Array = 1.0
     by_turns: bool = False
     along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
 
@@ -119,7 +119,17 @@ class Problem(Generic[Body]):
     @cached_property
     def ride(self) -> Ride:
         """How the knots travel, under the part of the weight that acts."""
-        return ride_of(self.system.thread, self.weight * self.system.gravity)
+        return ride_of(self.system.thread, self.gravity)
+
+    @property
+    def weights(self) -> Array:
+        """The part of the thread's weight that acts on each control point, shape `(n, 1)`."""
+        return np.broadcast_to(self.weight, self.system.thread.n)[:, None]
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity by the part of the weight that acts on each span, shape `(spans, 3)` [m/s²]."""
+        return self.weights[self.system.thread.spline.first] * self.system.gravity
 
     @cached_property
     def fields_read(self) -> tuple[Field, Field]:

@@ -181,7 +181,7 @@ class OwnMotions(Generic[Body]):
         problem = self.problem
         if not self.thread.travels:
             return problem.load
-        return np.asarray(problem.load + problem.weight * problem.system.on(self.thread.spline).weight)
+        return np.asarray(problem.load + problem.weights * problem.system.on(self.thread.spline).weight)
 
     @cached_property
     def free(self) -> Array:

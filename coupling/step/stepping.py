@@ -386,14 +386,17 @@ def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> F
 
 
 def runs_out(system: System[Body], state: State[Body], dt: float) -> Flags:
-    """Return the holes that the thread runs out of within `dt` [s] at the rate it has, over an end that nothing holds,
-    shape `(m,)`, where its knots travel: a hole with its packet cannot pass the end."""
+    """Return the holes that the thread, or a piece of it, runs out of within `dt` [s] at the rate it has, over an end
+    that nothing holds, shape `(m,)`, where its knots travel: a hole with its packet cannot pass the end."""
     if not system.thread.travels:
         return np.zeros(system.holds, dtype=bool)
-    spline, end = system.thread.spline, state.s + dt * state.s_dot
-    loose = [each.position(0.0) is None for each in system.ends]
-    near = system.thread.section.diameter
-    out = (loose[0] & (end < spline.start + near)) | (loose[1] & (end > spline.end - near))
+    spline, end, near = system.thread.spline, state.s + dt * state.s_dot, system.thread.section.diameter
+    low, high = spline.piece_ends[:-1].copy(), spline.piece_ends[1:].copy()
+    for ends, side, held in zip((low, high), (0, -1), system.ends, strict=True):
+        if held.position(0.0) is not None:
+            ends[side] = (-np.inf, np.inf)[side]
+    piece = spline.piece_of(state.s)
+    out = (end < low[piece] + near) | (end > high[piece] - near)
     return np.asarray(out & state.present & system.may_slide)
 
 

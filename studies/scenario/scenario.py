@@ -236,7 +236,6 @@ class Scenario(ScenarioTable):
             "thread.energy": "continuous",
             "thread.bending": True,
             "thread.twist": False,
-            "thread.cuts": (),
             "solve.scheme": "newton",
             "solve.coupling": "monolithic",
             "solve.friction": "implicit",
@@ -246,12 +245,9 @@ class Scenario(ScenarioTable):
         for key, value in needed.items():
             table, name = key.split(".")
             if getattr(given[table], name) != value:
-                wanted = "leave it out" if value == () else f"set it to {as_toml(value)}"
-                reason = f'thread.knots is travelling, which knows no such thread; {wanted}, or knots = "fixed"'
+                reason = "thread.knots is travelling, which knows no such thread; set it to "
+                reason += f'{as_toml(value)}, or knots = "fixed"'
                 raise ValueError(refusal(key, getattr(given[table], name), reason))
-        if self.cut:
-            reason = 'thread.knots is travelling, and its thread is not cut; leave out [[cut]], or set knots to "fixed"'
-            raise ValueError(refusal("cut.s", self.cut[0].s, reason))
         return self
 
     @model_validator(mode="after")

@@ -27,7 +27,7 @@ from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
-from studies.simulation.pieces import check_cutting, check_draws, check_pieces
+from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, bites_of, check_balls, with_balls
@@ -112,10 +112,12 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
+    known_s = [value for hole, value in zip(holes, s, strict=True) if is_known(hole)]
+    check_at_cuts(scenario, length, known_s)
     thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, holes, length, s))
-    check_pieces(scenario, thread.spline, [value for hole, value in zip(holes, s, strict=True) if is_known(hole)])
+    check_pieces(scenario, thread.spline, known_s)
     resolution = resolution_of(scenario.thread, length, s)
-    check_cutting(scenario.cut, thread.spline, resolution)
+    check_cutting(scenario.cut, thread, resolution)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     depths = partial(stored_depths, scenario, body, store)
@@ -207,6 +209,7 @@ def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Res
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
     """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
     table = scenario.thread
+    check_stubs(table.cuts, (0.0, length), section_of(table).diameter, "thread.cuts")
     longest = length / (table.control_points - DEGREE)
     holds = [
         Hold(k, at, hole.direction != "free", longest)
@@ -219,7 +222,8 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
     total = len(holes) + len(places) + 2 * len(scenario.tie)
     bent = [any(hold.directed and hold.s == at for hold in holds) for at in (0.0, length)]
     ends = longest if bent[0] else None, longest if bent[1] else None
-    travel = travelling(length, holds, total, longest, ends, float(np.sqrt(table.tolerance / TOLERANCE)))
+    scale = float(np.sqrt(table.tolerance / TOLERANCE))
+    travel = travelling(length, holds, total, longest, ends, scale, table.cuts)
     at = np.zeros(total)
     at[[hold.number for hold in holds]] = [hold.s for hold in holds]
     return Placed(travel.knots, travel.places(at), travel)

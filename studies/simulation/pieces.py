@@ -15,22 +15,26 @@ from studies.scenario.scenario import check_spans
 from thread.errors import ThreadError
 from thread.refit import SLIVER, cut
 from thread.spline import Spline
+from thread.thread import Thread
 
 AT_CUT = 1e-9  # of the thread: a hole this near a cut is at it, on the one side or the other by round-off
 
 
-def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
-    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], a hole at a cut, and in
-    statics a piece that nothing holds."""
-    if spline.pieces == 1:
-        return
-    near = AT_CUT * (spline.end - spline.start)
-    if at_cut := [float(value) for value in s if np.abs(spline.cuts - value).min() <= near]:
+def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None:
+    """Refuse a hole, of those at `s` [m], at a cut of a thread of a `length` [m]."""
+    cuts = np.array(scenario.thread.cuts)
+    if at_cut := [value for value in s if np.abs(cuts - value).min(initial=np.inf) <= AT_CUT * length]:
         reason = f"a piercing has its abscissa there, s = {at_cut[0]:.6g} m; cut beside it"
         raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
+
+
+def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
+    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], and in statics a piece that
+    nothing holds."""
+    if spline.pieces == 1:
+        return
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
-    after = np.append(np.searchsorted(spline.knots, spline.piece_ends[:-1], side="right"), spline.knots.size)
-    for k, (holes, points) in enumerate(zip(held.tolist(), np.diff(after).tolist(), strict=True)):
+    for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the piece of the thread from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
             reason = f"{where} gets {points} of them, and with {holes} piercings needs {least}; raise it"
@@ -40,9 +44,24 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
             raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
 
-def check_cutting(cuts: Sequence[model.Cut], spline: Spline, resolution: Resolution | None) -> None:
+def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, key: str) -> None:
+    """Refuse cuts, given by that `key`, that leave a piece shorter than the `diameter` [m] of a thread whose pieces end
+    at `ends` [m]: where knots travel, there is no other bound."""
+    every = list(ends)
+    for s in cuts:
+        if min(abs(end - s) for end in every) < diameter:
+            reason = f"nearer than its diameter, {diameter:.3g} m, the thread ends, or is cut; cut elsewhere"
+            raise ScenarioError(refusal(key, s, reason))
+        every.append(s)
+
+
+def check_cutting(cuts: Sequence[model.Cut], thread: Thread, resolution: Resolution | None) -> None:
     """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span, or
     of one coarse span where the knots follow the thread."""
+    spline = thread.spline
+    if thread.travels:
+        check_stubs([table.s for table in cuts], spline.piece_ends.tolist(), thread.section.diameter, "cut.s")
+        return
     for table in sorted(cuts, key=lambda table: table.time):
         try:
             spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])

@@ -159,6 +159,7 @@ def spans_left(scenario: Scenario) -> list[Remark]:
     """Tell that cuts, and no key, keep the spans of a thread at rest as they are."""
     thread = scenario.thread
     halved = thread.energy != "springs" and thread.bending and "resolution" not in thread.model_fields_set
+    halved &= thread.knots == "fixed"
     if not (scenario.solve.kind == "static" and thread.cuts and halved):
         return []
     text = (

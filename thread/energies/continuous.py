@@ -36,8 +36,9 @@ class Continuous:
 
     @property
     def home(self) -> Array:
-        """Abscissae that tell the pieces of those of the strain: the same, shape `(spans, a)` [m]."""
-        return self.stretch.s
+        """Abscissae that tell the pieces of those of the strain, in the middle of their spans, shape `(spans, a)`
+        [m]."""
+        return np.broadcast_to(self.bending.s.mean(axis=1, keepdims=True), self.stretch.s.shape)
 
     @cached_property
     def curve(self) -> Curve:

@@ -15,9 +15,9 @@ the earlier ones, each a curve on its own knots, read at the material points of 
 from typing import NamedTuple
 
 from thread.arrays import Array, Indices
-from thread.kernels.curve import Curve, Stretched, along_span, bending_gradient, crushing, point
+from thread.kernels.curve import FIRST, Curve, Stretched, along_span, bending_gradient, crushing, point
 from thread.kernels.loops import entry, loop
-from thread.kernels.vectors import Vector, dot, minus, plus, sum_of
+from thread.kernels.vectors import Vector, dot, minus, plus, sum_of, vector
 
 LEFT, RIGHT = 0, 1
 CLOSE = 1e-14  # of a span: abscissae that are no further apart are the same
@@ -26,19 +26,21 @@ TRIES = 60  # to find the χ of an abscissa, on the span that holds it
 
 class Ride(NamedTuple):
     """How knots travel, where `on`: S_i = `a` (n,) [m] + `b` (n, m) s, and the holds at both ends of the strand of each
-    span, `between` (spans, 2), −1 for an end of the thread.
+    span, `between` (spans, 2), −1 for an end of a piece of the thread, at `limits` (spans, 2) [m].
 
     Functions in χ, weights, and the rates of S' by the abscissae of the two holds: of the bending `slope`, `bend`
     (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_value`, `axial_slope`, `axial_w`,
     `axial_rate`; of the
     mass `value`, `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2,
-    4): functions and slopes at the holds. `rhoA` [kg/m], `gravity` (3,) [m/s²], masses of the `ends` (2,) [kg].
+    4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity` that acts on each span, (spans, 3) [m/s²];
+    masses of the `ends` (2,) [kg].
     """
 
     on: bool
     a: Array
     b: Array
     between: Indices
+    limits: Array
     slope: Array
     bend: Array
     w: Array
@@ -86,6 +88,13 @@ class Ridden(NamedTuple):
 def on_span(b: Array, S: Array, first: int) -> float:
     """Return Σ b_i S_i over the four control values from `first` on."""
     return b[0] * S[first] + b[1] * S[first + 1] + b[2] * S[first + 2] + b[3] * S[first + 3]
+
+
+@loop
+def strand_end(ride: Ride, s: Array, e: int, side: int) -> float:
+    """Return the abscissa at a `side` of the strand of span e, with holds at `s` (m,) [m]."""
+    k = ride.between[e, side]
+    return s[k] if k >= 0 else ride.limits[e, side]
 
 
 @loop
@@ -220,7 +229,7 @@ def add_inertia(
             b, rates, moves = ride.value[e, g], ride.mass_rate[e, g], ride.moves[e, g]
             s, S1 = on_span(b, out.S, first), on_span(ride.mass_slope[e, g], out.S, first)
             P, rho = along_span(b, q, first), ride.rhoA * ride.mass_w[e, g]
-            gravity = (ride.gravity[0], ride.gravity[1], ride.gravity[2])
+            gravity = vector(ride.gravity[e], FIRST)
             was, way = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             if factor != 0.0:
                 one, other = read_field(fields[0], s, e), read_field(fields[1], s, e)
@@ -253,13 +262,13 @@ def add_inertia(
 def add_end_masses(ride: Ride, fields: tuple[Field, Field], factor: float, q: Array, F: Array, out: Ridden) -> None:
     """Add inertia and weight of the point masses at both ends."""
     for end in range(2):
-        i, mass = end * (len(q) - 1), ride.ends[end]
+        i, mass, gravity = end * (len(q) - 1), ride.ends[end], ride.gravity[end * (len(ride.gravity) - 1)]
         out.mass[i, 0] += mass
         for x in range(3):
             was = 0.0
             if factor != 0.0:
                 was = fields[0].c[end * (len(fields[0].c) - 1), x] + fields[1].c[end * (len(fields[1].c) - 1), x]
-            F[i, x] += mass * (factor * (q[i, x] - was) - ride.gravity[x])
+            F[i, x] += mass * (factor * (q[i, x] - was) - gravity[x])
 
 
 @loop

@@ -245,15 +245,14 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
 
 
 @loop
-def what_happened(scene: Scene, given: Given, strain: Array, knots: Knots, now: Motion, new: Motion) -> int:
+def what_happened(scene: Scene, given: Given, strain: Array, now: Motion, new: Motion) -> int:
     """Return what is out of the ordinary in a solved step, MADE where nothing is."""
     if is_pressed(scene.along, strain, scene.borne, new.s, scene.here):
         return SQUEEZED
     event = is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present)
-    last = knots.breaks[len(knots.breaks) - 1]
     for k in range(len(new.s)):
         if scene.present[k]:
-            if scene.slide[k] and not knots.breaks[0] <= new.s[k] <= last:
+            if scene.slide[k] and not given.piece[k, 0] <= new.s[k] <= given.piece[k, 1]:
                 return LEFT
             if given.directed[k] and now.sense[k] * new.sense[k] < 0.0:
                 return TURNED
@@ -497,7 +496,7 @@ def end_step(
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
-    happened = what_happened(scene, given, room.found.strain, knots, now, room.end)
+    happened = what_happened(scene, given, room.found.strain, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
         return happened, KNOWN
     audit(curve, knots, law, given, scene, pace, ends.more[step], now, room)

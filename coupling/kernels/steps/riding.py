@@ -26,6 +26,8 @@ from coupling.kernels.steps.tension import INSIDE, Along
 from thread.kernels.curve import Curve, Stretched, elastic_energy
 from thread.kernels.loops import loop, owning
 from thread.kernels.travel import (
+    LEFT,
+    RIGHT,
     Field,
     Ridden,
     Ride,
@@ -36,6 +38,7 @@ from thread.kernels.travel import (
     on_span,
     place_knots,
     read_field,
+    strand_end,
 )
 
 
@@ -117,8 +120,7 @@ def fits(fit: Fit, ride: Ride, T: Array, s: Array, present: Flags) -> bool:
             if not fit.fine * wanted <= fit.first[k] <= fit.coarse * wanted:
                 return False
     for e in range(len(fit.made)):
-        left, right = ride.between[e, 0], ride.between[e, 1]
-        length = (s[right] if right >= 0 else fit.length) - (s[left] if left >= 0 else 0.0) - fit.rigid[e]
+        length = strand_end(ride, s, e, RIGHT) - strand_end(ride, s, e, LEFT) - fit.rigid[e]
         if not (length < fit.grown * fit.made[e] and length * fit.grown > fit.made[e]):
             return False
     return True
