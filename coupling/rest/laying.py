@@ -6,6 +6,7 @@ so the same Newton serves.
 """
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -36,9 +37,17 @@ BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a ho
 ON_PATH = 1e2
 SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
 UNSTRAINED = 1e-6
-# Axial stiffness and patience of each attempt; where the path bends back within a few spans, the thread may fold into a
-# span and be locked there, and one that is softer at first comes round the bend.
-ATTEMPTS = ((ON_PATH, 1), (ON_PATH, 4), (0.1 * ON_PATH, 4))
+# Axial stiffness and patience of each attempt, and the stiffnesses after it; where the path bends back within a few
+# spans, the thread may fold into a span and be locked there, and one that is softer at first comes round the bend. Where
+# a hole that imposes a direction is a few spans from the first ball of a tract, it comes there by small stages alone.
+GENTLY = 3e1, 1e2, 3e2
+ATTEMPTS = (
+    (ON_PATH, 1, SETTLING),
+    (ON_PATH, 4, SETTLING),
+    (0.1 * ON_PATH, 4, SETTLING),
+    (0.1 * ON_PATH, 4, (*GENTLY, *SETTLING)),
+)
+STRAINED = 0.02  # a thread that is laid under more strain than this is laid anew, more gently
 FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
 
 
@@ -94,18 +103,19 @@ class Laying(Generic[Body]):
 def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
     """Lay the thread: its control points (n, 3) [m] and abscissae (m,) [m]. Raises `StepError`.
 
-    Where it cannot be laid, or lies folded within a span, it is laid with more patience, and softer at first.
+    Where it cannot be laid, or lies folded within a span or strained, it is laid with more patience, and softer at
+    first.
     """
     laid: list[tuple[Array, Array, float]] = []
     errors: list[StepError] = []
-    for axial, patience in ATTEMPTS:
+    for axial, patience, stages in ATTEMPTS:
         try:
-            laid.append(lay_or_slide(system, laying, s, axial, patience))
+            laid.append(lay_or_slide(system, laying, s, axial, patience, stages))
         except StepError as error:
             errors.append(error)
             continue
-        q, places, _ = laid[-1]
-        if not system.thread.spline.folds(q, places[system.from_start]).any():
+        q, places, strain = laid[-1]
+        if strain < STRAINED and not system.thread.spline.folds(q, places[system.from_start]).any():
             return q, places
     if not laid:
         raise errors[0]
@@ -113,25 +123,32 @@ def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Ar
 
 
 def lay_or_slide(
-    system: System[Body], laying: Laying[Body], s: Array, axial: float, patience: int
+    system: System[Body], laying: Laying[Body], s: Array, axial: float, patience: int, stages: Sequence[float]
 ) -> tuple[Array, Array, float]:
-    """Lay the thread, at first of the stiffness `axial`; returns q, s and its largest strain. Raises `StepError`.
+    """Lay the thread, at first of the stiffness `axial`, then of those of the `stages`; returns q, s and its largest
+    strain. Raises `StepError`.
 
     Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
     slides in its holes until one does; what is strained then is held so by its ends and anchors.
     """
-    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, patience)
+    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, patience, stages)
     if held[2] < UNSTRAINED or not system.may_slide.any():
         return held
-    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start, axial, patience)
+    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start, axial, patience, stages)
     return min(held, loose, key=lambda result: result[2])
 
 
 def lay_on_bed(
-    system: System[Body], laying: Laying[Body], s: Array, loose: Flags, axial: float, patience: int
+    system: System[Body],
+    laying: Laying[Body],
+    s: Array,
+    loose: Flags,
+    axial: float,
+    patience: int,
+    stages: Sequence[float],
 ) -> tuple[Array, Array, float]:
-    """Lay the thread with the holds `loose` sliding, of the stiffness `axial` at first and then as stiff as Newton
-    allows; returns q, s and its largest strain."""
+    """Lay the thread with the holds `loose` sliding, of the stiffness `axial` at first and then, stage after stage, as
+    stiff as Newton allows; returns q, s and its largest strain."""
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, axial)
     on_path = project_path(first, laying.path)
@@ -140,7 +157,7 @@ def lay_on_bed(
     y = all_holds(system, laying.answer.y_free)
     z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), y, np.zeros(m))
     z = solve(bed_problem(soft, on_path, laying.answer, z.s, none), z, patience=patience).iterate
-    for stiffer in SETTLING:
+    for stiffer in stages:
         problem = bed_problem(with_laid_thread(system, laying, stiffer), z.q, laying.answer, z.s, loose)
         try:
             z = solve(problem, replace(z, sigma=loose.astype(float)), patience=patience).iterate
