@@ -38,7 +38,7 @@ ON_PATH = 1e2
 SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
 UNSTRAINED = 1e-6
 # Axial stiffness and patience of each attempt, and the stiffnesses after it; where the path bends back within a few
-# spans, the thread may fold into a span and be locked there, and one that is softer at first comes round the bend. Where
+# spans, the thread may fold into a span and be locked there, and one that is softer at first comes round the bend. If
 # a hole that imposes a direction is a few spans from the first ball of a tract, it comes there by small stages alone.
 GENTLY = 3e1, 1e2, 3e2
 ATTEMPTS = (
