@@ -7,7 +7,16 @@ from scipy.linalg import solveh_banded
 
 from thread.arrays import Array
 from thread.energies.continuous import Continuous
-from thread.kernels.travel import Field, Ridden, Ride, elastic_rates_of, end_masses_of, inertia_of, riding_force_of
+from thread.kernels.travel import (
+    Field,
+    Ridden,
+    Ride,
+    carried_of,
+    elastic_rates_of,
+    end_masses_of,
+    inertia_of,
+    riding_force_of,
+)
 from thread.placed import Placed
 from thread.quadrature import gauss_rule, rule_at
 from thread.spline import ORDERS, Spline
@@ -142,6 +151,14 @@ def ride(
     inertia_of(curve, how, fields, float(factor), place, F, out)
     end_masses_of(how, fields, float(factor), place, F, out)
     return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), out
+
+
+def carried(spline: Placed, how: Ride, q: Array, ways: Array) -> Array:
+    """Return how control values `q` (n, c) [m] go with holes that go by `ways` (m,) [m] along a thread that stays where
+    it is, shape `(n, c)` [m]."""
+    out = np.zeros((len(q), 3))
+    carried_of(how, plain(spline.places), plain(q[:, :3]), plain(ways), out)
+    return np.pad(out, ((0, 0), (0, q.shape[1] - 3)))
 
 
 def with_riding_force(thread: Thread, how: Ride, points: Points, dz: Array, N: Array) -> Array:

@@ -26,7 +26,8 @@ from coupling.step.stability import go_aside
 from coupling.step.tension import PASSES, SETTLED, change_of, layers_at, stretches_at
 from coupling.system import State, System, forgetful, solved_curve
 from coupling.ties import gap_left
-from thread.riding import put_on
+from thread.placed import Placed
+from thread.riding import carried, put_on
 from thread.thread import Thread
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -207,11 +208,13 @@ def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Predict the first iterate: the thread goes on as it went, under the forces that it had, and the sites are where
-    these forces held them. (From the sites of an organ without forces a step at rest in holes that turned far does not
-    come back to its own answer.)"""
-    q = with_ends(state.q + problem.dt * state.v, problem.system, problem.time)
-    s = state.s + problem.dt * state.s_dot
+    """Predict the first iterate: the thread goes on as it went, knots that travel with their holes, under the forces
+    that it had, and the sites are where these forces held them. (From the sites of an organ without forces a step at
+    rest in holes that turned far does not come back to its own answer.)"""
+    q, ways, spline = state.q + problem.dt * state.v, problem.dt * state.s_dot, problem.system.thread.spline
+    if isinstance(spline, Placed):
+        q = q + carried(spline, problem.ride, state.q, ways)
+    q, s = with_ends(q, problem.system, problem.time), state.s + ways
     pressed, rubbing = first_sets(problem.contact, problem.system, state)
     return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 

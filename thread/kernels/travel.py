@@ -126,6 +126,18 @@ def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
 
 
 @loop
+def carry_points(ride: Ride, S: Array, q: Array, ways: Array, out: Array) -> None:
+    """Add to `out` (n, 3) [m] how control values `q` on knots at `S` (n,) [m] go with holes that go by `ways` (m,) [m]
+    along a thread that stays where it is: T Ṡ_i, T by central differences."""
+    for i in range(1, len(q) - 1):
+        way = 0.0
+        for k in range(len(ways)):
+            way += ride.b[i, k] * ways[k]
+        for x in range(3):
+            out[i, x] += way * (q[i + 1, x] - q[i - 1, x]) / (S[i + 1] - S[i - 1])
+
+
+@loop
 def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Array, i: int, out: Ridden) -> None:
     """Add x a to ∂²Π/∂q_i∂s of the two holds of span e, by their `rates` (2,)."""
     for side in range(2):
@@ -301,4 +313,4 @@ def clear_ridden(out: Ridden) -> None:
 
 
 elastic_rates_of, inertia_of = entry(add_elastic_rates), entry(add_inertia)  # as Python calls them
-end_masses_of, riding_force_of = entry(add_end_masses), entry(next_riding_force)
+end_masses_of, riding_force_of, carried_of = entry(add_end_masses), entry(next_riding_force), entry(carry_points)
