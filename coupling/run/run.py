@@ -289,6 +289,9 @@ class Run(Generic[Body]):
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)
             run = first._settled(1.0, first.state.time)
+            near = run.refitted(0.0, False) if run.system.thread.travels else run
+            if near is not run:  # slack that was taken up leaves strands of another length
+                run = near._audited(reach(near.system, near.state, 1.0, near.state.time, run.loose))
         except (CouplingError, FactorError) as error:
             raise RestError(str(error)) from error
         state = forgetful(run.state)
