@@ -19,6 +19,7 @@ from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from studies.simulation.recording import thread_record
 from tests.bounds import RESIDUAL, TWO_SOLVERS
+from tests.coupling.test_cutting import STITCH, STRING
 from tests.thread.threads import X, Z, laid, line, without_organ
 from thread.catalogue import suture
 from thread.ends import Driven, End, Free
@@ -154,7 +155,7 @@ def test_pieces_at_rest_have_each_the_answer_of_a_thread_of_its_own() -> None:
 def test_what_nothing_holds_at_rest_has_no_weight() -> None:
     """Independent check: under gravity the piece in the middle, in no hole, stays where it is as it is cut free, and
     the other two hang on their ends and holes."""
-    table = string()
+    table = deepcopy(string())
     table["thread"]["end"] = {"kind": "fixed"}
     table["piercing"] = [{"name": "hole", "at": [0.01, 0, 0], "kind": "anchored"}]
     table["cut"] = [{"s": s, "time": 0.4} for s in (0.015, 0.024)]
@@ -174,42 +175,13 @@ LENGTH_OF_STRING = 0.03 / (1.0 + STRAIN)
 
 def string() -> dict[str, Any]:
     """A thread under tension between two holders, cut after a microsecond."""
-    return {
-        "thread": {
-            "suture": "2-0 polypropylene",
-            "knots": "travelling",
-            "control_points": 43,
-            "length": LENGTH_OF_STRING,
-            "path": [[0, 0, 0], [0.03, 0, 0]],
-            "start": {"kind": "fixed"},
-            "end": {"kind": "driven", "waypoints": [[0.0, 0.03, 0.0, 0.0]]},
-        },
-        "cut": [{"s": 0.0121, "time": 1e-6}],
-        "solve": {"dt": 1e-7, "duration": 7e-6},
-    }
+    return STRING | {"thread": STRING["thread"] | {"knots": "travelling"}}
 
 
 def stitch(**solve: Any) -> dict[str, Any]:
     """A stitch under tension through an anchored hole and a rough one, cut between them."""
-    return {
-        "thread": {
-            "suture": "2-0 polypropylene",
-            "knots": "travelling",
-            "control_points": 40,
-            "damping": 20.0,
-            "path": [[-0.01, 0, 0.004], [-0.004, 0, 0], [0.004, 0, 0], [0.01, 0, 0.004]],
-            "length": 0.0222,
-            "start": {"kind": "fixed"},
-            "end": {"kind": "driven", "waypoints": [[0.0, 0.01, 0, 0.004]]},
-        },
-        "piercing": [
-            {"name": "left", "at": [-0.004, 0, 0], "kind": "anchored"},
-            {"name": "right", "at": [0.004, 0, 0], "friction": {"static": 0.1, "kinetic": 0.1}},
-        ],
-        "cut": [{"s": 0.0113, "time": 3e-5}],
-        "solve": {"dt": 1e-5, "duration": 1.2e-4} | solve,
-        "output": {"every": 1},
-    }
+    thread, solve = STITCH["thread"] | {"knots": "travelling"}, STITCH["solve"] | solve
+    return STITCH | {"thread": thread, "solve": solve, "output": {"every": 1}}
 
 
 def states(table: dict[str, Any]) -> list[Run[Any]]:
@@ -272,7 +244,7 @@ def test_a_stitch_that_is_cut_lets_its_hole_go(integrator: str) -> None:
 
 def test_a_frame_shows_the_pieces_apart() -> None:
     """Identity: samples of each piece from end to end, and no tension at the ends that are cut."""
-    table = stitch()
+    table = deepcopy(stitch())
     table["cut"], table["thread"]["cuts"] = [], [0.0113]
     thread = thread_record(states(table)[-1])
     pieces, bounds = thread.split(), np.split(thread.s, np.cumsum(thread.pieces[:-1]))
@@ -287,7 +259,7 @@ def test_a_frame_shows_the_pieces_apart() -> None:
 def test_at_rest_the_holes_keep_what_they_grip(end: dict[str, Any]) -> None:
     """Independent check: behind the cut nothing draws, and every hole from there on holds back F₀ of what the thread
     was under; a dead load on a piece that nothing holds draws nothing. The balance closes."""
-    table, grip = string(), {"static": 0.0, "kinetic": 0.0, "grip": GRIP}
+    table, grip = deepcopy(string()), {"static": 0.0, "kinetic": 0.0, "grip": GRIP}
     table["thread"] |= {"path": [[0, 0, 0], [0.06, 0, 0]], "length": 0.06 / (1.0 + STRAIN), "end": end}
     table["piercing"] = [{"name": name, "at": [x, 0, 0], "friction": grip} for name, x in (("a", 0.02), ("b", 0.04))]
     table |= {"cut": [{"s": 0.05, "time": 0.7}], "solve": {"kind": "static", "load_steps": 4}}
@@ -302,7 +274,7 @@ def test_at_rest_the_holes_keep_what_they_grip(end: dict[str, Any]) -> None:
 def test_a_piece_that_nothing_holds_back_runs_out_of_its_hole() -> None:
     """Independent check: a piece that is drawn out over the end that is cut leaves its hole there, and the other one
     stays in its own."""
-    table = string()
+    table = deepcopy(string())
     table["thread"] |= {"end": {"kind": "pulled", "force": [0.05, 0, 0], "ramp": 1e-3}, "damping": 50.0, "length": 0.03}
     table["piercing"] = [
         {"name": name, "at": [x, 0, 0], "direction": "free"} for name, x in (("in", 0.008), ("out", 0.02))
