@@ -153,11 +153,11 @@ def ride(
     return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), out
 
 
-def carried(spline: Placed, how: Ride, q: Array, ways: Array) -> Array:
-    """Return how control values `q` (n, c) [m] go with holes that go by `ways` (m,) [m] along a thread that stays where
-    it is, shape `(n, c)` [m]."""
+def carried(spline: Placed, how: Ride, q: Array, rates: Array, dt: float) -> Array:
+    """Return how control values `q` (n, c) [m] move in `dt` [s] with holes that run at `rates` (m,) [m/s] along a
+    thread that stays where it is, shape `(n, c)` [m]."""
     out = np.zeros((len(q), 3))
-    carried_of(how, plain(spline.places), plain(q[:, :3]), plain(ways), out)
+    carried_of(how, plain(spline.places), plain(q[:, :3]), plain(rates), float(dt), out)
     return np.pad(out, ((0, 0), (0, q.shape[1] - 3)))
 
 

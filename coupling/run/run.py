@@ -289,7 +289,7 @@ class Run(Generic[Body]):
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)
             run = first._settled(1.0, first.state.time)
-            near = run.refitted(0.0, False) if run.system.thread.travels else run
+            near = run.refitted(0.0, False)
             if near is not run:  # slack that was taken up leaves strands of another length
                 run = near._audited(reach(near.system, near.state, 1.0, near.state.time, run.loose))
         except (CouplingError, FactorError) as error:

@@ -211,10 +211,11 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     """Predict the first iterate: the thread goes on as it went, knots that travel with their holes, under the forces
     that it had, and the sites are where these forces held them. (From the sites of an organ without forces a step at
     rest in holes that turned far does not come back to its own answer.)"""
-    q, ways, spline = state.q + problem.dt * state.v, problem.dt * state.s_dot, problem.system.thread.spline
+    q, spline = state.q + problem.dt * state.v, problem.system.thread.spline
     if isinstance(spline, Placed):
-        q = q + carried(spline, problem.ride, state.q, ways)
-    q, s = with_ends(q, problem.system, problem.time), state.s + ways
+        q = q + carried(spline, problem.ride, state.q, state.s_dot, problem.dt)
+    q = with_ends(q, problem.system, problem.time)
+    s = state.s + problem.dt * state.s_dot
     pressed, rubbing = first_sets(problem.contact, problem.system, state)
     return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 

@@ -126,13 +126,13 @@ def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
 
 
 @loop
-def carry_points(ride: Ride, S: Array, q: Array, ways: Array, out: Array) -> None:
-    """Add to `out` (n, 3) [m] how control values `q` on knots at `S` (n,) [m] go with holes that go by `ways` (m,) [m]
-    along a thread that stays where it is: T Ṡ_i, T by central differences."""
+def carry_points(ride: Ride, S: Array, q: Array, rates: Array, dt: float, out: Array) -> None:
+    """Add to `out` (n, 3) [m] how control values `q` on knots at `S` (n,) [m] move in `dt` [s] with holes that run at
+    `rates` (m,) [m/s] along a thread that stays where it is: T Ṡ_i Δt, T by central differences."""
     for i in range(1, len(q) - 1):
         way = 0.0
-        for k in range(len(ways)):
-            way += ride.b[i, k] * ways[k]
+        for k in range(len(rates)):
+            way += dt * ride.b[i, k] * rates[k]
         for x in range(3):
             out[i, x] += way * (q[i + 1, x] - q[i - 1, x]) / (S[i + 1] - S[i - 1])
 

@@ -184,10 +184,8 @@ def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unk
     for i in range(n):
         for x in range(3):
             z.q[i, x] = now.q[i, x] + pace.dt * now.v[i, x]
-    for k in range(len(z.s)):
-        z.s[k] = pace.dt * now.s_dot[k]
     if given.ride.on:
-        carry_points(given.ride, given.fields[0].S, now.q, z.s, z.q)
+        carry_points(given.ride, given.fields[0].S, now.q, now.s_dot, pace.dt, z.q)
     for end in range(2):
         for x in range(3):
             if given.held[end * (n - 1), x]:
@@ -196,7 +194,7 @@ def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unk
         for g in range(z.N.shape[1]):
             z.N[e, g] = now.N[e, g]
     for k in range(len(z.s)):
-        z.s[k], z.sigma[k] = now.s[k] + z.s[k], now.sigma[k]
+        z.s[k], z.sigma[k] = now.s[k] + pace.dt * now.s_dot[k], now.sigma[k]
         for j in range(5):
             z.lam[k, j] = now.lam[k, j]
         for j in range(9):
