@@ -79,6 +79,12 @@ def initial_energies(system: System[Body], state: State[Body]) -> Energies:
     return Energies(kinetic, thread_elastic(system, state), organ_elastic, 0.0, 0.0, 0.0, 0.0, 0.0, prestretch=there)
 
 
+def stored(system: System[Body], state: State[Body]) -> float:
+    """Return the kinetic and elastic energy of thread and organ [J]."""
+    energies = initial_energies(system, state)
+    return energies.kinetic + energies.elastic
+
+
 def momentum_of(system: System[Body], v: Array) -> Array:
     """Return M v of the thread as the kernels want it, shape `(n, c)`."""
     return np.ascontiguousarray(system.thread.momentum(v))

@@ -41,6 +41,7 @@ from coupling.kernels.bordered import SingularError
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
+from coupling.step.packets import fitted, put_alike
 from coupling.step.sliding import admissible_sigma, law_of, prescribed, ruled
 from coupling.step.solver import solve
 from coupling.step.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
@@ -83,6 +84,7 @@ MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what o
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
 DROPPED = 0.3  # of the softest mode: the tie that is dropped first; where that leads astray, a weaker one is
+REFITS = 4  # equilibria at most, further ones, until the packets of knots that travel fit
 REFUSALS = 3  # drops at most that lead astray: a thread that would not stay under its last tie either is told
 SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
@@ -226,14 +228,17 @@ def relax_ties(
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
     tie, now = firm if near or state.time == 0.0 else 0.0, start
-    dropped, refusals = 0.0, REFUSALS
+    dropped, refusals, refits = 0.0, REFUSALS, REFITS
     failed: StepError | InversionError | None = None
     failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state, began)
         try:
-            find = find_tied if tie > 0.0 else find_loose
-            solution = find(problem, now, state, near, hold)
+            if tie == 0.0 and refits < REFITS:
+                solution = drop_tie(problem, now, False)
+            else:
+                find = find_tied if tie > 0.0 else find_loose
+                solution = find(problem, now, state, near, hold)
             new = equilibrium_state(now, solution)
         except (StepError, InversionError) as error:
             failed, failures = error, failures - 1
@@ -241,14 +246,18 @@ def relax_ties(
                 break
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
+        fit = fitted(system, new)[1] if system.thread.travels else new
         if tie == 0.0:
+            if refits and fit is not new:
+                now, answer, refits = fit, solution.problem.answer, refits - 1
+                continue
             if refusals and dropped and leads_astray(solution, new):
                 log.debug("a tie was dropped to where the thread would not stay: a weaker one leads further")
                 tie, refusals = dropped / WEAKER, refusals - 1
                 continue
-            return Step(state, new, problem.dt, solution, end_configuration(new, solution))
+            return Step(put_alike(system, state, new), new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
-        now, answer, dropped = new, solution.problem.answer, tie
+        now, answer, dropped = fit, solution.problem.answer, tie
         tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
     if isinstance(failed, InversionError):
         raise failed
@@ -392,6 +401,8 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
 
 def is_resolved(problem: Problem[Body], state: State[Body]) -> bool:
     """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread."""
+    if problem.system.thread.travels:
+        return True
     thread, force = problem.system.thread, drawing_force(problem, state)
     spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(state.s)]
     return bool((force * spans**2 <= thread.EI).all())
@@ -402,7 +413,7 @@ def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
     the end, so that it is asked where they are not yet."""
     dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
-    pull = pull_at(problem.system, state.s, state.N, state.lam, problem.rows[:, 0])
+    pull = pull_at(problem.system.at(state), state.s, state.N, state.lam, problem.rows[:, 0])
     return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.T.max(initial=0.0)))
 
 
@@ -462,7 +473,7 @@ def first_tie(system: System[Body]) -> float:
 def lying_tie(system: System[Body], state: State[Body]) -> float:
     """Return the tie [1/s²] of the pieces of a cut thread to where they lie. It makes their matrix regular, so it is a
     part of its largest entry, the stiffness of the shortest span: what it bears is below what a solve leaves open."""
-    thread = system.thread
+    thread = system.at(state).thread
     stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
     return float(LYING * stiffness / np.abs(thread.mass_band).max())
 

@@ -18,9 +18,10 @@ import numpy as np
 
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
+from coupling.reports.audit import stored
 from coupling.run.adaptivity import exchange_spline
 from coupling.run.events import Event
-from coupling.run.packets import bent_over, due, put_on_knots
+from coupling.step.packets import bent_over, due, put_on_knots
 from coupling.system import State, System, forgetful
 from thread.errors import ThreadError
 from thread.refit import Refit, cut
@@ -60,5 +61,6 @@ def cut_strand(system: System[Body], state: State[Body], s: float) -> tuple[Syst
         travel = due(system, state, bent_over(system, state), [s])
     except ThreadError as error:
         raise CouplingError(f"cut at {s:.6g} m: {error}") from None
-    other, moved, loss = put_on_knots(system, state, travel)
+    other, moved = put_on_knots(system, state, travel)
+    loss = stored(system, state) - stored(other, moved)
     return other, moved, Event(state.time, "cut", s=s, loss=loss, control_points=other.thread.n)

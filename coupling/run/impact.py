@@ -26,9 +26,9 @@ from coupling.kernels.constraints import Passage, bare_passage, phi, site_force,
 from coupling.kernels.friction import Joints
 from coupling.reports.audit import initial_energies
 from coupling.run.events import Event
-from coupling.run.packets import with_holes
 from coupling.step.diagnosis import refuse_faults
 from coupling.step.newton import Iterate, Problem
+from coupling.step.packets import with_holes
 from coupling.step.sliding import law_of
 from coupling.step.stepping import accept_organ, find_solution, riding, sense, tie_gaps
 from coupling.system import State, System, forgetful

@@ -21,7 +21,7 @@ from coupling.arrays import Array, Flags
 from coupling.errors import CouplingError, InversionError, RestError, StepError
 from coupling.interfaces import Body
 from coupling.kernels.constraints import held_energy
-from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies
+from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies, stored
 from coupling.reports.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
 from coupling.rest.branch import reach
 from coupling.rest.equilibrium import refuse_unbalanced, settle_near
@@ -30,11 +30,11 @@ from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
 from coupling.run.march import march, march_by_steps, step_between
-from coupling.run.packets import fitted, fitted_for
 from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
+from coupling.step.packets import fitted
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
 from thread.knots import LEVELS
@@ -323,11 +323,12 @@ class Run(Generic[Body]):
         """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the
         run after it there; None where the knots fit. With friction it is found from where this one is, at once or a
         halving of the spans at a time, or else from the start of the load step. Raises as `load` does."""
-        again = self.rubs or self.system.thread.travels
-        knots = first.refined_for(self) if again else self.refitted(0.0, True)
+        if self.resolution is None:
+            return None
+        knots = first.refined_for(self) if self.rubs else self.refitted(0.0, True)
         if knots is first or knots is self:
             return None
-        if self.rubs and not self.system.thread.travels:
+        if self.rubs:
             for find in (partial(self._near_at_once, knots), partial(self._near_by_halves, first)):
                 try:
                     return find(share, duration)
@@ -412,16 +413,15 @@ class Run(Generic[Body]):
     def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
         """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
         itself where it has them all."""
-        if self.system.thread.travels:
-            return self._riding(*fitted_for(self.system, self.state, later.system, later.state))
         if self.resolution is None:
             return self
         return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
 
-    def _riding(self, system: System[Body], state: State[Body], loss: float) -> "Run[Body]":
-        """Return the run on other packets of knots, by which energy is lost [J]; itself where there are none."""
+    def _riding(self, system: System[Body], state: State[Body]) -> "Run[Body]":
+        """Return the run on other packets of knots; itself where there are none."""
         if state is self.state:
             return self
+        loss = stored(self.system, self.state) - stored(system, state)
         exchange = Event(state.time, "knots", loss=loss)  # no event for a user: a new mesh costs no transfer
         energies = book_events(system, self.energies, state, [exchange])
         return replace(self, system=system, state=state, energies=energies)
