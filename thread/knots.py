@@ -24,9 +24,14 @@ SLOPE = 0.5  # growth of the wanted span with the distance from a hole, at most
 LAYER = 3.0  # κ falls like exp(−x/ℓ) from a hole on, so the wanted span may grow like exp(x/3ℓ)
 
 
-def uniform_knots(length: float, n: int) -> Array:
-    """Return the clamped knots of `n` control points with equal spans over `[0, length]` [m]."""
-    return clamped_knots(np.linspace(0.0, length, n - DEGREE + 1))
+def uniform_knots(length: float, n: int, cuts: Sequence[float] = ()) -> Array:
+    """Return the clamped knots of `n` control points with spans as equal over `[0, length]` [m] as the `cuts` [m] let
+    them be."""
+    return (
+        graded_knots(length, n, [], 1.0, length, cuts)
+        if cuts
+        else clamped_knots(np.linspace(0.0, length, n - DEGREE + 1))
+    )
 
 
 def clamped_knots(breaks: Array) -> Array:

@@ -204,13 +204,6 @@ KINDS = (
         "thread slid; what has come to rest without it does not know how",
     ),
     Kind(
-        "knots-stay",
-        "note",
-        "a run at rest of a thread with `thread.cuts`, where `thread.resolution` is left out",
-        'elsewhere statics then halves the spans at a hole that are too long for it (`"holes"`); a thread in pieces '
-        'keeps those that it has (`"fixed"`)',
-    ),
-    Kind(
         "layer-energy",
         "unsupported",
         f"`layer_work` beyond {LAYERED:.0%} of the run's energy, of either sign, at any time",

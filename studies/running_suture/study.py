@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 from coupling.reports.audit import initial_energies
 from coupling.reports.observation import observe
 from coupling.run import begin
-from coupling.run.adaptivity import Resolution, span_ratio
+from coupling.run.adaptivity import span_ratio
 from coupling.run.impact import begin_piercing
 from coupling.step.stepping import try_step
 from coupling.system import State, System
@@ -146,7 +146,6 @@ class Line:
 
     system: System
     state: State
-    resolution: Resolution
     step: float
     law: Array
     steps: int = 0
@@ -260,12 +259,11 @@ def lay_taut(case: Case, stitches: int, tension: float) -> Line:
     """Lay a thread in the first stitches and draw it taut without friction."""
     assembly = assemble(scenario(case, stitches))
     rough, state = assembly.system, assembly.start()
-    assert assembly.resolution is not None
     smooth = tuple(replace(hole, friction=None) for hole in rough.piercings)
     hand = Hand((0.0, 1.0), tension * OVER, tension * OVER)
     system = replace(rough, piercings=smooth, ends=(rough.ends[0], hand))
     state = replace(state, sigma=smooth_slip(system, state))
-    line = Line(system, state, assembly.resolution, case.step, np.full(2 * stitches, tension))
+    line = Line(system, state, case.step, np.full(2 * stitches, tension))
     line = lead(line, tension * OVER, LAYING)
     system = replace(line.system, piercings=rough.piercings)
     return replace(line, system=system, state=replace(line.state, sigma=smooth_slip(system, line.state)))
@@ -287,7 +285,7 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
         for hole, here in zip(system.piercings, line.state.present, strict=False)
     )
     system = replace(system, piercings=tuple(waiting))
-    run = replace(begin(system, line.state, try_step, line.resolution), fresh=False)
+    run = replace(begin(system, line.state, try_step), fresh=False)
     count = int(np.ceil(seconds / line.step - 1e-9))
     for _ in range(count):
         run = run.step(line.step)

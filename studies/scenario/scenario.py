@@ -31,6 +31,7 @@ TIED = {
     "thread.energy": "continuous",
     "thread.twist": False,
 }  # the only way in which a thread is tied
+TRAVELLING = TIED | {"thread.bending": True}  # and in which its knots travel with the holes
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
 # --- solution and output ----------------------------------------------------------------------------------
@@ -62,13 +63,12 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _choose_resolution(cls, table: Any) -> Any:
-        thread, solve = (table.get(key) if isinstance(table, dict) else None for key in ("thread", "solve"))
-        if not (isinstance(thread, dict) and isinstance(solve, dict)) or solve.get("kind") != "static":
+    def _choose_knots(cls, table: Any) -> Any:
+        given = {key: table.get(key, {}) for key in ("thread", "solve")} if isinstance(table, dict) else {}
+        if not given or not all(isinstance(value, dict) for value in given.values()):
             return table
-        unable = thread.get("cuts") or thread.get("energy") == "springs" or thread.get("bending") is False
-        unable = unable or thread.get("knots") == "travelling"
-        return table if unable else table | {"thread": {"resolution": "holes"} | thread}
+        knots = "travelling" if travels_as_given(given) else "fixed"
+        return table | {"thread": {"knots": knots} | given["thread"]}
 
     @model_validator(mode="after")
     def _check_piercings(self) -> Self:
@@ -222,27 +222,13 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_knots(self) -> Self:
-        if self.thread.resolution != "fixed" and self.solve.scheme == "linear":
-            reason = "the linear scheme knows no missing compliance, by which the knots are placed; set it to fixed"
-            raise ValueError(refusal("thread.resolution", self.thread.resolution, reason))
-        return self
-
-    @model_validator(mode="after")
-    def _check_travelling(self) -> Self:
         if self.thread.knots == "fixed":
+            if "tolerance" in self.thread.model_fields_set:
+                reason = "thread.knots is fixed, and the tolerance is what knots that travel are made for; leave it out"
+                raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
             return self
-        needed = {
-            "thread.resolution": "fixed",
-            "thread.energy": "continuous",
-            "thread.bending": True,
-            "thread.twist": False,
-            "solve.scheme": "newton",
-            "solve.coupling": "monolithic",
-            "solve.friction": "implicit",
-            "solve.epsilon": 0.0,
-        }
         given = {"solve": self.solve, "thread": self.thread}
-        for key, value in needed.items():
+        for key, value in TRAVELLING.items():
             table, name = key.split(".")
             if getattr(given[table], name) != value:
                 reason = "thread.knots is travelling, which knows no such thread; set it to "
@@ -403,6 +389,12 @@ def check_spans(
                 "or raise thread.control_points"
             )
             raise ScenarioError(refusal(key, cuts, reason))
+
+
+def travels_as_given(tables: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether knots can travel in a scenario with these tables `thread` and `solve`, as they are written."""
+    keys = [(*key.partition(".")[::2], value) for key, value in TRAVELLING.items()]
+    return all(tables[table].get(key, value) == value for table, key, value in keys)
 
 
 def check_control_points(control_points: int, piercings: int) -> None:

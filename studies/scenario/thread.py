@@ -151,26 +151,20 @@ class Thread(ScenarioTable):
         examples=[0.05],
     )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
-        default=40, description="number of control points of the cubic spline [-], from 4 to 5000"
-    )
-    graded: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1)] = Field(
-        default=3.0,
-        description="ratio of the largest to the smallest knot span [-], fine near the piercings; 1: uniform",
+        default=40,
+        description="number of control points of the cubic spline [-], from 4 to 5000; where knots travel, those at "
+        "the piercings come besides, and a strand has four spans at least",
     )
     knots: Literal["travelling", "fixed"] = Field(
-        default="fixed",
-        description='where the knots of the spline are as the thread slides: "fixed" to the thread; "travelling" with '
-        "its holes, next to which spans are as short as the length asks for that the thread bends over",
-    )
-    resolution: Literal["fixed", "holes", "adaptive"] = Field(
-        default="fixed",
-        description='where the spline of control_points is refined as the thread slides: "fixed", nowhere; "holes" '
-        "(unless given, the way of statics, but with thread.cuts, springs or a thread without bending), at a piercing "
-        "whose spans are longer than a quarter of the length that the thread bends over there, or fewer than two to "
-        'the next; "adaptive", to thread.tolerance at the piercings and wherever the thread bends, from equal spans',
+        default="travelling",
+        description='where the knots of the spline are as the thread slides: "travelling" with its holes, next to '
+        'which spans are as short as the length asks for that the thread bends over; "fixed" to the thread, the own '
+        "spline of the paper, of equal spans: unless given the way of a thread with twist, springs or no bending, and of "
+        "the paper's variants of solve",
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
-        default=0.01, description="relative error of the piercings' forces that adaptive knots aim at [-], up to 0.1"
+        default=0.01,
+        description="relative error of the piercings' forces that knots which travel are made for [-], up to 0.1",
     )
     path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
         description="points along which the thread is laid at the start [m], corners rounded",
@@ -233,6 +227,17 @@ class Thread(ScenarioTable):
             return {**data, "poisson_ratio": 0.4}
         return data
 
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_former_keys(cls, data: Any) -> Any:
+        former = next((key for key in ("resolution", "graded") if isinstance(data, Mapping) and key in data), None)
+        if former is not None:
+            raise ValueError(
+                f".{former} = {as_toml(data[former])} is refused: knots now travel with the piercings, and are fine "
+                "there by themselves; leave it out, or set thread.tolerance"
+            )
+        return data
+
     @model_validator(mode="after")
     def _check_material(self) -> Self:
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
@@ -265,16 +270,6 @@ class Thread(ScenarioTable):
             raise ValueError(
                 f".springs = {self.springs} is refused: {self.control_points} control points need at least "
                 f"{least}, else the thread could stretch unseen; raise it"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_resolution(self) -> Self:
-        if self.resolution != "fixed" and (self.energy == "springs" or not self.bending):
-            raise ValueError(
-                f'.resolution = "{self.resolution}" is refused: it goes by the length over which a thread bends, and '
-                'springs or a thread without bending have none; set it to "fixed", or energy = "continuous" and '
-                "bending = true"
             )
         return self
 

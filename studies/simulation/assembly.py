@@ -11,7 +11,6 @@ import skfem
 
 import tissue
 from coupling.rest.laying import start
-from coupling.run.adaptivity import Resolution, coarse_tree, first_breaks
 from coupling.step.solver import are_kept
 from coupling.system import Friction, Piercing, State, System
 from coupling.ties import Tie
@@ -33,7 +32,7 @@ from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, orga
 from studies.simulation.tracts import Ball, bites_of, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
-from thread.knots import Tree, graded_knots, knots_at
+from thread.knots import uniform_knots
 from thread.packets import Hold, travelling
 from thread.path import RoundedPath, rounded_path
 from thread.placed import Placed
@@ -49,8 +48,6 @@ AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteO
 
 TOLERANCE = 0.01  # relative error of the holes' forces that the packets of thread.packets.FIRST √(EI/T) are made for
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
-REACH = 0.1  # of the thread's length: how far from a piercing its spans are fine
-AT_COARSE = 0.04  # tolerance at holes that the coarse spans do not resolve: spans of a fifth of √(EI/T)
 SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
 LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
 MOST_PULLS = 40  # sites' variables and loads, to each of which it has eight vectors: four holes
@@ -72,7 +69,6 @@ class Assembly:
     path: RoundedPath
     s: Array
     body: tissue.Elasticity | None
-    resolution: Resolution | None
     recovery: Callable[[], tissue.StressRecovery | None]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
@@ -116,8 +112,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_at_cuts(scenario, length, known_s)
     thread = store.take("thread", thread_key(scenario, length, s), lambda: thread_of(scenario, holes, length, s))
     check_pieces(scenario, thread.spline, known_s)
-    resolution = resolution_of(scenario.thread, length, s)
-    check_cutting(scenario.cut, thread, resolution)
+    check_cutting(scenario.cut, thread)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(scenario, length, own)
     depths = partial(stored_depths, scenario, body, store)
@@ -134,7 +129,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         compiled=is_compiled(scenario.solve),
     )
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, holes, system, organ, path, np.array(s), body, resolution, recovery, depths, given, fit)
+    return Assembly(whole, holes, system, organ, path, np.array(s), body, recovery, depths, given, fit)
 
 
 def is_compiled(solve: model.Solve) -> bool:
@@ -195,17 +190,6 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
     return float(later[0] if later.size else near[0])
 
 
-def resolution_of(table: model.Thread, length: float, s: Sequence[float]) -> Resolution | None:
-    """Tell how the knots follow the thread; None where they do not, and where they travel with its holes."""
-    if table.knots == "travelling":
-        return None
-    if table.resolution == "fixed":
-        return None
-    if table.resolution == "adaptive":
-        return Resolution(coarse_tree(0.0, length, table.control_points), table.tolerance)
-    return Resolution(Tree(graded_spline(table, length, s).breaks), AT_COARSE, everywhere=False)
-
-
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
     """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
     table = scenario.thread
@@ -229,30 +213,19 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
     return Placed(travel.knots, travel.places(at), travel)
 
 
-def graded_spline(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
-    """Return the spline of so many control points, its knots graded towards the piercings."""
-    return Spline(graded_knots(length, table.control_points, s, table.graded, REACH * length, table.cuts))
-
-
-def spline_of(table: model.Thread, length: float, s: Sequence[float]) -> Spline:
-    """Return the spline at the start."""
-    if table.resolution == "adaptive":
-        tree = coarse_tree(0.0, length, table.control_points).cut(np.array(table.cuts))
-        spline = Spline(knots_at(first_breaks(tree, np.array(s), table.graded), np.array(table.cuts)))
-        breaks = tree.coarse
-    else:
-        spline = graded_spline(table, length, s)
-        breaks = spline.breaks
-    check_spans(table.cuts, spline.piece_ends.tolist(), breaks.tolist())
+def spline_of(table: model.Thread, length: float) -> Spline:
+    """Return the spline of a thread whose knots stand still."""
+    spline = Spline(uniform_knots(length, table.control_points, table.cuts))
+    check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
     return spline
 
 
 def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Thread:
-    """Return the thread, its knots graded towards the piercings. The linear step knows no missing compliance."""
+    """Return the thread."""
     table = scenario.thread
     travels = table.knots == "travelling"
     return Thread(
-        spline=travelling_spline(scenario, holes, length, s) if travels else spline_of(table, length, s),
+        spline=travelling_spline(scenario, holes, length, s) if travels else spline_of(table, length),
         section=section_of(table),
         bending=table.bending,
         twist=table.twist,

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coupling.run.adaptivity import Resolution
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
@@ -55,9 +54,8 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
         every.append(s)
 
 
-def check_cutting(cuts: Sequence[model.Cut], thread: Thread, resolution: Resolution | None) -> None:
-    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span, or
-    of one coarse span where the knots follow the thread."""
+def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
+    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span."""
     spline = thread.spline
     if thread.travels:
         check_stubs([table.s for table in cuts], spline.piece_ends.tolist(), thread.section.diameter, "cut.s")
@@ -71,8 +69,7 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread, resolution: Resolut
                 "thread.control_points"
             )
             raise ScenarioError(refusal("cut.s", table.s, reason)) from None
-    breaks = spline.breaks if resolution is None else resolution.tree_of(spline).coarse
-    check_spans([table.s for table in cuts], spline.piece_ends.tolist(), breaks.tolist(), "cut.s")
+    check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:

@@ -100,7 +100,6 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
     out += [said for key, ramp in ramps_of(scenario).items() for said in unloaded_rest(key, ramp)]
-    out += spans_left(scenario)
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
@@ -153,20 +152,6 @@ def unloaded_rest(key: str, ramp: float) -> list[Remark]:
         f"starts from is without it, and slack is taken up in time; leave out {key}.ramp for a rest under all of it"
     )
     return [remark("rest-unloaded", key, text)]
-
-
-def spans_left(scenario: Scenario) -> list[Remark]:
-    """Tell that cuts, and no key, keep the spans of a thread at rest as they are."""
-    thread = scenario.thread
-    halved = thread.energy != "springs" and thread.bending and "resolution" not in thread.model_fields_set
-    halved &= thread.knots == "fixed"
-    if not (scenario.solve.kind == "static" and thread.cuts and halved):
-        return []
-    text = (
-        f"a thread in {len(thread.cuts) + 1} pieces keeps its spans, which statics else halves where they are too long "
-        'at a hole; set thread.resolution = "holes", or "fixed" where they are to stay'
-    )
-    return [remark("knots-stay", "thread.resolution", text)]
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
@@ -434,7 +419,7 @@ def coarse_spans(ratio: float) -> list[Remark]:
         return []
     text = (
         f"the spans at the holes are {ratio:.2g} of the length that the thread bends over there, at most {RESOLVED:g} "
-        'is fine enough for the forces along it; set thread.resolution = "adaptive", or raise thread.control_points'
+        'is fine enough for the forces along it; leave out thread.knots = "fixed", or raise thread.control_points'
     )
     return [remark("spans", "thread.control_points", text)]
 
@@ -445,7 +430,7 @@ def few_spans(number: float | None) -> list[Remark]:
         return []
     text = (
         f"two holes are {number:.2g} spans from one another along the thread, {BETWEEN:g} are fine enough for it to "
-        'bend between them; set thread.resolution = "adaptive", or raise thread.control_points'
+        'bend between them; leave out thread.knots = "fixed", or raise thread.control_points'
     )
     return [remark("spans-between", "thread.control_points", text)]
 
@@ -549,7 +534,7 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
                 "thread.control_points",
                 f"a new tension put {extremes.layered:.2g} J into the thread at its holes or took it out, "
                 f"{extremes.layered / scale:.0%} of the run's energy ({scale:.2g} J): spans there are too long for the "
-                'length on which it turns; set thread.resolution = "adaptive", or raise thread.control_points',
+                'length on which it turns; leave out thread.knots = "fixed", or raise thread.control_points',
             )
         )
     return out

@@ -24,8 +24,6 @@ Settings = Mapping[str, Any]  # by dotted names
 FINER = 4  # by how much shorter steps are: what a tenth more helps is chance
 MOST = 5000  # corrections of Newton that a copy may take: what a few hundred steps at a quarter of their length do
 PAST = 10  # steps of the run that failed, beyond the one that failed, that a copy is followed
-# Ways of knots that do more than that of a scenario: the thread may carry coarse spans into holes that were fine.
-FOLLOWING: Mapping[str, tuple[str, ...]] = {"fixed": ("holes", "adaptive"), "holes": ("adaptive",), "adaptive": ()}
 IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, ThreadError)
 
 
@@ -87,8 +85,6 @@ def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
         yield {"solve.load_steps": FINER * solve.load_steps}
     else:
         yield {"solve.dt": solve.dt / FINER}
-    if thread.energy != "springs" and thread.bending:
-        yield from ({"thread.resolution": way} for way in FOLLOWING[thread.resolution])
     yield {"thread.control_points": 2 * thread.control_points}
 
 

@@ -56,7 +56,7 @@ class Case:
     sweep: str
     name: str = ""
     suture: str = "3-0 polyglactin 910"
-    knots: str = "adaptive"  # or "fixed"
+    knots: str = "travelling"  # or "fixed"
     holes: str = "free"  # or "normal": the thread's direction in them
     way: str = "static"  # or "dynamic"
     load_steps: int = unit_field("-")
@@ -223,7 +223,7 @@ def scenario(case: Case) -> Scenario:
         "tissue.material": case.material,
         "tissue.mesh.h_site": case.footprint,
         "thread.suture": case.suture,
-        "thread.resolution": case.knots,
+        "thread.knots": case.knots,
         "thread.path": [[-x, 0.0, LEG], [-x, 0.0, bottom], [x, 0.0, bottom], [x, 0.0, LEG]],
         "thread.start.waypoints": [[0.0, -x, 0.0, LEG], [1.0, -x, 0.0, LEG - case.given]],
         "thread.end.force": [0.0, 0.0, case.tension],

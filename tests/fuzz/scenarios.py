@@ -64,7 +64,6 @@ bending_factor = 0.5
 control_points = 24
 energy = "springs"
 springs = 30
-resolution = "fixed"
 path = [[-0.015, 0, 0.015], [-0.005, 0, 0.006], [-0.005, 0, -0.005], [0.005, 0, -0.005], [0.005, 0, 0.015]]
 start = { kind = "free", mass = 1.0e-4 }
 end = { kind = "fixed", mass = 1.0e-4 }
