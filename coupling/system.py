@@ -358,7 +358,7 @@ class System(Generic[Body]):
 
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""
-        return self.passage(state.q, state.s, layers=state.layers, drive=state.drive)
+        return self.at(state).passage(state.q, state.s, layers=state.layers, drive=state.drive)
 
     @cached_property
     def may_slide(self) -> Flags:

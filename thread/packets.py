@@ -7,6 +7,7 @@ a simple one where it does not. Its abscissa s_k moves the control values S_i. T
 packet that moves rigidly, τ = s_k ± δ, with δ growing geometrically from a part of √(EI/T) on; what is left of a strand
 is divided affinely between the edges of its two packets. S_i are the Greville means of the τ, so that S rises with χ.
 A packet in a strand that is straight beyond it leaves the energy as it is where it goes: no hole feels a lattice.
+Where a strand bends between its packets, its spans are as short as that asks for.
 
 Where the thread is cut, χ has a knot of multiplicity four: strands end there as at the thread's own ends, and nothing
 goes across.
@@ -18,13 +19,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from thread.arrays import Array, Indices
+from thread.arrays import Array, Flags, Indices
 from thread.errors import ThreadError
 from thread.spline import DEGREE, ORDERS, Spline
 
 GROWTH = 1.7  # ratio of neighbouring spans
 FAR = 5.0  # √(EI/T) to which a packet reaches: e^−5 of the bend is left there
 FIRST = 0.5  # of √(EI/T): the span next to a hole
+SLOPE = (GROWTH - 1.0) / GROWTH**0.5  # by which spans grow with the distance from shorter ones
+TURN = 0.35  # rad, by which the thread turns in a span between packets at most, as they are made
+TURNED, FLAT = 1.8, 0.25  # times that: spans are made anew where they turn further, or all of a strand by less
 COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a shorter span is made anew
 GROWN = 1.5  # ratio by which the spans between two packets may grow or shrink
 RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
@@ -44,13 +48,37 @@ class Hold:
 
 
 @dataclass(frozen=True)
+class Bends:
+    """Where a thread bends: `spans` (k,) [m] that it asks for at the abscissae `at` (k,) [m]."""
+
+    at: Array
+    spans: Array
+
+    def between(self, low: float, high: float) -> "Bends":
+        """Return those between two abscissae, counted from the first."""
+        inside = (self.at > low) & (self.at < high)
+        return Bends(self.at[inside] - low, self.spans[inside])
+
+
+STRAIGHT = Bends(np.zeros(0), np.zeros(0))
+
+
+def bends_of(at: Array, curvature: Array, scale: float) -> Bends:
+    """Return the bends of a thread with a `curvature` (k,) [1/m] at the abscissae `at` (k,) [m], by TURN times `scale`
+    a span."""
+    bent = curvature > 0.0
+    return Bends(at[bent], TURN * scale / curvature[bent])
+
+
+@dataclass(frozen=True)
 class Travel:
     """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
     and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of a piece of the
     thread, whose abscissa is in `limits` (spans, 2) [m], which is zero at a hold. As it was made: the numbers of the
     `holds` (k,), the spans next to every hold, `first` (m,) [m], and of each strand the length of its packets, `rigid`,
-    and of the `middle` between them [m]; and what it was made for: spans no `longest` [m], and FIRST √(EI/T) times
-    `scale` next to a hole."""
+    and of the `middle` between them [m], and whether its spans are shorter than they would be were it straight, `bent`;
+    the `strand` in whose middle each control point is, −1 for those of packets, (n,); and what it was made for: spans
+    no `longest` [m], and FIRST √(EI/T) and TURN times `scale`."""
 
     knots: Array
     a: Array
@@ -62,6 +90,8 @@ class Travel:
     first: Array
     rigid: Array
     middle: Array
+    bent: Flags
+    strand: Indices
     longest: float
     scale: float
 
@@ -73,15 +103,6 @@ class Travel:
     def wanted(self, layers: Array) -> Array:
         """Return the spans next to holes that bend over `layers` (m,) [m], shape `(m,)` [m]."""
         return np.minimum(FIRST * self.scale * layers, self.longest)
-
-    def fits(self, holds: Indices, layers: Array, s: Array) -> bool:
-        """Whether the packets are those of the `holds` (k,), as long as the `layers` (m,) [m] ask for that the thread
-        bends over at them, and the strands between packets about as long as they were, with holes at `s` (m,) [m]."""
-        if not np.array_equal(np.sort(holds), np.sort(self.holds)):
-            return False
-        wanted, has, ratio = self.wanted(layers)[holds], self.first[holds], self.between_packets(s) / self.middle
-        alike = (has <= COARSE * wanted) & (has >= FINE * wanted)
-        return bool(alike.all() and (ratio < GROWN).all() and (ratio * GROWN > 1.0).all())
 
     def first_of_strands(self) -> Indices:
         """Return the first span of each strand, shape `(strands,)`."""
@@ -108,11 +129,13 @@ class Travel:
 class Strand:
     """The spans between two neighbouring holds: the material knots behind the first are `constant` [m] + (1 −
     `share`) s_left + `share` s_right, shape `(spans,)` each, the last of them the second hold itself; its packets are
-    `rigid` [m] together."""
+    `rigid` [m] together, it is `bent` between them, and the knots numbered `middle` are in there."""
 
     constant: Array
     share: Array
     rigid: float
+    bent: bool
+    middle: Indices
 
 
 def widths(first: float, longest: float, length: float) -> Array:
@@ -126,25 +149,38 @@ def widths(first: float, longest: float, length: float) -> Array:
     return spans[: max(RIGID, min(wanted, room))]
 
 
-def strand_of(length: float, longest: float, left: float | None, right: float | None) -> Strand:
+def strand_of(length: float, longest: float, left: float | None, right: float | None, bends: Bends) -> Strand:
     """Return the spans of a strand of a `length` [m], none longer than `longest` [m] as it is: packets that begin with
-    spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet."""
+    spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet, and between them spans
+    as short as the `bends` ask for, whose abscissae are counted from the strand's beginning."""
     one, other = (np.zeros(0) if first is None else widths(first, longest, length) for first in (left, right))
     middle = length - one.sum() - other.sum()
     x = np.linspace(0.0, middle, 2001)
     wanted = np.full(x.shape, longest)
     for packet, distance in ((one, x), (other, middle - x)):
         if packet.size:
-            wanted = np.minimum(wanted, packet[-1] * GROWTH**0.5 + distance * (GROWTH - 1.0) / GROWTH**0.5)
-    count = np.concatenate([[0.0], np.cumsum(np.diff(x) * 2.0 / (wanted[1:] + wanted[:-1]))])
-    spans = max(int(np.ceil(count[-1] - 1e-9)), 4 - one.size - other.size, 1)
-    g = np.interp(np.linspace(0.0, count[-1], spans + 1)[1:], count, x) / middle
+            wanted = np.minimum(wanted, packet[-1] * GROWTH**0.5 + distance * SLOPE)
+    least = max(4 - one.size - other.size, 1)
+    straight, _ = divided(x, wanted, least)
+    near = bends.spans + SLOPE * np.abs(x[:, None] + one.sum() - bends.at)
+    spans, g = divided(x, np.minimum(wanted, near.min(axis=1, initial=np.inf)), least)
+    g /= middle
     g[-1] = 1.0
     edges = one.sum(), other.sum()
     before_end = other.sum() - np.cumsum(other[::-1])
     before_end[-1:] = 0.0
     constant = [np.cumsum(one), (1.0 - g) * edges[0] - g * edges[1], -before_end]
-    return Strand(np.concatenate(constant), np.concatenate([np.zeros(one.size), g, np.ones(other.size)]), sum(edges))
+    share = np.concatenate([np.zeros(one.size), g, np.ones(other.size)])
+    inside = one.size + np.arange(spans - 1)
+    return Strand(np.concatenate(constant), share, sum(edges), spans > straight, inside)
+
+
+def divided(x: Array, wanted: Array, least: int) -> tuple[int, Array]:
+    """Return how many spans, `least` of them at least, are as long as is `wanted` (k,) [m] along `x` (k,) [m], and
+    where they end, `(spans,)` [m]."""
+    count = np.concatenate([[0.0], np.cumsum(np.diff(x) * 2.0 / (wanted[1:] + wanted[:-1]))])
+    spans = max(int(np.ceil(count[-1] - 1e-9)), least)
+    return spans, np.interp(np.linspace(0.0, count[-1], spans + 1)[1:], count, x)
 
 
 def travelling(
@@ -155,11 +191,12 @@ def travelling(
     ends: tuple[float | None, float | None],
     scale: float = 1.0,
     cuts: Sequence[float] = (),
+    bends: Bends = STRAIGHT,
 ) -> Travel:
     """Return how the knots of a thread of a rest `length` [m], cut at the abscissae `cuts` [m], travel with its
     `holds`, which are `total` with those that it is not in. Spans are no longer than `longest` [m]; those next to an
     end of the thread are as long as `ends` says [m], None where nothing bends the thread there; `scale` is what the
-    packets are made for (`Travel`).
+    packets are made for (`Travel`); between them spans are as short as the `bends` ask for.
 
     Raises `ThreadError` where two holds are at one abscissa, or one at an end or at a cut.
     """
@@ -170,11 +207,13 @@ def travelling(
     if np.any(np.diff(places) <= 1e-9 * length):
         raise ThreadError("holes: two are at one abscissa, or one at an end or a cut of the thread; put them apart")
     rows, between, limits, breaks = [np.zeros(total + 1)], [], [], [0] * ORDERS
-    at, rigid = np.zeros(total, dtype=np.intp), np.zeros(len(places) - 1)
+    at, rigid, bent = np.zeros(total, dtype=np.intp), np.zeros(len(places) - 1), np.zeros(len(places) - 1, dtype=bool)
+    strands = [-1]
     for k, ((low, left), (high, right)) in enumerate(pairwise(stops)):
         packets = left.first if left else first_at.get(low), right.first if right else first_at.get(high)
-        strand = strand_of(high - low, longest, *packets)
-        rigid[k] = strand.rigid
+        strand = strand_of(high - low, longest, *packets, bends.between(low, high))
+        rigid[k], bent[k] = strand.rigid, strand.bent
+        strands += [k if i in strand.middle else -1 for i in range(len(strand.share))]
         for constant, share in zip(strand.constant, strand.share, strict=True):
             row = np.zeros(total + 1)
             row[-1] = constant + (0.0 if left else (1.0 - share) * low) + (0.0 if right else share * high)
@@ -191,7 +230,8 @@ def travelling(
         breaks += [len(rows) - 1] * (right.directed if right else DEGREE)
     for hold in holds:
         at[hold.number] = 0 if hold.s <= 0.0 else at[hold.number] if hold.s < length else len(rows) - 1
-    material = np.array(rows)[breaks]
+    material, inside = np.array(rows)[breaks], np.array(strands, dtype=np.intp)[breaks]
+    strand_of_points = np.max([inside[1:-3], inside[2:-2], inside[3:-1]], axis=0)
     S = (material[1:-3] + material[2:-2] + material[3:-1]) / DEGREE
     knots = np.array(breaks, dtype=np.float64)
     for cut, after in zip(cuts, Spline(knots).piece_starts[1:], strict=True):
@@ -200,5 +240,5 @@ def travelling(
     first[numbers] = [hold.first for hold in holds]
     return Travel(
         knots, S[:, -1].copy(), S[:, :-1].copy(), at, np.array(between, dtype=np.intp), np.array(limits), numbers,
-        first, rigid, np.diff(places) - rigid, longest, scale,
+        first, rigid, np.diff(places) - rigid, bent, strand_of_points, longest, scale,
     )  # fmt: skip

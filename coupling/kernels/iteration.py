@@ -576,7 +576,7 @@ def reach_in_strands(ride: Ride, spans: float, length: float, s: Array, reach: A
         reach[k] = length
     for e in range(len(ride.between)):
         left, right = ride.between[e, 0], ride.between[e, 1]
-        strand = strand_end(ride, s, e, 1) - strand_end(ride, s, e, 0)
+        strand = strand_end(ride.between, ride.limits, s, e, 1) - strand_end(ride.between, ride.limits, s, e, 0)
         if left >= 0:
             reach[left] = min(reach[left], 0.25 * spans * strand)
         if right >= 0:

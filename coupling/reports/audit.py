@@ -22,6 +22,7 @@ from coupling.kernels.iteration import Passing
 from coupling.kernels.steps import audit
 from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works
 from coupling.kernels.steps.watch import at_stake
+from coupling.step.packets import points_at_start
 from coupling.step.stepping import Step, end_load, scheme_of, thread_motion
 from coupling.step.tables import plain
 from coupling.system import State, System
@@ -117,11 +118,11 @@ def turned_over(step: Step[Body]) -> Array:
     turns[audit.REMAINDER] = -lag.sum()
     before, after = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
     q, v = start_on_end(step)
-    on = forces_on(step, q, v)
-    motions = before._replace(v=plain(v)), after
+    on, start = forces_on(step, q, v), points_at_start(solution.problem.system, old, new)
+    motions = before._replace(q=plain(start), v=plain(v)), after
     audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
     if solution.problem.system.thread.travels:
-        add_travelling(step, on, v, turns)
+        add_travelling(step, on, start, v, turns)
     return turns
 
 
@@ -134,13 +135,14 @@ def start_on_end(step: Step[Body]) -> tuple[Array, Array]:
     return put_on(thread, [(spline, old.q)]), put_on(thread, [(spline, old.v)])
 
 
-def add_travelling(step: Step[Body], on: OnThread, v: Array, turns: Array) -> None:
-    """Add what a step that began with `v` (n, c) [m/s], on the knots of its end, turns over by the way of the knots:
+def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Array) -> None:
+    """Add what a step that began with `q` (n, c) [m] where its holes had the knots, and `v` (n, c) [m/s] on those of
+    its end, turns over by the way of the knots:
     with ∂Π/∂s of each part of the potential, the elastic energy, the weight and the inertia. What the inertia takes
     beyond the change of the kinetic energy is the integrator's."""
     old, new, solution = step.old, step.new, step.solution
     problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
-    ds, dq, n = new.s - old.s, new.q - old.q, thread.n
+    ds, dq, n = new.s - old.s, new.q - q, thread.n
     weight, by_weight, by_elastic = potential_rates(thread, problem.gravity, new.q)
     assert new.drive is not None
     by_inertia = -new.drive - by_elastic - by_weight

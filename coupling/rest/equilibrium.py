@@ -41,7 +41,7 @@ from coupling.kernels.bordered import SingularError
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
-from coupling.step.packets import fitted, put_alike
+from coupling.step.packets import fitted
 from coupling.step.sliding import admissible_sigma, law_of, prescribed, ruled
 from coupling.step.solver import solve
 from coupling.step.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
@@ -255,7 +255,7 @@ def relax_ties(
                 log.debug("a tie was dropped to where the thread would not stay: a weaker one leads further")
                 tie, refusals = dropped / WEAKER, refusals - 1
                 continue
-            return Step(put_alike(system, state, new), new, problem.dt, solution, end_configuration(new, solution))
+            return Step(state, new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
         now, answer, dropped = fit, solution.problem.answer, tie
         tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
@@ -717,8 +717,8 @@ def refuse_folding(step: Step[Body]) -> None:
     """Raise `StepError` where a load step has folded the thread within a span: its end was pushed past the next points,
     and Newton's method has left it there."""
     spline, old, new = step.solution.problem.system.thread.spline, step.old, step.new
-    folded = spline.folds(new.q[:, :3], new.s[new.present]) & ~spline.folds(old.q[:, :3], old.s[old.present])
-    if folded.any():
+    was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
+    if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
         raise StepError(step.old.time, step.dt, "the thread turned back on itself within a span")
 
 

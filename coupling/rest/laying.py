@@ -196,6 +196,7 @@ def bed_problem(
         rows=system.rows & system.from_start[:, None],
         law=prescribed(law, ~loose, np.zeros(m)),
         weight=0.0,
+        by_turns=True,
     )
 
 

@@ -19,7 +19,6 @@ from coupling.kernels.steps import march
 from coupling.kernels.steps.audit import BODY, TURNS, Motion
 from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
-from coupling.kernels.steps.riding import Fit
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Along, Limits, Stages
 from coupling.recent import Recent
@@ -29,12 +28,12 @@ from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from coupling.step import newton, tables
 from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
+from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
 from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, plain, solver_for, tables_of
-from coupling.step.tension import REST, along_of, limits_of
+from coupling.step.tension import along_of, limits_of
 from coupling.system import State, System
-from thread import packets
 from thread.compliance import LACKS, POWERS, SLACK
 from thread.kernels.curve import Curve
 from thread.kernels.travel import Field
@@ -335,18 +334,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         strands=strands,
         fit=fit_of(thread),
     )
-
-
-def fit_of(thread: Thread) -> Fit:
-    """Return when the packets of a thread fit; of one whose knots stand still, nothing."""
-    spline, EI, least = thread.spline, float(thread.EI), REST * float(thread.EA)
-    if not isinstance(spline, Placed):
-        return Fit(NONE, NONE, NONE, 0.0, 0.0, 0.0, 0.0, 0.0, EI, 0.0, least)
-    travel = spline.travel
-    part, strand = packets.FIRST * travel.scale, travel.strand_of_spans()
-    ratios = packets.COARSE, packets.FINE, packets.GROWN
-    lengths = plain(travel.rigid[strand]), plain(travel.middle[strand])
-    return Fit(plain(travel.first), *lengths, part, float(travel.longest), *ratios, EI, spline.end, least)
 
 
 def riding_of(thread: Thread, motion: Motion) -> dict[str, Any]:

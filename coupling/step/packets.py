@@ -12,11 +12,15 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
+from coupling.kernels.steps.riding import Fit, knots_fit
 from coupling.step.diagnosis import holds_in_force
-from coupling.step.tension import lengths_bent_over
+from coupling.step.tension import REST, lengths_bent_over, pull_at
 from coupling.system import State, System, solved_curve
-from thread.packets import Hold, Travel, travelling
+from thread import packets
+from thread.packets import Bends, Hold, Travel, bends_of, travelling
 from thread.placed import Placed
+from thread.riding import plain
+from thread.thread import Thread
 
 Exchange = tuple[System[Body], State[Body]]
 
@@ -28,9 +32,52 @@ def travel_of(system: System[Body]) -> Travel:
 
 
 def fits(system: System[Body], state: State[Body]) -> bool:
-    """Whether the packets of a state are those of its holes, and as long as its tension asks for."""
-    here = np.flatnonzero(holds_in_force(system, state))
-    return travel_of(system).fits(here, bent_over(system, state), state.s)
+    """Whether the knots of a state are those for its holes, its tension and its bends."""
+    here, travel = np.flatnonzero(holds_in_force(system, state)), travel_of(system)
+    if not np.array_equal(here, np.sort(travel.holds)):
+        return False
+    T = pull_at(system, state.s, state.N, state.lam, state.present).T
+    given = plain(state.q[:, :3]), T, plain(state.s), np.ascontiguousarray(state.present)
+    return bool(knots_fit(fit_of(system.thread), *given))
+
+
+def fit_of(thread: Thread) -> Fit:
+    """Return when the knots of a thread fit; of one whose knots stand still, nothing."""
+    spline, least, of_bending = thread.spline, REST * float(thread.EA), float(thread.EI)
+    if not isinstance(spline, Placed):
+        none, no_ends, no_points = np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+        never = (0.0,) * 7
+        return Fit(none, none, none, no_points[:, None], no_ends, no_points, none > 0.0, *never, of_bending, 0.0, least)
+    travel = spline.travel
+    of_spans, turn = travel.strand_of_spans(), packets.TURN * travel.scale
+    return Fit(
+        first=plain(travel.first),
+        rigid=plain(travel.rigid[of_spans]),
+        made=plain(travel.middle[of_spans]),
+        between=travel.between.astype(np.int64),
+        limits=plain(travel.limits),
+        strand=travel.strand.astype(np.int64),
+        bent=travel.bent,
+        part=packets.FIRST * travel.scale,
+        longest=float(travel.longest),
+        coarse=packets.COARSE,
+        fine=packets.FINE,
+        grown=packets.GROWN,
+        turned=packets.TURNED * turn,
+        flat=packets.FLAT * turn,
+        EI=of_bending,
+        length=float(spline.end),
+        least=least,
+    )
+
+
+def bends_of_curve(system: System[Body], q: Array) -> Bends:
+    """Return where a thread at `q` (n, c) [m] bends between its packets, by the turns of its polygon."""
+    spline, travel = system.thread.spline, travel_of(system)
+    legs, at = np.diff(q[:, :3], axis=0), spline.greville
+    turn = np.arctan2(np.linalg.norm(np.cross(legs[:-1], legs[1:]), axis=1), np.vecdot(legs[:-1], legs[1:]))
+    turn *= travel.strand[1:-1] >= 0
+    return bends_of(at[1:-1], turn / (0.5 * (at[2:] - at[:-2])), travel.scale)
 
 
 def bent_over(system: System[Body], state: State[Body]) -> Array:
@@ -50,8 +97,8 @@ def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[
             ends[0 if hold.s <= 0.0 else 1] = hold.first
     of_ends = ends[0], ends[1]
     spline, total = system.thread.spline, system.holds
-    every = sorted([*spline.cuts.tolist(), *cuts])
-    return travelling(spline.end, holds, total, travel.longest, of_ends, travel.scale, every)
+    every, bends = sorted([*spline.cuts.tolist(), *cuts]), bends_of_curve(system, state.q)
+    return travelling(spline.end, holds, total, travel.longest, of_ends, travel.scale, every, bends)
 
 
 def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
@@ -72,12 +119,17 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     return other, replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
 
 
-def put_alike(system: System[Body], state: State[Body], other: State[Body]) -> State[Body]:
-    """Return a state on the knots that another one has, the same one where it is on them."""
-    if state.spline is other.spline or not isinstance(other.spline, Placed):
-        return state
-    system, travel = system.at(state), other.spline.travel
-    return state if travel is travel_of(system) else put_on_knots(system, state, travel)[1]
+def points_at_start(system: System[Body], old: State[Body], new: State[Body]) -> Array:
+    """Return the control values of an `old` state on the knots χ of a `new` one, where the holes of the old one have
+    them, shape `(n, c)`. In a strand that has grown much they need not rise."""
+    if not isinstance(old.spline, Placed) or not isinstance(new.spline, Placed):
+        return old.q
+    if new.spline.travel.is_like(old.spline.travel):
+        return old.q
+    chi, before = new.spline.chi, system.at(old).thread.spline
+    S = chi.curve(new.spline.travel.places(old.s)[:, None], chi.greville, chi.home)[:, 0, 0]
+    place = np.clip(S, before.start, before.end)
+    return new.spline.through(before.curve(old.q, place, new.spline.home)[:, 0])
 
 
 def with_holes(system: System[Body], state: State[Body], present: Flags) -> Exchange[Body]:

@@ -33,7 +33,7 @@ from studies.simulation.tracts import Ball, bites_of, check_balls, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import uniform_knots
-from thread.packets import Hold, travelling
+from thread.packets import Hold, bends_of, travelling
 from thread.path import RoundedPath, rounded_path
 from thread.placed import Placed
 from thread.quadrature import gauss_rule
@@ -47,6 +47,7 @@ Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
 
 TOLERANCE = 0.01  # relative error of the holes' forces that the packets of thread.packets.FIRST √(EI/T) are made for
+ALONG_ARC = np.array([0.0, 0.5, 1.0])  # where an arc of a path asks for spans that its bend needs
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
 LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
@@ -191,7 +192,8 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
 
 
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
-    """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet."""
+    """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet, and as its
+    path does."""
     table = scenario.thread
     check_stubs(table.cuts, (0.0, length), section_of(table).diameter, "thread.cuts")
     longest = length / (table.control_points - DEGREE)
@@ -207,7 +209,11 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
     bent = [any(hold.directed and hold.s == at for hold in holds) for at in (0.0, length)]
     ends = longest if bent[0] else None, longest if bent[1] else None
     scale = float(np.sqrt(table.tolerance / TOLERANCE))
-    travel = travelling(length, holds, total, longest, ends, scale, table.cuts)
+    path = rounded_path(table.path)
+    at = path.starts[:, None] + path.lengths[:, None] * ALONG_ARC
+    curvature = np.broadcast_to(path.curvatures[:, None], at.shape) * (path.length / length)
+    bends = bends_of(at.ravel() * (length / path.length), curvature.ravel(), scale)
+    travel = travelling(length, holds, total, longest, ends, scale, table.cuts, bends)
     at = np.zeros(total)
     at[[hold.number for hold in holds]] = [hold.s for hold in holds]
     return Placed(travel.knots, travel.places(at), travel)

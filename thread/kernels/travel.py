@@ -91,10 +91,11 @@ def on_span(b: Array, S: Array, first: int) -> float:
 
 
 @loop
-def strand_end(ride: Ride, s: Array, e: int, side: int) -> float:
-    """Return the abscissa at a `side` of the strand of span e, with holds at `s` (m,) [m]."""
-    k = ride.between[e, side]
-    return s[k] if k >= 0 else ride.limits[e, side]
+def strand_end(between: Indices, limits: Array, s: Array, e: int, side: int) -> float:
+    """Return the abscissa at a `side` of the strand of span e, `between` holds that are at `s` (m,) [m], or at
+    `limits`, as of `Ride`."""
+    k = between[e, side]
+    return s[k] if k >= 0 else limits[e, side]
 
 
 @loop

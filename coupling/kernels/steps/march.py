@@ -417,7 +417,7 @@ def why_not_begun(given: Given, scene: Scene, room: Scratch, now: Motion, missin
     """Return why a step is not begun, MADE if it is: what the spline lacks is not known, or packets do not fit."""
     if missing != KNOWN:
         return TO_LEARN
-    if given.ride.on and not fits(scene.fit, given.ride, room.T, now.s, scene.present):
+    if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
         return REFIT
     return MADE
 

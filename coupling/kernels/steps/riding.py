@@ -24,7 +24,7 @@ from coupling.kernels.steps.audit import (
 )
 from coupling.kernels.steps.tension import INSIDE, Along
 from thread.kernels.curve import Curve, Stretched, elastic_energy
-from thread.kernels.loops import loop, owning
+from thread.kernels.loops import entry, loop, owning
 from thread.kernels.travel import (
     LEFT,
     RIGHT,
@@ -40,23 +40,31 @@ from thread.kernels.travel import (
     read_field,
     strand_end,
 )
+from thread.kernels.vectors import cross, dot, norm
 
 
 class Fit(NamedTuple):
-    """When packets fit (`thread.packets.Travel.fits`): the spans next to the holes that a step begins with are `first`
-    (m,) [m], wanted are `part` √(EI/T), at most `longest` [m], and they may be `coarse` and `fine` times that; the
-    packets of the strand of each span are `rigid` (spans,) [m], and between them it was `made` (spans,) [m] long, which
-    may have `grown` so many times; EI [N m²], the thread's `length` [m], and
-    the `least` tension [N]."""
+    """When knots fit (`thread.packets.Travel`): the spans next to the holes that a step begins with are `first` (m,)
+    [m], wanted are `part` √(EI/T), at most `longest` [m], and they may be `coarse` and `fine` times that; the packets
+    of the strand of each span are `rigid` (spans,) [m], and between them it was `made` (spans,) [m] long, which may
+    have `grown` so many times; `between` and `limits` as of `Ride`. Control points in the middle of a `strand` (n,), −1
+    elsewhere, turn the thread by no more than `turned` [rad], and one of a strand that was made `bent` (strands,) by
+    `flat` at least. EI [N m²], the thread's `length` [m], and the `least` tension [N]."""
 
     first: Array
     rigid: Array
     made: Array
+    between: Indices
+    limits: Array
+    strand: Indices
+    bent: Flags
     part: float
     longest: float
     coarse: float
     fine: float
     grown: float
+    turned: float
+    flat: float
     EI: float
     length: float
     least: float
@@ -111,8 +119,9 @@ def pass_knots(ride: Ride, S: Array, q: Array, drive: Array, at: Passing) -> Non
 
 
 @loop
-def fits(fit: Fit, ride: Ride, T: Array, s: Array, present: Flags) -> bool:
-    """Whether the packets fit the tensions `T` (m, 2) [N] next to holes at `s` (m,) [m]."""
+def fits(fit: Fit, q: Array, T: Array, s: Array, present: Flags) -> bool:
+    """Whether knots fit the bends of a thread at `q` (n, 3) [m], and the tensions `T` (m, 2) [N] next to its holes at
+    `s` (m,) [m]."""
     for k in range(len(s)):
         if present[k] and fit.first[k] > 0.0:
             layer = min(np.sqrt(fit.EI / max(T[k, 0], T[k, 1], fit.least)), fit.length)
@@ -120,10 +129,36 @@ def fits(fit: Fit, ride: Ride, T: Array, s: Array, present: Flags) -> bool:
             if not fit.fine * wanted <= fit.first[k] <= fit.coarse * wanted:
                 return False
     for e in range(len(fit.made)):
-        length = strand_end(ride, s, e, RIGHT) - strand_end(ride, s, e, LEFT) - fit.rigid[e]
+        low, high = strand_end(fit.between, fit.limits, s, e, LEFT), strand_end(fit.between, fit.limits, s, e, RIGHT)
+        length = high - low - fit.rigid[e]
         if not (length < fit.grown * fit.made[e] and length * fit.grown > fit.made[e]):
             return False
+    return bends_as_made(fit, q)
+
+
+@loop
+def bends_as_made(fit: Fit, q: Array) -> bool:
+    """Whether the middles of strands bend about as they did when their knots were made."""
+    at, largest, last = -1, 0.0, len(q) - 1
+    for i in range(1, last + 1):
+        strand = fit.strand[i] if i < last else -1
+        if strand != at:
+            if at >= 0 and fit.bent[at] and largest < fit.flat:
+                return False
+            at, largest = strand, 0.0
+        if strand >= 0:
+            largest = max(largest, turn_at(q, i))
+        if largest > fit.turned:
+            return False
     return True
+
+
+@loop
+def turn_at(q: Array, i: int) -> float:
+    """Return the angle between the legs of the polygon of control points (n, 3) that meet in one of them [rad]."""
+    back = (q[i, 0] - q[i - 1, 0], q[i, 1] - q[i - 1, 1], q[i, 2] - q[i - 1, 2])
+    forth = (q[i + 1, 0] - q[i, 0], q[i + 1, 1] - q[i, 1], q[i + 1, 2] - q[i, 2])
+    return float(np.arctan2(norm(cross(back, forth)), dot(back, forth)))
 
 
 @owning
@@ -242,3 +277,6 @@ def audit_ride(
         out[TWO_STEP] += beyond + product(new.v, faster)
     else:
         out[NUMERICAL] += beyond
+
+
+knots_fit = entry(fits)  # as Python calls it
