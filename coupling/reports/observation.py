@@ -22,7 +22,9 @@ from coupling.kernels.constraints import (
     thread_force,
 )
 from coupling.step.configuration import Configuration, configuration_of
+from coupling.step.diagnosis import holds_in_force
 from coupling.step.sliding import cone_residual, law_of, side_by_side
+from coupling.step.tension import lengths_bent_over
 from coupling.system import Piercing, State, System
 from thread.placed import Placed
 from thread.vectors import dot
@@ -345,3 +347,21 @@ def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
     before = np.where(there & (others < own), others, -np.inf).max(axis=2, initial=-np.inf)
     after = np.where(there & (others > own), others, np.inf).min(axis=2, initial=np.inf)
     return s.clip(low, high), np.stack([np.maximum(before, low), np.minimum(after, high)], axis=2)
+
+
+def span_ratio(system: System[Body], state: State[Body]) -> float:
+    """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
+    bending."""
+    here, spline = holds_in_force(system, state), system.thread.spline
+    layers = lengths_bent_over(system, state.s, state.N, state.lam, state.present)[here]
+    spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]
+    return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
+
+
+def spans_between(system: System[Body], state: State[Body]) -> float:
+    """Return the number of spans between the two holds that are nearest to one another along a piece of the thread
+    [-]; infinite where there are no two."""
+    here, spline = holds_in_force(system, state), system.thread.spline
+    s = np.sort(state.s[here])
+    places, piece = np.interp(s, spline.breaks, np.arange(len(spline.breaks))), spline.piece_of(s)
+    return float(np.min(np.diff(places), where=np.diff(piece) == 0, initial=np.inf))

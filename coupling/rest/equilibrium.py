@@ -4,9 +4,6 @@ Where Newton from the last load step fails, the thread is let go gradually: it i
 stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
 Where the thread would not stay at what Newton's method finds then, the tie is weakened further instead.
 
-An equilibrium that was found on other knots is where these begin: the thread is tied there, held in its holes while it
-bends at them anew, and friction opposes the way from the start of the load step.
-
 A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
 creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
 
@@ -79,7 +76,6 @@ DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 MOST_FAILURES = 15  # with a linear one: the load step is halved sooner
-NEAR_FAILURES = 4  # from what other knots found, which is near enough under the firmest tie or hardly ever
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
 LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
 FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
@@ -165,7 +161,7 @@ def settle(
     Raises `EquilibriumError`.
 
     Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too. A
-    load step that was found so on other knots, or comes after one that was, is sought so first (`loose`).
+    load step that comes after one that was found so is sought so first (`loose`).
     """
     began = state.time if began is None else began
     rough = bool(system.rough.any())
@@ -177,21 +173,6 @@ def settle(
             raise
         step, loose = relax_ties(system, state, share, duration, loose, given, began), not loose
     return replace(stand_firm(step), loose=loose)
-
-
-def settle_near(
-    system: System[Body], state: State[Body], share: float, duration: float, near: State[Body], loose: bool = False
-) -> list[Step[Body]]:
-    """Return the steps to the equilibrium at the part `share` of the final loads from one that was found `near` it, on
-    other knots, and was sought `loose` as for `settle` there. Raises `StepError`, `InversionError`, `ConstraintError`
-    where a hand has drawn the thread out."""
-    step, organ = relax_ties(system, state, share, duration, False, None, state.time, near), system.organ
-    if isinstance(organ, Creeping) and not organ.holds(step.solution.problem.answer):
-        raise StepError(state.time, step.dt, "the equilibrium does not hold")
-    step, gone = accepted(system, replace(stand_firm(step), loose=loose), 0)
-    if gone.any():
-        raise LeavingError(state.time, step.dt, "the thread runs out of a hole", gone=gone)
-    return [step, *pair_lips(system, step, share, duration)]
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -219,18 +200,16 @@ def relax_ties(
     hold: bool,
     given: Answer[Body] | None,
     began: float,
-    near: State[Body] | None = None,
 ) -> Step[Body]:
     """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile, else
     it slides in them, and friction opposes the way of each tie; `given` is the organ's answer, None: that at rest;
-    `began` as for `settle`; `near`, an equilibrium that was found on other knots, None: near that the thread is tied
-    first, and friction opposes the whole way there."""
+    `began` as for `settle`."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
-    firm, weaker, start = first_tie(system), WEAKER, state if near is None else near
-    tie, now = firm if near or state.time == 0.0 else 0.0, start
+    firm, weaker, now = first_tie(system), WEAKER, state
+    tie = firm if state.time == 0.0 else 0.0
     dropped, refusals, refits = 0.0, REFUSALS, REFITS
     failed: StepError | InversionError | None = None
-    failures = NEAR_FAILURES if near else MOST_FAILURES if answer.linear else FAILURES
+    failures = MOST_FAILURES if answer.linear else FAILURES
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state, began)
         try:
@@ -238,11 +217,11 @@ def relax_ties(
                 solution = drop_tie(problem, now, False)
             else:
                 find = find_tied if tie > 0.0 else find_loose
-                solution = find(problem, now, state, near, hold)
+                solution = find(problem, now, state, hold)
             new = equilibrium_state(now, solution)
         except (StepError, InversionError) as error:
             failed, failures = error, failures - 1
-            if failures == 0 or (tie == 0.0 and (near or (hold and now is not state))):
+            if failures == 0 or (tie == 0.0 and hold and now is not state):
                 break
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
@@ -258,7 +237,7 @@ def relax_ties(
             return Step(state, new, problem.dt, solution, end_configuration(new, solution))
         refuse_leaving(system, state, new)
         now, answer, dropped = fit, solution.problem.answer, tie
-        tie, weaker = (0.0 if tie < last_tie(problem, start) else tie / weaker), min(WEAKER, weaker**1.5)
+        tie, weaker = (0.0 if tie < last_tie(problem, state) else tie / weaker), min(WEAKER, weaker**1.5)
     if isinstance(failed, InversionError):
         raise failed
     cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
@@ -273,29 +252,23 @@ def leads_astray(solution: Solution[Body], new: State[Body]) -> bool:
     return bool(thread.EI) and not thread.spline.cuts.size and not would_stay(solution, new)
 
 
-def find_tied(
-    problem: Problem[Body], now: State[Body], state: State[Body], near: State[Body] | None, hold: bool
-) -> Solution[Body]:
+def find_tied(problem: Problem[Body], now: State[Body], state: State[Body], hold: bool) -> Solution[Body]:
     """Solve for the equilibrium of a thread that is tied to where it is `now`; the others as for `relax_ties`. Raises
     `StepError`."""
     if hold:
         problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros_like(now.s)))
         return follow_ties(problem, guess(problem, now, state.sigma), state)
-    if near is None:
-        problem = rubbing_from(problem, now.s)
-    return follow_ties(problem, guess(problem, now, sense_of(problem, now)), near or state)
+    return follow_ties(rubbing_from(problem, now.s), guess(problem, now, now.sigma), state)
 
 
-def find_loose(
-    problem: Problem[Body], now: State[Body], state: State[Body], near: State[Body] | None, hold: bool
-) -> Solution[Body]:
+def find_loose(problem: Problem[Body], now: State[Body], state: State[Body], hold: bool) -> Solution[Body]:
     """Solve for the equilibrium of a thread that nothing ties, from where it is `now`; the others as for `relax_ties`.
     Raises `StepError`."""
     if now is state:
         return find_rest(problem, guess(problem, now, state.sigma), solve)
     if hold:
         return find_rest(problem, guess(problem, now, state.sigma), let_go)
-    return drop_tie(problem, now, near is None)
+    return drop_tie(problem, now, True)
 
 
 def find_rest(
@@ -370,8 +343,8 @@ def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> S
 
     A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
     over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
-    between two knots, in which a thread that is led would stay. On knots that became finer the thread has to bend at
-    its holes anew, by forces that would throw it along: it is held in them meanwhile.
+    between two knots, in which a thread that is led would stay. In later load steps the thread may have to bend at its
+    holes anew, by forces that would throw it along: it is held in them meanwhile.
     """
     if not problem.law.may_slide.any() or not is_resolved(problem, state):
         return solve(problem, first)

@@ -26,7 +26,6 @@ from coupling.reports.audit import BORNE
 from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from coupling.step import newton, tables
-from coupling.step.motion import CROSSED
 from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
@@ -228,7 +227,7 @@ class Course:
         self.made, self.energies, self.iterations, self.happened = 0, np.empty(0), np.zeros(0, np.int64), False
         self.kept = room_to_keep(self._now, keep) if keep else self._fixture.nothing
 
-    def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...], follow: bool) -> None:
+    def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...]) -> None:
         """Make as many steps as go smoothly between the `ends` that `coupling.run.march.tabled_ends` gives; the other
         arguments are those of `coupling.kernels.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
@@ -237,7 +236,7 @@ class Course:
             self.made, why, missing = run_march(
                 given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
                 given.limits, given.lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
-                given.room, self.energies, self.iterations, self.made, follow, self.kept, given.solver,
+                given.room, self.energies, self.iterations, self.made, self.kept, given.solver,
             )  # fmt: skip
             if why != march.TO_LEARN or not given.lacking.learn(missing):
                 self.happened = why == march.HAPPENED
@@ -325,7 +324,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         round_off=float(newton.ROUND_OFF * by_place),
         rounded=float(newton.ROUND_OFF * thread.EA),
         borne=float(borne_pressure(thread, factor) / thread.EA),
-        crossed=CROSSED,
         create=CREATED,
         create_bdf2=CREATED_BDF2,
         there=TRACE,

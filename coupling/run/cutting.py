@@ -1,11 +1,11 @@
 """A thread that is cut during a run: at its place the spline gets a knot of multiplicity four, and nothing goes across.
 
-Curve, angle of the section and velocity are the same functions on the other knots (`thread.refit.cut`), so that
+Curve, angle of the section and velocity are the same functions on the other knots (`thread.cutting.cut`), so that
 momentum and energy stay what they are; the tension that was there drives the new ends apart in the steps that follow,
 which remember nothing of those before. At rest they find another equilibrium at once (`coupling.run.run.Run.load`).
 Where the cut falls into a span that holds a hole, the compliance that the spline lacks there changes, and what that
 stored with it: this loss is in the event. So is what springs store more or less, which are spread anew on both
-pieces. Knots that follow do so on either piece from then on (`coupling.run.adaptivity.Resolution.tree_of`).
+pieces.
 
 Where knots travel, the pieces get knots of their own: the strand that is cut becomes two. Nothing is transferred, since
 the inertia of the steps that follow is from the curve as it was, read at the material points of the pieces; the shape
@@ -16,15 +16,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from coupling.arrays import Array
 from coupling.errors import CouplingError
 from coupling.interfaces import Body
 from coupling.reports.audit import stored
-from coupling.run.adaptivity import exchange_spline
 from coupling.run.events import Event
 from coupling.step.packets import bent_over, due, put_on_knots
+from coupling.step.tension import layers_at
 from coupling.system import State, System, forgetful
+from thread.cutting import cut
 from thread.errors import ThreadError
-from thread.refit import Refit, cut
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,21 @@ def cut_thread(system: System[Body], state: State[Body], s: float) -> tuple[Syst
         spline, place, fields = cut(thread.spline, s, [state.q, state.v])
     except ThreadError as error:
         raise CouplingError(str(error)) from None
-    other, moved, (event,) = exchange_spline(system, state, Refit(spline, fields))
-    return other, moved, replace(event, kind="cut", s=place)
+    other, known = replace(system, thread=thread.with_spline(spline)), thread.axial
+    (q, v), axial = fields, other.thread.axial
+    N = thread.spline.interpolate(axial.s, axial.home, known.s, known.home, state.N)
+    frame = None if state.frame is None else other.thread.interpolate_frame(state.frame, thread, q)
+    layers = None if state.layers is None else layers_at(other, state.s, N, state.lam, state.present)
+    moved = replace(state, q=q, v=v, N=N, frame=frame, layers=layers)
+    x, y, z = (momentum(other, moved) - momentum(system, state)).tolist()
+    loss = stored(system, state) - stored(other, moved)
+    event = Event(state.time, "cut", s=place, loss=loss, impulse=(x, y, z), control_points=spline.n)
+    return other, moved, event
+
+
+def momentum(system: System[Body], state: State[Body]) -> Array:
+    """Return the linear momentum of the thread, shape `(3,)` [N s]."""
+    return np.asarray(system.thread.momentum(state.v)[:, :3].sum(axis=0))
 
 
 def cut_strand(system: System[Body], state: State[Body], s: float) -> tuple[System[Body], State[Body], Event]:

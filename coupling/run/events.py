@@ -43,7 +43,6 @@ Kind = Literal[
     "halved",
     "snaps",
     "branch",
-    "knots",
 ]
 
 
@@ -52,11 +51,11 @@ class Event:
     """One event.
 
     `time` [s]; `piercing`, tie, tract, strand or surfaces in contact by name, empty for a halved step, tissue that
-    snaps, a branch that was followed, a cut and other knots; `s` [m], of a strand its middle.
+    snaps, a branch that was followed and a cut; `s` [m], of a strand its middle.
     Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
-    of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut and of
-    other knots: `control_points` after it, `loss` and `impulse`, what the change cost of the thread's energy and
-    momentum. `work` − `loss` is what the event changed of kinetic plus elastic energy.
+    of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut:
+    `control_points` after it, `loss` and `impulse`, what it cost of the thread's energy and momentum. `work` − `loss`
+    is what the event changed of kinetic plus elastic energy.
     """
 
     time: float

@@ -94,16 +94,15 @@ def march(
     dt: float,
     times: Sequence[float],
     take: Take[Body],
-    follow: bool = True,
     taut: Flags | None = None,
 ) -> Marched[Body] | None:
     """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
-    where the first does not, or the loops do not cover it. `follow` is as for `coupling.step.stepping.advance`; `taut`
-    (k + 1,) says which strands are, None that those are whose tension alone says so.
+    where the first does not, or the loops do not cover it. `taut` (k + 1,) says which strands
+    are, None that those are whose tension alone says so.
 
     The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
-    course = run_course(system, state, energies, dt, times, take, follow, taut)
+    course = run_course(system, state, energies, dt, times, take, taut)
     if course is None:
         return None
     made, before = course.made, None
@@ -120,11 +119,10 @@ def march_by_steps(
     dt: float,
     times: Sequence[float],
     take: Take[Body],
-    follow: bool = True,
     taut: Flags | None = None,
 ) -> Marks[Body] | None:
     """Make the steps that `march` makes, and return where each of them comes to."""
-    course = run_course(system, state, energies, dt, times, take, follow, taut, len(times))
+    course = run_course(system, state, energies, dt, times, take, taut, len(times))
     if course is None:
         return None
     made, ends = course.made, course.kept.ends
@@ -149,7 +147,6 @@ def run_course(
     dt: float,
     times: Sequence[float],
     take: Take[Body],
-    follow: bool,
     taut: Flags | None,
     keep: int = 0,
 ) -> "Course | None":
@@ -166,7 +163,7 @@ def run_course(
     if body is None:
         return None
     course = Course(system, scheme, state, body, taut_strands(system, state) if taut is None else taut, keep)
-    course.make_steps(list(vars(energies).values()), tabled_ends(system, state.time, times, dt), follow)
+    course.make_steps(list(vars(energies).values()), tabled_ends(system, state.time, times, dt))
     for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
     return course if course.made else None

@@ -1,31 +1,31 @@
-"""A run: steps one after the other, each with its audit and events, on knots that follow the thread.
+"""A run: steps one after the other, each with its audit and events, on knots that fit the thread.
 
     run = begin(system, state)
     while run.state.time < duration:
         run = run.step(dt)
 
-A step goes through four stages: the knots that fit the state it begins with; the step itself, in halves where it fails;
-its audit and the events in it; the cuts, and the piercings that begin or end, with it.
+A step goes through four stages: the packets of knots that fit the state it begins with, where knots travel; the step
+itself, in halves where it fails; its audit and the events in it; the cuts, and the piercings that begin or end, with
+it.
 """
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import accumulate, chain
 from typing import Any, Generic
 
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.errors import CouplingError, InversionError, RestError, StepError
+from coupling.errors import CouplingError, RestError
 from coupling.interfaces import Body
 from coupling.kernels.constraints import held_energy
 from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies, stored
 from coupling.reports.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
 from coupling.rest.branch import reach
-from coupling.rest.equilibrium import refuse_unbalanced, settle_near
-from coupling.run.adaptivity import INTERVAL, Resolution, adapt_when_due, exchange_spline, refine_for, refit_state
+from coupling.rest.equilibrium import refuse_unbalanced
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
@@ -37,13 +37,11 @@ from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.packets import fitted
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
-from thread.knots import LEVELS
 from tissue.errors import FactorError
 
 log = logging.getLogger(__name__)
 
 AT_ONCE = 500  # steps at most, for nobody can call them off in between
-EQUILIBRIA = 4  # further ones of a load step at most, on knots that fit the one before
 ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
 
@@ -55,11 +53,11 @@ class Run(Generic[Body]):
     abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
     and `halvings`, how often one that fails is halved; `tolerance` [m], how far one may be off before it is halved
     (`coupling.step.stepping.local_error`); `downhill`, whether one that makes energy has failed (`coupling.run.watch`);
-    `resolution`, how the knots follow the thread, None where they do not; `given` (p,) [m], the abscissae of piercings
-    that begin, NaN where the thread's nearest place is taken; `tie_works` (t,) [J], of the hands on each tie so far;
-    `taut` (k + 1,), which strands of the thread are, between its k holds and cuts (`coupling.run.tautness`).
-    `fresh` is a thread under no tension yet that knots could go by. Of the last step: whether it was sought `loose`, as
-    the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
+    `given` (p,) [m], the abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works`
+    (t,) [J], of the hands on each tie so far; `taut` (k + 1,), which strands of the thread are, between its k holds and
+    cuts (`coupling.run.tautness`).
+    `fresh` is a thread under no tension yet that packets could go by. Of the last step: whether it was sought `loose`,
+    as the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
     none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
     `parted`: whether it was made in parts. `seen`: what the loops saw of the thread at its end.
     """
@@ -69,7 +67,6 @@ class Run(Generic[Body]):
     energies: Energies
     s_begun: Array
     take: Take[Body]
-    resolution: Resolution | None
     given: Array
     tie_works: Array = field(default_factory=lambda: np.zeros(0))
     taut: Flags = field(default_factory=lambda: np.zeros(1, dtype=bool))
@@ -120,18 +117,8 @@ class Run(Generic[Body]):
         """Newton iterations of the last step, or of all that `steps` made."""
         return self.at_once + sum(step.solution.iterations for step in self.taken)
 
-    @property
-    def is_jumping(self) -> bool:
-        """Whether the thread has jumped, so that the next step may be too long for its motion: the step before left
-        nothing to look back at or, by an integrator that never looks back, was made in parts. Never by the paper's
-        variants."""
-        if not self.downhill or self.fresh:
-            return False
-        return self.state.before is None if self.take is bdf2_step else self.parted
-
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
-        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up. Where knots follow
-        the thread and that fails, spans are halved a part of the step at a time.
+        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
 
         Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError` for what is no time
         to go.
@@ -140,36 +127,14 @@ class Run(Generic[Body]):
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
         return first._gone(dt, self.state.time + dt if time is None else time)._scheduled(self.state.time, dt)
 
-    def _gone(self, dt: float, time: float, level: int = 0) -> "Run[Body]":
-        """Return the run `dt` [s] further, at the `time` [s], a part of a step that was halved `level` times, before
-        what is scheduled.
-
-        A thread that is drawn taut asks for spans a thousand times shorter than those on which it is bent at its holes,
-        and from these Newton may not come to it: where a step on the knots that fit fails, its halves are made, before
-        each of which no span is halved more than once, without memory, as the parts of any step that fails
-        (`coupling.step.stepping.advance`). One that fails in its first part with such knots, or with no tension to have
-        knots by, would again. Raises as `step` does.
-        """
-        due = level > 0 or self.number % INTERVAL == 0
-        run = self if self.fresh else self.refitted(dt, due, once=level > 0)
-        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings - level))
-        depth = HALVINGS - run.halvings + level
-        try:
-            taken = advance(run.system, run.state, dt, run.take, depth, watch, run.is_jumping, run.tolerance)
-        except (StepError, InversionError) as error:
-            would_again = (level > 0 or self.fresh) and error.time <= self.state.time
-            if run.resolution is None or level >= run.halvings or would_again:
-                raise
-            log.debug("knots are brought up a part of the step at a time: %s", error)
-        else:
-            new = replace(taken[-1].new, time=time)
-            taken = [*taken[:-1], replace(taken[-1], new=forgetful(new) if level else new)]
-            return replace(run._after(taken, watch.energies[-1]), fresh=False)
-        first = replace(self, state=forgetful(self.state))
-        half = first._gone(0.5 * dt, self.state.time + 0.5 * dt, level + 1)
-        whole = half._gone(0.5 * dt, time, level + 1)
-        others = [event for event in whole.events if event.kind != "halved"]
-        return replace(whole, events=(*others, Event(time, "halved")))
+    def _gone(self, dt: float, time: float) -> "Run[Body]":
+        """Return the run `dt` [s] further, at the `time` [s], before what is scheduled. Raises as `step` does."""
+        run = self if self.fresh else self._fitted()
+        watch = Watch([run.energies], run.downhill, dt / 2 ** min(CURVED, run.halvings))
+        depth = HALVINGS - run.halvings
+        taken = advance(run.system, run.state, dt, run.take, depth, watch, run.tolerance)
+        taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
+        return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
     def steps(self, dt: float, count: int) -> "Run[Body]":
         """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
@@ -198,8 +163,7 @@ class Run(Generic[Body]):
         before = self._before_due(dt, times)
         if not before:
             return None
-        follow, taut = self.is_jumping, self.taut
-        found = march(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
+        found = march(self.system, self.state, self.energies, dt, before, self.take, self.taut)
         if found is None:
             return None
         made = self._marched(found.made, state=found.state, energies=found.energies, at_once=found.iterations)
@@ -210,8 +174,7 @@ class Run(Generic[Body]):
         before = self._before_due(dt, times)
         if not before:
             return []
-        follow, taut = self.is_jumping, self.taut
-        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, follow, taut)
+        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, self.taut)
         if found is None:
             return []
         sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
@@ -247,9 +210,8 @@ class Run(Generic[Body]):
 
     def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
         """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where
-        something is looked at between steps that the loops know nothing of: knots that follow the thread, and the error
-        of a step."""
-        if not self.downhill or self.resolution is not None or self.tolerance < np.inf:
+        something is looked at between steps that the loops know nothing of: the error of a step."""
+        if not self.downhill or self.tolerance < np.inf:
             return []
         holds = zip(self.system.piercings, self.state.present, strict=False)
         planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
@@ -260,17 +222,15 @@ class Run(Generic[Body]):
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
 
-        An equilibrium is far from where it began: it is found again on the knots that fit it, with friction all the
-        way from where the load step began, since it depends on the way. A thread that is cut at its end finds another
-        equilibrium under the same loads, with friction from there. Raises `StepError`, before the first load step
-        where dead loads are unbalanced, `InversionError`, `ConstraintError`.
+        A thread that is cut at its end finds another equilibrium under the same loads, with friction from there. Raises
+        `StepError`, before the first load step where dead loads are unbalanced, `InversionError`, `ConstraintError`.
         """
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
         if first.fresh:
             refuse_unbalanced(first.system, first.state, duration)
             first = first.held_together()
         else:
-            first = first.refitted(0.0, True)
+            first = first._fitted()
         run = first._settled(share, duration)._scheduled(self.state.time, share * duration - self.state.time)
         if not any(event.kind == "cut" for event in run.events):
             return run
@@ -281,7 +241,7 @@ class Run(Generic[Body]):
         is taken up before the clock starts.
 
         Nothing moves, rough holes stick under the forces that were found, and slip counts from there. What was
-        released on the way is no part of the audit; holes that were left and other knots are events. Raises
+        released on the way is no part of the audit; holes that were left are events. Raises
         `RestError` where no rest is found.
         """
         log.info("looking for the rest that the run starts from")
@@ -289,9 +249,9 @@ class Run(Generic[Body]):
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)
             run = first._settled(1.0, first.state.time)
-            near = run.refitted(0.0, False)
+            near = run._fitted()
             if near is not run:  # slack that was taken up leaves strands of another length
-                run = near._audited(reach(near.system, near.state, 1.0, near.state.time, run.loose))
+                run = near._settled(1.0, near.state.time)
         except (CouplingError, FactorError) as error:
             raise RestError(str(error)) from error
         state = forgetful(run.state)
@@ -309,61 +269,8 @@ class Run(Generic[Body]):
         )
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
-        """Return the run at the equilibrium under a part of the loads, on the knots that fit it. Raises as `load`
-        does."""
-        first, run = self, self._audited(reach(self.system, self.state, share, duration, self.loose))
-        for _ in range(EQUILIBRIA):
-            found = run._found_again(first, share, duration)
-            if found is None:
-                break
-            first, run = found
-        return run
-
-    def _found_again(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]] | None":
-        """Return the run before a load step, which was `first`, on the knots that this one asks for after it, and the
-        run after it there; None where the knots fit. With friction it is found from where this one is, at once or a
-        halving of the spans at a time, or else from the start of the load step. Raises as `load` does."""
-        if self.resolution is None:
-            return None
-        knots = first.refined_for(self) if self.rubs else self.refitted(0.0, True)
-        if knots is first or knots is self:
-            return None
-        if self.rubs:
-            for find in (partial(self._near_at_once, knots), partial(self._near_by_halves, first)):
-                try:
-                    return find(share, duration)
-                except (StepError, InversionError) as error:
-                    log.debug("the equilibrium of other knots leads to none on these: %s", error)
-        return knots, knots._audited(reach(knots.system, knots.state, share, duration, self.loose))
-
-    def _near_at_once(self, knots: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
-        """Return what `_found_again` does, on all `knots` at once. Raises `StepError`, `InversionError`."""
-        return knots, self._near_on(knots, share, duration)
-
-    def _near_by_halves(self, first: "Run[Body]", share: float, duration: float) -> "tuple[Run[Body], Run[Body]]":
-        """Return what `_found_again` does, a halving of the spans at a time, as far as that leads. Raises
-        `StepError`, `InversionError`."""
-        run = self
-        for _ in range(LEVELS):
-            knots = first.refined_for(run, once=True)
-            if knots is first:
-                break
-            try:
-                first, run = knots, run._near_on(knots, share, duration)
-            except (StepError, InversionError):
-                if run is self:
-                    raise
-                break
-        return first, run
-
-    def _near_on(self, knots: "Run[Body]", share: float, duration: float) -> "Run[Body]":
-        """Return the run after the load step that begins with `knots`, found from where this one is after it on others.
-        Raises `StepError`, `InversionError`."""
-        if not np.array_equal(self.state.present, knots.state.present):
-            raise StepError(self.state.time, 0.0, "the thread has left a hole")
-        refit = refit_state(self.system, self.state, knots.system.thread.spline.breaks)
-        near = exchange_spline(self.system, self.state, refit)[1]
-        return knots._audited(settle_near(knots.system, knots.state, share, duration, near, self.loose))
+        """Return the run at the equilibrium under a part of the loads. Raises as `load` does."""
+        return self._audited(reach(self.system, self.state, share, duration, self.loose))
 
     @property
     def fallen(self) -> float | None:
@@ -371,12 +278,6 @@ class Run(Generic[Body]):
         it followed none."""
         times = [time for step in self.taken if step.along for time in (step.old.time, step.new.time)]
         return float(np.max(np.maximum.accumulate(times) - times)) if times else None
-
-    @property
-    def rubs(self) -> bool:
-        """Whether the last load step depends on the way that it took: holes have friction, or surfaces in contact."""
-        contact = self.taken[-1].solution.problem.contact
-        return bool(self.system.rough.any()) or (contact is not None and contact.rubs)
 
     def _audited(self, taken: Sequence[Step[Body]]) -> "Run[Body]":
         """Return the run after the steps `taken`, with their audit and events."""
@@ -401,37 +302,15 @@ class Run(Generic[Body]):
             events=(*self.events, *found),
         )
 
-    def refitted(self, dt: float, due: bool, once: bool = False) -> "Run[Body]":
-        """Return the run on the knots that fit its state, or those of them that halve a span `once`, itself where they
-        do already. The knots are looked at where that is `due`, or a span at a hole is too long."""
-        if self.system.thread.travels:
-            return self._riding(*fitted(self.system, self.state))
-        if self.resolution is None:
+    def _fitted(self) -> "Run[Body]":
+        """Return the run on packets that fit its state; itself where they do, and where knots stand still."""
+        if not self.system.thread.travels:
             return self
-        return self._on(*adapt_when_due(self.resolution, self.system, self.state, dt, due, once))
-
-    def refined_for(self, later: "Run[Body]", once: bool = False) -> "Run[Body]":
-        """Return the run with the knots too that a later one asks for, or those of them that halve a span `once`;
-        itself where it has them all."""
-        if self.resolution is None:
-            return self
-        return self._on(*refine_for(self.resolution, self.system, self.state, (later.system, later.state), once))
-
-    def _riding(self, system: System[Body], state: State[Body]) -> "Run[Body]":
-        """Return the run on other packets of knots; itself where there are none."""
+        system, state = fitted(self.system, self.state)
         if state is self.state:
             return self
-        loss = stored(self.system, self.state) - stored(system, state)
-        exchange = Event(state.time, "knots", loss=loss)  # no event for a user: a new mesh costs no transfer
-        energies = book_events(system, self.energies, state, [exchange])
-        return replace(self, system=system, state=state, energies=energies)
-
-    def _on(self, system: System[Body], state: State[Body], knots: list[Event]) -> "Run[Body]":
-        """Return the run on other knots, with their events; itself where there are none."""
-        if not knots:
-            return self
-        energies = book_events(system, self.energies, state, knots)
-        return replace(self, system=system, state=state, energies=energies, events=(*self.events, *knots))
+        loss = stored(self.system, self.state) - stored(system, state)  # no event: a new mesh costs no transfer
+        return replace(self, system=system, state=state, energies=booked(system, self.energies, state, loss=loss))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
         """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
@@ -450,9 +329,7 @@ class Run(Generic[Body]):
 
     def _with_packets(self, earlier: "Run[Body]") -> "Run[Body]":
         """Return the run with packets for its holes, where these are others than in an earlier one."""
-        if not self.system.thread.travels or np.array_equal(self.state.present, earlier.state.present):
-            return self
-        return self._riding(*fitted(self.system, self.state))
+        return self if np.array_equal(self.state.present, earlier.state.present) else self._fitted()
 
     def _carried_from(self, earlier: "Run[Body]") -> "Run[Body]":
         """Return the run with the strands taut that were so in one that is no earlier in time, and has other holds or
@@ -510,7 +387,6 @@ def begin(
     system: System[Body],
     state: State[Body],
     take: Take[Body] = bdf2_step,
-    resolution: Resolution | None = None,
     given: Array | None = None,
     halvings: int = HALVINGS,
     downhill: bool = True,
@@ -528,7 +404,6 @@ def begin(
         energies=initial_energies(system, state),
         s_begun=state.s,
         take=take,
-        resolution=resolution,
         given=nearest if given is None else given,
         tie_works=np.zeros(len(system.ties)),
         taut=taut_strands(system, state),
@@ -538,7 +413,7 @@ def begin(
         cuts=cuts,
         events=tuple(closed),
     )
-    return run.refitted(0.0, True) if system.thread.travels and closed else run
+    return run._fitted() if closed else run
 
 
 def schedule_piercings(
@@ -573,12 +448,19 @@ def book_events(system: System[Body], energies: Energies, state: State[Body], ev
     numerical."""
     if not events:
         return energies
+    return booked(system, energies, state, sum(event.work for event in events), sum(event.loss for event in events))
+
+
+def booked(
+    system: System[Body], energies: Energies, state: State[Body], work: float = 0.0, loss: float = 0.0
+) -> Energies:
+    """Book what a state stores in the audit, after external `work` [J] and a numerical `loss` [J]."""
     now = initial_energies(system.at(state), state)
     return replace(
         energies,
         kinetic=now.kinetic,
         elastic_thread=now.elastic_thread,
         elastic_tissue=now.elastic_tissue,
-        external_work=energies.external_work + sum(event.work for event in events),
-        numerical_dissipation=energies.numerical_dissipation + sum(event.loss for event in events),
+        external_work=energies.external_work + work,
+        numerical_dissipation=energies.numerical_dissipation + loss,
     )

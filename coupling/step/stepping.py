@@ -18,7 +18,7 @@ from coupling.kernels.constraints import Passage, bare_passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.continuation import solve_downhill
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
-from coupling.step.motion import carried_on, is_too_long, what_it_does
+from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.step.sliding import law_of
 from coupling.step.solver import solve
@@ -33,7 +33,7 @@ from thread.vectors import cross, dot
 from tissue.errors import OrganError
 
 HALVINGS = 8  # a step is given up below dt / 2^8
-FOLLOWED = 4  # halvings that the motion itself may ask for before a step is tried
+RUN_OUT = 4  # halvings until a hole that the thread is about to run out of is let go before a step
 CURVED = 4  # halvings that a step may take because it makes energy on a curved way
 REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
 MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
@@ -220,22 +220,12 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 
 
-def carry(straight: Iterate, problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Return the first iterate in which the thread has gone `straight` with its bends left in their holes where it runs
-    round them (`coupling.step.motion.carried_on`), the very same one where it does not."""
-    carried = carried_on(problem.system, state, problem.dt)
-    if carried is None:
-        return straight
-    return replace(straight, q=with_ends(carried[0], problem.system, problem.time), N=carried[1])
-
-
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
     """Try one step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`,
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    straight = predict(problem, state)
-    solution = settle_layers(find_solution(problem, carry(straight, problem, state), straight))
+    solution = find_settled(problem, predict(problem, state))
     return conclude(state, scheme, go_aside(solution, find_settled))
 
 
@@ -301,16 +291,15 @@ def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     return np.where(z.sigma == 0.0, 0.0, rate)
 
 
-def find_solution(problem: Problem[Body], guess: Iterate, straight: Iterate | None = None) -> Solution[Body]:
-    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there, or from where it has
-    gone `straight`: it is held in its holes first, in which a bend that was carried along is no more. Raises
+def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
+    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there. Raises
     `StepError`."""
     try:
         return solve(problem, guess)
     except StepError:
         if not problem.law.may_slide.any():
             raise
-    return solve_downhill(problem, guess if straight is None else straight)
+    return solve_downhill(problem, guess)
 
 
 def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
@@ -431,7 +420,6 @@ def advance(
     take: Take[Body] = try_step,
     depth: int = 0,
     watch: Watcher[Body] = accept,
-    follow: bool = True,
     tolerance: float = np.inf,
 ) -> list[Step[Body]]:
     """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step that fails
@@ -442,8 +430,7 @@ def advance(
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
     dt/2⁴, by the integrator that it has, and one of BDF2 that still does, or gives back what a shock took, is taken
-    again by backward Euler. `follow`: a step in which the thread moves further than one sees is halved before it is
-    tried (`coupling.step.motion`). A step at whose end the thread has left a hole is taken again without that hole,
+    again by backward Euler. A step at whose end the thread has left a hole is taken again without that hole,
     one in which it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises
     `StepError` when the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the
     constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
@@ -453,9 +440,6 @@ def advance(
     while pending:
         part, level, remembers = pending.pop()
         forgetful_halves = [(0.5 * part, level + 1, False)] * 2
-        if follow and level < FOLLOWED and is_too_long(system, state, part):
-            pending += forgetful_halves
-            continue
         tries += 1
         if tries > MOST_TRIES:
             raise diagnose(system, state, given_up(system, state, end - state.time))
@@ -476,7 +460,7 @@ def advance(
             continue
         except (StepError, InversionError) as error:
             gone = runs_out(system, state, part)
-            if gone.any() and level >= min(depth + FOLLOWED, HALVINGS):
+            if gone.any() and level >= min(depth + RUN_OUT, HALVINGS):
                 state, beyond = release(state, gone), [*beyond, further_on(state, part)]
                 pending.append((part, level, remembers))
                 continue
@@ -552,8 +536,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        first = carry(predict(problem, state), problem, state)
-        solution = go_aside(settle_layers(solve(problem, first)), find_settled)
+        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), find_settled)
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)

@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 
 from coupling.errors import CouplingError, InversionError, StepError, TogetherError, TurnedHoleError, UphillError
 from coupling.reports.audit import audit_step, is_of_bdf2
-from coupling.run.adaptivity import span_ratio
+from coupling.reports.observation import span_ratio
 from coupling.run.watch import CREATED, CREATED_BDF2, given_back
 from coupling.step.diagnosis import frame_areas
 from studies.campaign.generator import KINDS, Case, cases

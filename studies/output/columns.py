@@ -192,14 +192,13 @@ EVENT: tuple[Column[Event], ...] = (
         "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
         "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
         "`snaps`: the tissue, or a thread that buckles, went to an equilibrium that was not near; "
-        "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length; "
-        "`knots`: they changed",
+        "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length",
         lambda event: event.kind,
     ),
     text(
         "piercing",
         "name of the piercing, tie, tract or pair of surfaces, of a strand those of what it lies between, as in "
-        "`entry-exit`, `start-entry`, `exit-end`; empty for `cut`, `halved`, `snaps`, `branch`, `knots`",
+        "`entry-exit`, `start-entry`, `exit-end`; empty for `cut`, `halved`, `snaps`, `branch`",
         lambda event: event.piercing,
     ),
     Column(
@@ -213,7 +212,7 @@ EVENT: tuple[Column[Event], ...] = (
     Column(
         "loss",
         "J",
-        "of energy, by the impulse when a hole begins, by a cut or by a change of knots",
+        "of energy, by the impulse when a hole begins or by a cut",
         lambda event: event.loss,
     ),
     Column(
@@ -226,10 +225,10 @@ EVENT: tuple[Column[Event], ...] = (
     vector(
         "impulse",
         "N s",
-        "of the hole on the thread when it begins; for `cut` and `knots` the change of the thread's momentum",
+        "of the hole on the thread when it begins; for `cut` the change of the thread's momentum",
         lambda event: event.impulse,
     ),
-    count("control_points", "after a cut or a change of knots, else empty", lambda event: event.control_points or None),
+    count("control_points", "after a cut, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (

@@ -26,9 +26,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coupling.reports.audit import initial_energies
-from coupling.reports.observation import observe
+from coupling.reports.observation import observe, span_ratio
 from coupling.run import begin
-from coupling.run.adaptivity import span_ratio
 from coupling.run.impact import begin_piercing
 from coupling.step.stepping import try_step
 from coupling.system import State, System

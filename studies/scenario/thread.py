@@ -158,9 +158,9 @@ class Thread(ScenarioTable):
     knots: Literal["travelling", "fixed"] = Field(
         default="travelling",
         description='where the knots of the spline are as the thread slides: "travelling" with its holes, next to '
-        'which spans are as short as the length asks for that the thread bends over; "fixed" to the thread, the '
-        "paper's own spline of equal spans, unless given the way of a thread with twist, springs or no bending, and "
-        "of the variants of solve",
+        'which spans are as short as the length asks for that the thread bends over; "fixed" to the thread, the own '
+        "spline of the paper, of equal spans: unless given the way of a thread with twist, springs or no bending, and "
+        "of the paper's variants of solve",
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
         default=0.01,

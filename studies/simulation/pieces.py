@@ -11,8 +11,8 @@ from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.scenario import check_spans
+from thread.cutting import SLIVER, cut
 from thread.errors import ThreadError
-from thread.refit import SLIVER, cut
 from thread.spline import Spline
 from thread.thread import Thread
 

@@ -8,8 +8,7 @@ import numpy as np
 
 import tissue
 from coupling.joins.contact import ContactObservation, observe_contact
-from coupling.reports.observation import PiercingObservation
-from coupling.run.adaptivity import span_ratio, spans_between
+from coupling.reports.observation import PiercingObservation, span_ratio, spans_between
 from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
 from coupling.step.tension import unsettled_layers

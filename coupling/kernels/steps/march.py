@@ -49,7 +49,6 @@ from coupling.kernels.steps.tension import (
     forget,
     is_pressed,
     learn,
-    span_at,
 )
 from coupling.kernels.steps.watch import Shares, goes_uphill
 from thread.kernels.curve import Curve, Stretched, elastic_energy
@@ -58,8 +57,8 @@ from thread.kernels.travel import carry_points
 from thread.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
-MADE, TO_LEARN, NOT_SOLVED, TOO_FAST, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(11)
-HAPPENED, REFIT = 11, 12  # a step with an event is made, and is the last; the packets no longer fit
+MADE, TO_LEARN, NOT_SOLVED, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(10)
+HAPPENED, REFIT = 10, 11  # a step with an event is made, and is the last; the packets no longer fit
 ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
 solve_at = by_address(solve)
 
@@ -78,10 +77,9 @@ class Scene(NamedTuple):
     `present`, those of them that have a place (`here`), those that may `slide`, those that are `rough`, and those where
     a hand has the thread, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N];
     `damping` [1/s], ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the
-    thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; spans that may run through a hole,
-    `crossed`; shares of energies that a step may make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides
-    what it gives back, and with that `there`, or `turned` of what it turns over; of a compliance that is exchanged in
-    place, `bearing` [-]; the `strands` between the
+    thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; shares of energies that a step may
+    make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives back, and with that `there`, or
+    `turned` of what it turns over; of a compliance that is exchanged in place, `bearing` [-]; the `strands` between the
     holds; and when the packets of a thread whose knots travel `fit`."""
 
     weight: Array
@@ -97,7 +95,6 @@ class Scene(NamedTuple):
     round_off: float
     rounded: float
     borne: float
-    crossed: float
     create: float
     create_bdf2: float
     there: float
@@ -199,17 +196,6 @@ def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unk
             z.lam[k, j] = now.lam[k, j]
         for j in range(9):
             z.y[k, j] = now.y[k, j]
-
-
-@loop
-def is_too_long(pace: Pace, scene: Scene, knots: Knots, given: Given, now: Motion) -> bool:
-    """Whether the thread runs further through a hole in the step, at the rate it has, than one step sees."""
-    for k in range(len(now.s)):
-        span = span_at(knots, given, now.s[k], k)
-        h = knots.breaks[span + 1] - knots.breaks[span]
-        if scene.present[k] and scene.slide[k] and abs(now.s_dot[k]) / h * pace.dt > scene.crossed:
-            return True
-    return False
 
 
 @owning
@@ -520,19 +506,16 @@ def march_of(digest: int) -> Any:
     def march(
         curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
         stages: Stages, organ: Organ, ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array,
-        iterations: Indices, first: int, follow: bool, kept: Kept, solver: int,
+        iterations: Indices, first: int, kept: Kept, solver: int,
     ) -> tuple[int, int, int]:  # fmt: skip
         """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
         many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
 
         Steps change `now`, `earlier` and `energies` (11,), those of `coupling.reports.audit.Energies` in their order.
-        `follow`: a step that is too long for the motion is not made. `solver` is the address of
-        `coupling.kernels.iteration.solve`.
+        `solver` is the address of `coupling.kernels.iteration.solve`.
         """
         assert digest
         for step in range(first, len(iterations)):
-            if follow and not given.ride.on and is_too_long(pace, scene, knots, given, now):
-                return step, TOO_FAST, KNOWN
             largest, missing = begin_step(
                 knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
             )
