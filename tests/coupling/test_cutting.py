@@ -11,8 +11,7 @@ import pytest
 
 from coupling.errors import CouplingError
 from coupling.reports.audit import initial_energies
-from coupling.run.adaptivity import momentum
-from coupling.run.cutting import Cut, cut_thread
+from coupling.run.cutting import Cut, cut_thread, momentum
 from coupling.run.run import Run, begin
 from coupling.step.stepping import try_step
 from studies.command import command
@@ -21,9 +20,9 @@ from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY
 from thread.catalogue import suture
+from thread.cutting import cut
 from thread.ends import Driven, Fixed
 from thread.knots import uniform_knots
-from thread.refit import cut
 from thread.spline import Spline
 
 AUDIT = 1e-9  # of the energy at stake
@@ -35,7 +34,7 @@ STRING: dict[str, Any] = {
     "thread": {
         "suture": "2-0 polypropylene",
         "control_points": 43,
-        "graded": 1.0,
+        "knots": "fixed",
         "length": LENGTH / (1.0 + STRAIN),
         "path": [[0, 0, 0], [LENGTH, 0, 0]],
         "start": {"kind": "fixed"},
@@ -48,6 +47,7 @@ STITCH: dict[str, Any] = {
     "thread": {
         "suture": "2-0 polypropylene",
         "control_points": 40,
+        "knots": "fixed",
         "damping": 20.0,
         "path": [[-0.01, 0, 0.004], [-0.004, 0, 0], [0.004, 0, 0], [0.01, 0, 0.004]],
         "length": 0.0222,
@@ -145,10 +145,7 @@ def test_a_twisted_thread_that_is_cut_spins_back_with_the_wave(energy: str) -> N
     assert run.energies.kinetic > 0.1 * runs[9].energies.elastic
 
 
-FOLLOWED = [{}, {"energy": "springs"}, {"resolution": "adaptive"}]
-
-
-@pytest.mark.parametrize("more", FOLLOWED)
+@pytest.mark.parametrize("more", [{}, {"energy": "springs"}])
 def test_a_twisted_thread_that_is_cut_at_rest_bears_no_torque(more: dict[str, Any]) -> None:
     """Independent check: before the cut the torque is GJ φ/L, after it neither holder bears any: the piece at the
     clamped one has turned back, that at the hand by the hand's whole angle; the balance closes."""
@@ -171,15 +168,14 @@ def test_a_twisted_thread_that_is_cut_at_rest_bears_no_torque(more: dict[str, An
 
 
 @pytest.mark.parametrize("dropped", [0.02, 0.3, 1.0])
-@pytest.mark.parametrize("more", [{}, {"resolution": "adaptive"}])
-def test_a_coil_that_is_cut_curls_up(monkeypatch: pytest.MonkeyPatch, more: dict[str, Any], dropped: float) -> None:
+def test_a_coil_that_is_cut_curls_up(monkeypatch: pytest.MonkeyPatch, dropped: float) -> None:
     """Independent check: a thread that remembers its coil is held straight between two clamps; cut, each piece lies
     along a circle of the coil's radius and stores nothing, whatever the last tie is on the way."""
     monkeypatch.setattr("coupling.rest.equilibrium.DROPPED", dropped)
     clamps = {"start": {"kind": "clamped"}, "end": {"kind": "clamped"}}
     coil = {"twist": True, "coil_radius": 0.02, "coil_towards": [0, 0, 1.0], "length": LENGTH}
     table = {
-        "thread": STRING["thread"] | clamps | coil | more,
+        "thread": STRING["thread"] | clamps | coil,
         "cut": [{"s": 0.0121, "time": 0.4}],
         "solve": {"kind": "static", "load_steps": 2},
     }
@@ -195,7 +191,7 @@ def test_a_coil_that_is_cut_curls_up(monkeypatch: pytest.MonkeyPatch, more: dict
     assert abs(now.energies.balance_error) <= AUDIT * straight
 
 
-@pytest.mark.parametrize("more", [*FOLLOWED, {"twist": True}])
+@pytest.mark.parametrize("more", [{}, {"energy": "springs"}, {"twist": True}])
 def test_a_cut_stitch_lets_its_hole_go(tmp_path: Path, more: dict[str, Any]) -> None:
     """Independent check: behind the cut nothing bears, the strand at the anchor is slack, and the balance closes.
     Consistency check: a run that goes on before and one after the cut give the same numbers, bit by bit."""
@@ -305,7 +301,7 @@ def test_a_stitch_that_is_cut_at_rest_lets_the_tissue_go_back() -> None:
     ("change", "words"),
     [
         (
-            {"thread": {"resolution": "adaptive", "control_points": 8}, "cut": [{"s": 0.004, "time": 1e-5}]},
+            {"thread": {"control_points": 8}, "cut": [{"s": 0.004, "time": 1e-5}]},
             "cut.s.*the piece from 0 to 0.004 m is shorter than two spans",
         ),
         ({"solve": {"scheme": "linear"}}, "solve.scheme.*not cut during such a run"),

@@ -328,7 +328,7 @@ CLOSE = """
 [thread]
 suture = "2-0 polypropylene"
 control_points = 20
-graded = 1.0
+knots = "fixed"
 path = [[-0.03, 0, 0], [0.03, 0, 0]]
 [[piercing]]
 name = "one"
@@ -354,7 +354,7 @@ def test_the_command_line_refuses_at_set_up(tmp_path: Path, capsys: pytest.Captu
         assert "\nsuture: piercing 'one' (s = 0.0295 m) and piercing 'two' (s = 0.0305 m)" in f"\n{message}"
         assert "raise thread.control_points" in message
     assert list(out.iterdir()) == []
-    assert command.main(["check", str(file), "--set", "thread.control_points=80", "--set", "thread.graded=4.0"]) == 0
+    assert command.main(["check", str(file), "--set", "thread.control_points=160"]) == 0
 
 
 def test_a_path_that_cannot_be_laid_is_refused() -> None:

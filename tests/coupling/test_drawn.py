@@ -32,7 +32,6 @@ STRAIGHT: dict[str, Any] = {
     "thread": {
         "suture": "2-0 polypropylene",
         "control_points": 24,
-        "graded": 1.0,
         "path": [[-0.015, 0, 0], [0.015, 0, 0]],
     },
     "piercing": [

@@ -162,16 +162,14 @@ def test_two_pass_by_its_key(static: float) -> None:
     assert abs(lagged.energy.friction_dissipation) > 1e-3 * lagged.energy.external_work
 
 
-def test_forces_while_the_knots_follow() -> None:
-    """Independent check: at every step, those with new knots too, the thread before the first hole carries what holds
-    it back but for its inertia and damping, and beyond the last μ Σ|λ_n| more within the 1 % that adaptive knots
-    aim at."""
+def test_forces_while_the_knots_travel() -> None:
+    """Independent check: at every step the thread before the first hole carries what holds it back but for its inertia
+    and damping, and beyond the last μ Σ|λ_n| more within the 1 % that knots which travel are made for."""
     table = deepcopy(DRAWN)
-    table["thread"] |= {"suture": "3-0 silk", "resolution": "adaptive"}
+    table["thread"] |= {"suture": "3-0 silk"}
     for hole in table["piercing"]:
         hole["friction"] = {"static": 0.1, "kinetic": 0.1}
     records = [record for record, _ in prepare(Scenario.model_validate(table)).advance()][8:]
-    assert sum(event.kind == "knots" for record in records for event in record.events) > 2
     for entry, exit in (record.piercings for record in records):
         assert entry.state == exit.state == "slip"
         assert abs(entry.tension_before - 0.05) < MOVED * 0.05

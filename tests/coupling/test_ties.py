@@ -17,7 +17,6 @@ from coupling.reports.audit import multiplier_imbalance
 from coupling.rest.equilibrium import settle
 from coupling.rest.laying import start
 from coupling.run import run
-from coupling.run.adaptivity import Resolution
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.tying import begin_tie, observe_ties, with_strands
 from coupling.step.diagnosis import refuse_held_end
@@ -33,7 +32,7 @@ from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array
 from thread.catalogue import suture
 from thread.ends import Fixed, Free
-from thread.knots import Tree, graded_knots
+from thread.knots import uniform_knots
 from thread.path import rounded_path
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -102,7 +101,7 @@ def loop(places: Array, give: float, points: int = 100, **tie: Any) -> tuple[Sys
     holes = [corner for corner in corners if abs(np.linalg.norm(corner) - RADIUS) < 1e-9]
     passes = [path.passes(hole) for hole in holes]
     s = np.array([places[np.argmin(distances)] for places, distances in passes])
-    thread = Thread(Spline(graded_knots(path.length, points, s, 1.0, path.length, ())), SUTURE, damping=20.0)
+    thread = Thread(Spline(uniform_knots(path.length, points)), SUTURE, damping=20.0)
     organ: Any = Springs(np.concatenate([[*hole, 0, 0, 1.0, 1.0, 0, 0] for hole in holes]), give)
     given = {"force": FORCE, "begins": 0.0, "locks": 0.06, "ramp": 0.03, "speed": 0.05} | tie
     piercings = tuple(Piercing(f"hole {k}", directed=len(holes) == 2) for k in range(len(holes)))
@@ -129,14 +128,11 @@ def test_a_loop_that_is_cut_has_no_length() -> None:
         assert tie.length == pytest.approx(length, rel=IDENTITY, nan_ok=True)
 
 
-@pytest.mark.parametrize("follows", [False, True])
 @pytest.mark.parametrize("share", [0.25, 1.0])
-def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float, follows: bool) -> None:
+def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
     """Independent check: hands that draw a loop let go where it is cut, for it would come out without end; a knot that
-    is locked stays, and bears nothing either; on knots that follow too."""
-    system, state = ring(6, 5e-4)
-    knots = Resolution(Tree(system.thread.spline.breaks), 0.04, everywhere=False)
-    now = run.begin(system, state, resolution=knots if follows else None)
+    is locked stays, and bears nothing either."""
+    now = run.begin(*ring(6, 5e-4))
     (closed,) = now.load(share, 0.12).ties
     s = closed.s_first + 0.45 * closed.length
     after = replace(now, cuts=(Cut(s, share * 0.12),)).load(share, 0.12)

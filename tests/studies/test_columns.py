@@ -74,7 +74,7 @@ STITCHED = StitchRecord("knot", "a - b", 1 / 3, 0.25, None)
 ONE_ROW = ("contact", "stitches", "ties", "tracts")
 FULL = replace(
     step(1),
-    events=(BEGINS, Event(0.05, "halved"), Event(0.1, "knots", control_points=31)),
+    events=(BEGINS, Event(0.05, "halved"), Event(0.1, "cut", control_points=31)),
     ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
     loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
     contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22, stitches=(STITCHED,)),),

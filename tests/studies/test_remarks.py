@@ -566,26 +566,6 @@ def test_the_energy_of_a_prestretch_is_not_at_stake(scene: Path) -> None:
     assert moving.at_stake == pytest.approx(0.2 * energies.prestretch, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (["thread.cuts=[0.02]"], True),
-        ([], False),
-        (["thread.cuts=[0.02]", "thread.resolution=fixed"], False),
-        (["thread.cuts=[0.02]", "thread.resolution=holes"], False),
-        (["thread.cuts=[0.02]", "thread.bending=false", "piercing.a.direction=free"], False),
-        (["thread.cuts=[0.02]", "solve.kind=dynamic"], False),
-    ],
-)
-def test_cuts_that_keep_the_spans_of_statics_are_told(tmp_path: Path, given: Sequence[str], said: bool) -> None:
-    """Independent check: of the defaults of statics alone one changes by a cut, and not by what a scenario says."""
-    path = tmp_path / "strand.toml"
-    hole = '[[piercing]]\nname = "a"\nat = [0.03, 0, 0]\ndirection = [1, 0, 0]\nkind = "anchored"\n'
-    path.write_text(COLUMN.format(length=0.05, force=0.01) + hole, encoding="utf-8")
-    found = prepare(load(path, given)).remarks()
-    assert [each.where for each in found if each.code == "knots-stay"] == ["thread.resolution"] * said
-
-
 def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
     """Independent check: the path beside the hole by its bound, a little less and a little more."""
     diameter = 0.32e-3

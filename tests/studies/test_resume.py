@@ -432,15 +432,3 @@ def test_differences_are_named_by_key() -> None:
     assert first_in_words(changes("a = 1\n[b]\nc = 2", "a = 1\n[b]\nc = 3")) == "b.c was 2 and is 3"
     assert first_in_words(changes("a = 1", "a = 1\nb = 2")) == "b was not given and is 2"
     assert first_in_words(changes('[[p]]\nname = "x"\ns = 1', '[[p]]\nname = "x"\ns = 2')) == "p.x.s was 1 and is 2"
-
-
-def test_resume_on_knots_that_follow(file: Path) -> None:
-    """Independent check: from the memory of a step in the middle the same numbers to the last bit, though the knots
-    there are not those of the start."""
-    simulation = prepare(load(file, ['thread.resolution="adaptive"', "thread.control_points=16"]))
-    records = [record for record, _ in simulation.advance()]
-    middle = records[13].memory
-    assert not np.array_equal(middle["knots"], records[0].memory["knots"])
-    last = [record for record, _ in simulation.advance(middle)][-1].memory
-    assert last.keys() == records[-1].memory.keys()
-    assert all(np.array_equal(last[name], array, equal_nan=True) for name, array in records[-1].memory.items())

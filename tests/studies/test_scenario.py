@@ -122,7 +122,7 @@ REFUSED = [
     ("thread.control_points=true", ["thread.control_points = true", "integer", "40"]),
     ("thread.control_points=3", ["thread.control_points = 3", "greater than or equal to 4"]),
     ("thread.control_points=9", ["thread.control_points = 9", "2 piercings", "at least 10", "raise"]),
-    ("thread.graded=0.5", ["thread.graded = 0.5", "greater than or equal to 1"]),
+    ("thread.graded=0.5", ["thread.graded = 0.5", "refused", "leave it out"]),
     ("thread.path=[[0,0,0]]", ["thread.path = [[0, 0, 0]]", "at least 2"]),
     ("thread.path=[[0,0,0],[0,0,0]]", ["thread.path.1 = [0.0, 0.0, 0.0]", "must differ", "drop"]),
     ("thread.path=[[0,0,nan],[0,0,0]]", ["thread.path.0.2 = nan", "finite"]),
@@ -484,7 +484,7 @@ def test_a_scenario_survives_being_written(contract: Path) -> None:
     assert parse(tomllib.loads(text)) == scenario
     assert dump(parse(tomllib.loads(text))) == text
     for default in (
-        "graded = 3.0",
+        "tolerance = 0.01",
         "load_steps = 10",
         "ramp",
         "mass = 0.0",

@@ -90,7 +90,7 @@ def scenario(half: bool, **tissue_keys: Any) -> Scenario:
             "mesh": {"kind": "block", "size": [length, 0.01, 0.006], "h": 2.0e-3},
             **tissue_keys,
         },
-        "thread": {"diameter": 3e-4, "youngs_modulus": 1e9, "density": 1e3, "control_points": 30, "graded": 1.0},
+        "thread": {"diameter": 3e-4, "youngs_modulus": 1e9, "density": 1e3, "control_points": 30},
         "solve": {"kind": "static", "load_steps": 1},
     }
     hole = {"kind": "anchored", "footprint": 1e-3, "subgrid": False}
