@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from thread.arrays import Array, Indices
 from thread.errors import ThreadError
-from thread.packets import Travel
+from thread.packets import Hold, Travel, travelling
 from thread.spline import ORDERS, Spline
 
 NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that holds it
@@ -130,3 +130,11 @@ class Placed(Spline):
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
         return self.first[span], self.evaluate(self.parameter(s, span), span)[2]
+
+
+def through_holes(length: float, s: Array, directed: bool, longest: float) -> Placed:
+    """Return the spline of a slack thread of a rest `length` [m] whose knots travel with holes at `s` (m,) [m], all
+    `directed` or none: no span is longer than `longest` [m], and none much shorter before the thread bends."""
+    holds = [Hold(k, at, directed, longest) for k, at in enumerate(s.tolist())]
+    travel = travelling(length, holds, len(holds), longest, (None, None))
+    return Placed(travel.knots, travel.places(s), travel)

@@ -130,7 +130,7 @@ class Run(Generic[Body]):
     def _gone(self, dt: float, time: float) -> "Run[Body]":
         """Return the run `dt` [s] further, at the `time` [s], before what is scheduled. Raises as `step` does."""
         run = self if self.fresh else self._fitted()
-        watch = Watch([run.energies], run.downhill, dt / 2 ** min(CURVED, run.halvings))
+        watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
         depth = HALVINGS - run.halvings
         taken = advance(run.system, run.state, dt, run.take, depth, watch, run.tolerance)
         taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]

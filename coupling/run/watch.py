@@ -4,7 +4,9 @@ A step along a curved way makes a little too, of second order in its size by bac
 either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
 passes a hole by its knots, is halved: half the step makes a quarter of that or less, and a branch stays a branch. What
 parts of dt/16 make is let pass up to a share of all the energy that they turn over, or a trace of what there is: beyond
-that they are refused.
+that they are refused. Packets of knots that were made anew leave the thread a little off its balance
+(`coupling.step.packets`), which short steps just after it turn into motion and later ones take back: in the step before
+which they were, a LOOSENED part of what there is passes.
 
 What gives back more than such a share or trace follows a shock: it is taken by backward Euler, without memory of it.
 Forces from outside that change, steps that do, and a curved way are not in the bound of what BDF2 gives back: such a
@@ -30,6 +32,7 @@ from coupling.system import System
 
 SHARE = 0.02  # of the energy that a step turns over
 TRACE = 1e-5  # of the work done so far and the energy stored
+LOOSENED = 0.02  # of the same
 CREATED = 1e-6  # of the same, as long as the step is halved for it
 CREATED_BDF2 = 5e-6  # of the same, likewise; on a smooth course of the main job's kind some 4e-6 at the thread's knots
 
@@ -39,12 +42,13 @@ class Watch:
     """Audits each step before it is accepted, and keeps the `energies` after it, those before the first step first.
 
     `downhill`: a step that makes energy is refused. The paper's linear step, two-pass friction and the staggered
-    variant make some by their nature. Parts of a step that are `least` [s] long, and shorter ones, are not halved for a
-    trace of energy.
+    variant make some by their nature. `refitted`: packets were made anew just before the first step. Parts of a step
+    that are `least` [s] long, and shorter ones, are not halved for a trace of energy.
     """
 
     energies: list[Energies]
     downhill: bool = True
+    refitted: bool = False
     least: float = 0.0
 
     def __call__(self, system: System[Body], step: Step[Body]) -> None:
@@ -65,12 +69,12 @@ class Watch:
         """Return what a step makes, what of that it may give back, what it may make besides that, and what it may make
         in all [J]."""
         problem = step.solution.problem
-        thread = problem.system.thread
+        thread, there = problem.system.thread, LOOSENED if self.refitted else TRACE
         give = float((thread.spline.end - thread.spline.start) / thread.EA)
-        shares = Shares(created(step), TRACE, SHARE, float(rounded_force(problem)), give)
+        shares = Shares(created(step), there, SHARE, float(rounded_force(problem)), give)
         energies = (np.array(astuple(each)) for each in (old, new))
         made, lent, bound, loose = watch.ask(shares, memory_of(step), *energies)
-        return made, lent, loose if step.dt <= self.least else bound, loose
+        return made, lent, loose if step.dt <= self.least or self.refitted else bound, loose
 
 
 def created(step: Step[Body]) -> float:

@@ -29,8 +29,9 @@ from studies.study import Job, Study, StudyError, Table, each, grouped, unit_fie
 from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
-from thread.knots import graded_knots, uniform_knots
+from thread.knots import uniform_knots
 from thread.path import rounded_path
+from thread.placed import through_holes
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
@@ -43,7 +44,7 @@ TINY = 1e-3  # of a pull: as far on either side of its threshold it sticks and s
 
 SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
-LOOP_STEPS, LOOP_POINTS, FINER = 40, 90, 3.0  # steps each way, control points a hole, knots at it
+LOOP_STEPS, LOOP_SPANS = 40, 20  # steps each way, spans a hole besides those of its packet
 REST = 0.05  # in which the thread settles before it is drawn [s]
 PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
@@ -192,7 +193,8 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     last = corners[-1] + (arm + LOOP_WAY) * sides[holes % 2]
     path = rounded_path([-arm * sides[0], *corners, last], arm / 10)
     s = np.array([path.nearest(corner)[0] for corner in corners])
-    thread = Thread(Spline(graded_knots(path.length, LOOP_POINTS * holes, s, FINER, arm / 2)), SUTURE, damping=100.0)
+    knots = through_holes(path.length, s, False, path.length / (LOOP_SPANS * holes))
+    thread = Thread(knots, SUTURE, damping=100.0, hole_compliance=False)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
     system = fixed_holes(thread, (Pulled(-LOOP_HOLD * sides[0]), Driven(hand)), mu, corners)

@@ -223,7 +223,7 @@ class Scenario(ScenarioTable):
     @model_validator(mode="after")
     def _check_knots(self) -> Self:
         if self.thread.knots == "fixed":
-            if "tolerance" in self.thread.model_fields_set:
+            if self.thread.tolerance != type(self.thread).model_fields["tolerance"].default:
                 reason = "thread.knots is fixed, and the tolerance is what knots that travel are made for; leave it out"
                 raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
             return self

@@ -38,10 +38,9 @@ from studies.study import Columns, Study, Table, each, grouped, require, require
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
-from thread.knots import graded_knots
 from thread.path import rounded_path
+from thread.placed import through_holes
 from thread.quadrature import gauss_rule
-from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
 WOUND = 5.0  # tension of the wound [N]
@@ -49,7 +48,6 @@ SUTURE = "3-0 polypropylene"  # assumed
 X, Y, Z = np.eye(3)
 RING, STRAIGHT, ARM = 4e-3, 6e-3, 8e-3  # between rings of a corner, between corners, from the last ring to a hand [m]
 SLACK = 1.005  # rest length over that of the polygon of rings: the thread begins slack, and slides towards both hands
-FINER, REACH = 4.0, 1e-3  # how much denser the knots are at a ring, and how far around it [m]
 MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
 AGREES = 1.0  # standard deviations: a prediction this near is said to agree
 MODIFIED = (4.52, 0.67)  # published of the modified pulley stitch [N]
@@ -252,7 +250,8 @@ def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
     length = SLACK * way.lengths.sum()
     stretch = path.length / length
     s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
-    thread = Thread(Spline(graded_knots(length, how.control_points * s.size, s, FINER, REACH)), suture(SUTURE))
+    knots = through_holes(length, s, False, length / (how.control_points * s.size))
+    thread = Thread(knots, suture(SUTURE), hole_compliance=False)
     ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
     system = fixed_holes(thread, ends, mu, corners[1:-1])
     laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)

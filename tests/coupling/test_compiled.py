@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import coupling.rest.equilibrium
+import coupling.step.continuation
 import coupling.step.stepping
 from coupling.calls import asked_before_corrections
 from coupling.errors import StepError
@@ -83,7 +84,13 @@ SCENES = {
     "organ at rest": (lambda: load("two_piercings", [*AT_REST, *PULLED, "tissue.mesh.h=8e-3"]), 1),
     "friction at rest": (lambda: load("paper_figure_1", [*AT_REST, f"piercing.exit.{ROUGH}", "solve.load_steps=1"]), 1),
 }
-LED = {"rings at rest", "organ at rest", "friction at rest"}  # scenes whose abscissae are led downhill on the way
+LED = {
+    "limp",
+    "pulled",
+    "rings at rest",
+    "organ at rest",
+    "friction at rest",
+}  # scenes whose abscissae are led downhill on the way
 
 
 @dataclass(frozen=True)
@@ -109,6 +116,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
         return found
 
     monkeypatch.setattr(coupling.step.stepping, "solve", solve)
+    monkeypatch.setattr(coupling.step.continuation, "solve", solve)
     monkeypatch.setattr(coupling.rest.equilibrium, "solve", solve)
     yield asked
 
@@ -184,7 +192,7 @@ def test_corrections_of_the_loops_count_in_a_load_step(corrections: int, monkeyp
 
 def first_problem() -> tuple[Problem, Iterate]:
     """The first step of the thread through two smooth holes, and an iterate that is a millimetre off at the second."""
-    assembly = prepare(drawn({"friction": None})).assembly
+    assembly = prepare(drawn({"friction": None}, knots="fixed")).assembly
     system, state, dt = assembly.system, assembly.start(), DRAWN["solve"]["dt"]
     problem = dynamic_problem(system, state, dt, organ_answer(system, BackwardEuler(dt), state))
     start = predict(problem, state)

@@ -13,7 +13,7 @@ import coupling.step.stepping
 from coupling.errors import LentError, StepError, UphillError
 from coupling.reports.audit import Energies, is_of_bdf2
 from coupling.run.run import Run, begin
-from coupling.run.watch import CREATED, SHARE, TRACE, Watch, given_back
+from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
 from coupling.step.newton import ROUND_OFF
 from coupling.step.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
@@ -31,6 +31,7 @@ LAYERED = 0.125  # of all the energy there is: what the holes' compliance may ta
 SLACK = """
 [thread]
 suture = "7-0 nylon"
+knots = "fixed"
 path = [[-0.04, 0, 0.02], [-0.005, 0, 0.008], [-0.005, 0, -0.006],
         [0.005, 0, -0.006], [0.005, 0, 0.008], [0.04, 0, 0.02]]
 start = { kind = "fixed" }
@@ -106,8 +107,9 @@ def energies(work: float, kinetic: float, numerical: float) -> Energies:
         (1.0, 1.0, {"least": 1.0}, SHARE * 2.0),
         (1e-9, 1.0, {"least": 1.0}, TRACE * 1.0),
         (1e-9, 1.0, {}, CREATED * 1.0),
+        (1e-9, 1.0, {"refitted": True}, LOOSENED * 1.0),
     ],
-    ids=["of what the step turns over", "of what there is", "while it can be halved"],
+    ids=["of what the step turns over", "of what there is", "while it can be halved", "on other packets"],
 )
 def test_a_step_is_judged_at_its_bound(
     monkeypatch: pytest.MonkeyPatch, work: float, kinetic: float, watch: dict[str, Any], bound: float
