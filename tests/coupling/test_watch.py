@@ -32,6 +32,7 @@ SLACK = """
 [thread]
 suture = "7-0 nylon"
 knots = "fixed"
+control_points = 60
 path = [[-0.04, 0, 0.02], [-0.005, 0, 0.008], [-0.005, 0, -0.006],
         [0.005, 0, -0.006], [0.005, 0, 0.008], [0.04, 0, 0.02]]
 start = { kind = "fixed" }
