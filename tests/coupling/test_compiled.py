@@ -80,7 +80,7 @@ SCENES = {
     "rough holes": (lambda: drawn({"channel": 5e-3}), 8),
     "rings": (lambda: drawn({"direction": "free"}), 6),
     "taut on long spans": (lambda: drawn(suture="8-0 nylon"), 6),
-    "limp": (lambda: drawn({"friction": None}, bending=False, control_points=60), 4),
+    "limp": (lambda: drawn({"friction": None}, bending=False, control_points=20), 4),
     "pulled": (pulled_through, 8),
     "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),
     "rings at rest": (lambda: load("paper_figure_1", [*AT_REST, "solve.load_steps=2"]), 2),

@@ -283,7 +283,7 @@ def two_drawn(first: int, mu: float) -> tuple[StepRecord, ...]:
     """Two stitches at rest, that number `first` drawn by itself and the other while its hands go on; the record before
     the first is drawn, half-way, and the last one."""
     table = deepcopy(TWO)
-    table["thread"]["control_points"] = 70
+    table["thread"]["control_points"] = 130
     table["solve"]["load_steps"] = 2
     for k, tie in enumerate(table["tie"]):
         tie |= {"from": 0.0 if k == first else 0.5, "until": 1.0, "ramp": 0.5}
