@@ -11,10 +11,12 @@ from studies.scenario import Scenario, ScenarioError
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import IDENTITY, TWO_SOLVERS
+from tests.thread.threads import bent
 from thread.catalogue import suture
 from thread.compliance import missing_on, patch_of
+from thread.cutting import insert_knots
 from thread.errors import ThreadError
-from thread.knots import apportion, clamped_knots, graded_knots, piecewise_knots
+from thread.knots import apportion, clamped_knots, piecewise_knots, uniform_knots
 from thread.spline import Spline
 from thread.thread import Thread
 
@@ -55,17 +57,30 @@ def test_energies_mass_and_compliance_are_those_of_the_pieces() -> None:
 
 
 def test_control_points_are_shared_out() -> None:
-    """Independent check: whole numbers that add up, at least one each; graded knots have the points asked for."""
+    """Independent check: whole numbers that add up, at least one each; knots have the points asked for."""
     for spans in (3, 7, 50):
         out = apportion(spans, np.array([0.2, 5.0, 1.0]))
         assert out.sum() == spans and out.min() >= 1 and out[1] == out.max()
-    spline = Spline(graded_knots(0.1, 40, [0.02, 0.07], 3.0, 0.01, cuts=[0.04, 0.06]))
+    spline = Spline(uniform_knots(0.1, 40, [0.04, 0.06]))
     assert spline.n == 40 and np.array_equal(spline.cuts, [0.04, 0.06])
-    assert np.array_equal(graded_knots(0.1, 40, [0.02], 3.0, 0.01), graded_knots(0.1, 40, [0.02], 3.0, 0.01, ()))
+    spans = np.diff(spline.breaks)
+    assert spans.max() < 1.2 * spans.min()
     with pytest.raises(ThreadError, match="at least 4"):
-        graded_knots(0.1, 11, [], 1.0, 0.01, cuts=[0.04, 0.06])
+        uniform_knots(0.1, 11, [0.04, 0.06])
     with pytest.raises(ThreadError, match="must rise"):
-        graded_knots(0.1, 40, [], 1.0, 0.01, cuts=[0.06, 0.04])
+        uniform_knots(0.1, 40, [0.06, 0.04])
+
+
+def test_insertion_changes_nothing() -> None:
+    """Independent check (Boehm 1980): the curve and its derivatives are the same functions."""
+    spline, s = Spline(uniform_knots(0.1, 13)), np.linspace(0.0, 0.1, 777)
+    q, v = bent(spline), bent(spline, 1)
+    fine, (q_fine, v_fine) = insert_knots(spline, np.array([0.011, 0.0523, 0.0524, 0.0999]), [q, v])
+    assert fine.n == spline.n + 4
+    for old, new in ((q, q_fine), (v, v_fine)):
+        before, after = spline.curve(old, s), fine.curve(new, s)
+        scale = np.abs(before).max(axis=(0, 2))
+        assert np.all(np.abs(before - after).max(axis=(0, 2))[:3] <= 1e3 * IDENTITY * scale[:3])
 
 
 LEFT: dict[str, Any] = {

@@ -6,7 +6,7 @@ import pytest
 from tests.bounds import IDENTITY
 from tests.thread.threads import assert_slope
 from thread.errors import ThreadError
-from thread.knots import clamped_knots, graded_knots, uniform_knots
+from thread.knots import clamped_knots, uniform_knots
 from thread.spline import Spline
 
 # Clamped, no two spans alike, with a double and a triple knot inside.
@@ -137,23 +137,3 @@ def test_bad_knots_are_refused(knots: np.ndarray, word: str) -> None:
     """Independent check: what is no clamped sequence is refused by name."""
     with pytest.raises(ThreadError, match=word):
         Spline(knots)
-
-
-def test_graded_knots_are_dense_where_asked() -> None:
-    """Independent check: `ratio` times finer at the centres than far away, `n` control points, ends in place."""
-    knots = graded_knots(0.3, 203, [0.1], 10.0, 0.02)
-    breaks = np.unique(knots)
-    spans, middles = np.diff(breaks), 0.5 * (breaks[1:] + breaks[:-1])
-    Spline(knots)
-    assert knots.size == 207
-    assert (breaks[0], breaks[-1]) == (0.0, 0.3)
-    assert abs(middles[np.argmin(spans)] - 0.1) < spans.max()
-    assert abs(spans[-1] / spans.min() - 10.0) < 0.05 * 10.0
-    assert np.array_equal(graded_knots(0.3, 9, [0.1], 1.0, 0.02), uniform_knots(0.3, 9))
-
-
-@pytest.mark.parametrize(("n", "ratio"), [(20, 0.5), (20, np.nan), (3, 2.0)])
-def test_bad_grading_is_refused(n: int, ratio: float) -> None:
-    """Independent check: a ratio below one and too few points are refused."""
-    with pytest.raises(ThreadError):
-        graded_knots(0.3, n, [0.1], ratio, 0.02)
