@@ -64,8 +64,10 @@ class Scenario(ScenarioTable):
     @model_validator(mode="before")
     @classmethod
     def _choose_knots(cls, table: Any) -> Any:
-        given = {key: table.get(key, {}) for key in ("thread", "solve")} if isinstance(table, dict) else {}
-        if not given or not all(isinstance(value, dict) for value in given.values()):
+        if not isinstance(table, dict) or "thread" not in table:
+            return table
+        given = {key: table.get(key, {}) for key in ("thread", "solve")}
+        if not all(isinstance(value, dict) for value in given.values()):
             return table
         knots = "travelling" if travels_as_given(given) else "fixed"
         return table | {"thread": {"knots": knots} | given["thread"]}

@@ -121,7 +121,6 @@ REFUSED = [
     ("thread.control_points=40.5", ["thread.control_points = 40.5", "integer", "40"]),
     ("thread.control_points=true", ["thread.control_points = true", "integer", "40"]),
     ("thread.control_points=3", ["thread.control_points = 3", "greater than or equal to 4"]),
-    ("thread.control_points=9", ["thread.control_points = 9", "2 piercings", "at least 10", "raise"]),
     ("thread.graded=0.5", ["thread.graded = 0.5", "refused", "leave it out"]),
     ("thread.path=[[0,0,0]]", ["thread.path = [[0, 0, 0]]", "at least 2"]),
     ("thread.path=[[0,0,0],[0,0,0]]", ["thread.path.1 = [0.0, 0.0, 0.0]", "must differ", "drop"]),
@@ -192,6 +191,13 @@ def test_bad_input_is_refused_in_one_sentence(contract: Path, override: str, wor
     message = caught.value.problems[0]
     assert "\n" not in message
     assert [word for word in words if word not in message] == [], message
+
+
+def test_fixed_knots_need_points_for_every_piercing(contract: Path) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        load(contract, ["thread.knots=fixed", "thread.control_points=9"])
+    (message,) = caught.value.problems
+    assert all(word in message for word in ("thread.control_points = 9", "2 piercings", "at least 10", "raise"))
 
 
 def test_every_problem_has_its_sentence(contract: Path) -> None:
