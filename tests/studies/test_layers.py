@@ -84,8 +84,8 @@ def test_force_couple_and_friction_at_one_hole(
     monkeypatch: pytest.MonkeyPatch, suture: str, T: float, spans: float, dropped: float
 ) -> None:
     """Independent check (Euler's elastica on each side of the hole, its couple and force pressing at both ends of the
-    channel): the pull at slip, the hole's force and couple, on spans of so many √(EI/T) but at it, whatever the last tie is
-    on the way. On long spans one as firm as the thread left it where it would not stay."""
+    channel): the pull at slip, the hole's force and couple, on spans of so many √(EI/T) but at it, whatever the last
+    tie is on the way. On long spans one as firm as the thread left it where it would not stay."""
     monkeypatch.setattr(equilibrium, "DROPPED", dropped)
     section = catalogue.suture(suture)
     layer = float(np.sqrt(section.EI / T))
