@@ -59,7 +59,7 @@ class Run(Generic[Body]):
     `fresh` is a thread under no tension yet that packets could go by. Of the last step: whether it was sought `loose`,
     as the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
     none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
-    `parted`: whether it was made in parts. `seen`: what the loops saw of the thread at its end.
+    `seen`: what the loops saw of the thread at its end.
     """
 
     system: System[Body]
@@ -78,7 +78,6 @@ class Run(Generic[Body]):
     fresh: bool = True
     loose: bool = False
     at_once: int = 0
-    parted: bool = False
     taken: tuple[Step[Body], ...] = ()
     events: Sequence[Event] = ()
     seen: Sight[Body] | None = None
@@ -190,7 +189,6 @@ class Run(Generic[Body]):
         left: dict[str, Any] = {
             "fresh": False,
             "loose": False,
-            "parted": False,
             "taken": (),
             "events": (),
             "seen": None,
@@ -297,7 +295,6 @@ class Run(Generic[Body]):
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
             loose=any(step.loose for step in taken),
             taut=taut,
-            parted=bool(self.taken) or len(taken) > 1,
             taken=self.taken + tuple(taken),
             events=(*self.events, *found),
         )

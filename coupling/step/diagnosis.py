@@ -107,7 +107,7 @@ def span_faults(system: System[Body], state: State[Body]) -> list[str]:
     return [
         f"{names[i]} (s = {state.s[i]:.6g} m) and {names[j]} (s = {state.s[j]:.6g} m) lie in one span of the spline, "
         f"{span_length(spline.breaks, span[i]):.3g} m long: there are too few control points between them for two "
-        "directions; raise thread.control_points or thread.graded, or set direction to free at one of them"
+        "directions; raise thread.control_points, or set direction to free at one of them"
         for i, j in pairwise(holds_along_thread(system, state))
         if span[i] == span[j] and conditions[i] + conditions[j] >= TRANSVERSE
     ]
@@ -135,7 +135,7 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
     return [
         f"the constraints of {who} depend on one another (a combination of their rows has length {weakest:.1e}, "
         f"allowed is {DEPENDENT:g}): they ask the same of the same control points; move them apart, raise "
-        "thread.control_points or thread.graded, or set direction to free at one of them"
+        "thread.control_points, or set direction to free at one of them"
     ]
 
 

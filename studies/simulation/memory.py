@@ -29,7 +29,6 @@ def memory_of(now: OrganRun) -> Arrays:
         "step": np.array(now.number),
         "s_begun": now.s_begun,
         "taut": now.taut,
-        "parted": np.array(now.parted),
         "knots": now.system.thread.spline.knots,
     }
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
@@ -52,7 +51,6 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
         loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
-        parted = bool(memory["parted"])
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
@@ -74,5 +72,4 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         number=number,
         fresh=number == 0 and beginning.fresh,
         loose=loose,
-        parted=parted,
     )
