@@ -16,7 +16,7 @@ from coupling.interfaces import Answer, Body
 from coupling.joins.contact import first_sets
 from coupling.kernels.constraints import Passage, bare_passage
 from coupling.step.configuration import Configuration, configuration_of
-from coupling.step.continuation import solve_downhill
+from coupling.step.continuation import solve_downhill, solve_held
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Residual, Solution
@@ -292,14 +292,13 @@ def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
 
 
 def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
-    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there. Raises
-    `StepError`."""
+    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there, one that is held by
+    small turns. Raises `StepError`."""
     try:
         return solve(problem, guess)
     except StepError:
-        if not problem.law.may_slide.any():
-            raise
-    return solve_downhill(problem, guess)
+        downhill = solve_downhill if problem.law.may_slide.any() else solve_held
+    return downhill(problem, guess)
 
 
 def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
