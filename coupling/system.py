@@ -12,7 +12,6 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
 from coupling.kernels.constraints import Passage, knot_passage, passage
-from coupling.kernels.steps.tension import Pull
 from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
@@ -327,24 +326,22 @@ class System(Generic[Body]):
         q: Array,
         s: Array,
         home: Array | None = None,
-        layers: Array | None = None,
         drive: Array | None = None,
         ridden: Ridden | None = None,
     ) -> Passage:
-        """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` and
-        `layers` as for `coupling.kernels.constraints.passage`; `drive` (holds,) [N], −∂Π/∂s where knots travel,
-        or `ridden` with it. That of the arrays asked last is remembered: the end
-        of a step is the start of the next."""
+        """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (holds,) of its holds; `home` as for
+        `coupling.kernels.constraints.passage`; `drive` (holds,) [N], −∂Π/∂s where knots travel, or `ridden` with it.
+        That of the arrays asked last is remembered: the end of a step is the start of the next."""
 
         def make() -> Passage:
             if self.thread.travels:
-                return knot_passage(self.thread.placed(s).spline, q, s, self.rows[:, 3], drive, ridden)
-            return passage(self.thread, q, s, self.rows[:, 3], home, layers)
+                return knot_passage(self.thread.placed(s).spline, q, s, drive, ridden)
+            return passage(self.thread.spline, q, s, home)
 
         # the pieces that `home` says are no part of what is remembered, nor is what an iterate alone rides on
         if self.thread.spline.cuts.size or ridden is not None:
             return make()
-        return self._passages.of((q, s, layers, drive), make)
+        return self._passages.of((q, s, drive), make)
 
     @cached_property
     def _passages(self) -> Recent[Passage]:
@@ -352,13 +349,13 @@ class System(Generic[Body]):
         return Recent()
 
     @cached_property
-    def recent_pulls(self) -> Recent[Pull]:
-        """What `coupling.step.tension.pull_at` made last, of s, N, λ and the holds that are there."""
+    def recent_pulls(self) -> Recent[Array]:
+        """What `coupling.step.tension.pull_at` made last, of s, N and the holds that are there."""
         return Recent()
 
     def passage_of(self, state: "State[Body]") -> Passage:
         """Evaluate the thread of a state at its holds."""
-        return self.at(state).passage(state.q, state.s, layers=state.layers, drive=state.drive)
+        return self.at(state).passage(state.q, state.s, drive=state.drive)
 
     @cached_property
     def may_slide(self) -> Flags:
@@ -469,8 +466,8 @@ class State(Generic[Body]):
     `sense` (holds,): sign of T·(u × v), which changes in a directed hole only where the frame does, not T; `reaction`
     (2, c) [N], force of the holders on the thread's ends, with twist their torque about the tangent too [N m]; `y_dot`
     (holds, 9) [m/s, 1/s], rate of y, None at rest; `frame`, what the twist is measured from, None without twist;
-    `layers` (holds,) [m], √(EI/T) that the thread bends over at its holes (`coupling.step.tension`), None without
-    tension; `stretch` (holds,) [-], 1 + T/EA of the strands there, None of a state that no step ended with.
+    `stretch` (holds,) [-], 1 + T/EA of the strands at the holes where knots travel, else 1, None of a state that no
+    step ended with.
 
     Where knots travel (`thread.packets`): the `spline` that q and v are on, `drive` (holds,) [N], −∂Π/∂s that the holes
     bear, and the `solved` curve, its spline, q and v, if q and v have been put on other knots since.
@@ -494,7 +491,6 @@ class State(Generic[Body]):
     reaction: Array
     y_dot: Array | None = None
     frame: Frame | None = None
-    layers: Array | None = None
     stretch: Array | None = None
     spline: Spline | None = None
     drive: Array | None = None

@@ -17,7 +17,6 @@ from scipy.sparse import csr_matrix, diags_array
 
 from thread.arrays import Array, Indices
 from thread.banded import Elements, diagonal_of
-from thread.compliance import LACKS, POWERS, Patch, missing_on, patch_of
 from thread.energies.coil import Coil
 from thread.energies.continuous import Continuous
 from thread.energies.interface import AxialEnergy, Energy
@@ -42,7 +41,6 @@ POSITION = 3  # coordinates of a place
 
 MASS_POINTS = 4  # exact for the product of two cubics
 BENDING_POINTS = 2
-STAGES = 8  # of √(EI/T) in a factor of two; between them the missing compliance is interpolated
 
 
 class CrossSection(Protocol):
@@ -150,8 +148,7 @@ class Thread:
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
     `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
     (`thread.energies.coil`); this direction points to `coil_towards` (3,) at the start of the thread as laid; None
-    means a direction chosen by the code. `hole_compliance` adds the compliance that the spline lacks where the
-    thread is held (`thread.compliance`).
+    means a direction chosen by the code.
     """
 
     spline: Spline
@@ -163,7 +160,6 @@ class Thread:
     springs: int | None = None
     coil: float = 0.0
     coil_towards: Array | None = None
-    hole_compliance: bool = True
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -314,58 +310,6 @@ class Thread:
         """EI/L² (EA·10⁻⁹ without bending): the force scale of a thread without load [N]."""
         length = self.spline.end - self.spline.start
         return self.EI / length**2 if self.bending else 1e-9 * self.EA
-
-    # -- at a hole ---------------------------------------------------------------------------------------------
-
-    @cached_property
-    def _patches(self) -> dict[int, Patch]:
-        return {}
-
-    @cached_property
-    def _missing(self) -> dict[tuple[int, int | None], Array]:
-        return {}
-
-    def missing_on(self, span: int, layer: float) -> Array:
-        """Return the missing compliance on a span where the thread bends over `layer` = √(EI/T) [m], as polynomials in
-        the distance from its start [m]: straight in log ℓ between stages, which are remembered. Shape
-        `(3 derivatives, 4, 7 powers)`."""
-        if self._patch(span).is_slack(layer):
-            return self.missing_at(span, None)
-        stage = STAGES * np.log2(layer)
-        lower = int(np.floor(stage))
-        share = stage - lower
-        return (1.0 - share) * self.missing_at(span, lower) + share * self.missing_at(span, lower + 1)
-
-    def missing_at(self, span: int, stage: int | None) -> Array:
-        """Return the missing compliance on a span at a stage, as `missing_on`; None stands for a slack thread."""
-        key = (span, stage)
-        if key not in self._missing:
-            layer = np.inf if stage is None else 2.0 ** (stage / STAGES)
-            self._missing[key] = missing_on(self._patch(span), layer) / self.EI
-        return self._missing[key]
-
-    def _patch(self, span: int) -> Patch:
-        if span not in self._patches:
-            self._patches[span] = patch_of(self.spline, span)
-        return self._patches[span]
-
-    def missing_compliance(self, s: Array, home: Array | None = None, layers: Array | None = None) -> Array:
-        """Return the compliance that the spline lacks at the abscissae `s` (m,) [m], with its derivatives by s.
-
-        `home` as for `Spline.spans_of`; `layers` (m,) [m], √(EI/T) at each, None without tension. Shape
-        `(m, 3 derivatives, 4)`: displacement by force [m/N], rotation by force [1/N], rotation by couple [1/(N m)] and
-        the share of that which turns far as the rod does. Zero without bending, or without `hole_compliance`; zero at
-        the ends of the thread's pieces.
-        """
-        if self.EI == 0.0 or not self.hole_compliance or not len(s):
-            return np.zeros((len(s), 3, LACKS))
-        spline = self.spline
-        spans, piece = spline.spans_of(s, home), spline.piece_of(s if home is None else home)
-        taut = [np.inf] * len(s) if layers is None else layers.tolist()
-        powers = (s - spline.breaks[spans])[:, None, None] ** POWERS
-        lack = np.matvec(np.array([self.missing_on(*pair) for pair in zip(spans.tolist(), taut, strict=True)]), powers)
-        lack[(s <= spline.piece_ends[piece]) | (s >= spline.piece_ends[piece + 1])] = 0.0
-        return lack
 
     # -- elastic energies --------------------------------------------------------------------------------------
 

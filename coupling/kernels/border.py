@@ -7,44 +7,9 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH, solve_dense
 from coupling.kernels.friction import Joints, Law, linearise_law
-from coupling.kernels.holes import (
-    Hold,
-    effective_tangent,
-    force_by_axis,
-    hold_at,
-    lacking_force,
-    lacking_force_rate,
-    lacking_stiffness,
-    on_frame,
-    place_rate,
-    tangent_rate,
-    tilt_by_frame,
-    tilt_force,
-    tilt_mixed,
-    tilting_rates,
-    turned_compliance,
-    without,
-)
-from thread.kernels.curve import FIRST
+from coupling.kernels.holes import Hold, hold_at
 from thread.kernels.loops import entry, loop, numbers, owning
-from thread.kernels.vectors import (
-    Matrix,
-    Vector,
-    add_column,
-    add_matrix,
-    add_row,
-    applied,
-    combined,
-    diagonal,
-    dot,
-    outer,
-    plus,
-    product,
-    scaled,
-    skew,
-    sum_of,
-    transposed,
-)
+from thread.kernels.vectors import add_column, add_matrix, add_row, diagonal, dot
 
 LAW, S, LAM, MU_U, MU_V, X, U, V = numbers(0, 0, 1, 4, 5, 6, 9, 12)  # row of the law; columns of a hold's unknowns
 G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
@@ -64,7 +29,7 @@ class Border(NamedTuple):
     whose knots ride with the holes, beside D in the laws of sliding. Its V has H_qs, one column, in the place of b''.
 
     E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
-    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, Φ_λ, Φ_y). The blocks
+    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, 0, Φ_y). The blocks
     that have a name here are views: who writes into one writes into the border.
     """
 
@@ -96,11 +61,6 @@ class Border(NamedTuple):
         return self.D[:, 1:, 0]
 
     @property
-    def Phi_lam(self) -> Array:
-        """∂Φ/∂λ, the block c of the compliance that the spline lacks, shape `(m, 5, 5)`; zero where it lacks none."""
-        return self.D[:, 1:, 1:OWN]
-
-    @property
     def Phi_y(self) -> Array:
         """∂Φ/∂y, shape `(m, 5, 9)`."""
         return self.D[:, 1:, OWN:]
@@ -128,17 +88,17 @@ def empty_border(m: int) -> Border:
 def linearise(h: Hold, border: Border) -> None:
     """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold, all blocks zero before."""
     E, B, D, F, R, _ = border
-    T, P_s, T_s, one = effective_tangent(h), place_rate(h), tangent_rate(h), diagonal(1.0)
+    one = diagonal(1.0)
 
     add_matrix(1.0, one, B, G, AT_P)
     add_row(1.0, h.u, B, C1, AT_T)
     add_row(1.0, h.v, B, C2, AT_T)
-    add_column(1.0, P_s, D, G, S)
-    D[C1, S] += dot(T_s, h.u)
-    D[C2, S] += dot(T_s, h.v)
+    add_column(1.0, h.P_s, D, G, S)
+    D[C1, S] += dot(h.K, h.u)
+    D[C2, S] += dot(h.K, h.v)
     add_matrix(-1.0, one, D, G, X)
-    add_row(1.0, T, D, C1, U)
-    add_row(1.0, T, D, C2, V)
+    add_row(1.0, h.T, D, C1, U)
+    add_row(1.0, h.T, D, C2, V)
 
     if h.rides:
         E[AT_K, S] += 1.0
@@ -152,117 +112,13 @@ def linearise(h: Hold, border: Border) -> None:
     add_matrix(-h.mu_v, one, E, AT_T, V)
 
     add_matrix(-1.0, one, F, OF_X, LAM)
-    add_column(1.0, T, F, OF_U, MU_U)
-    add_column(1.0, T, F, OF_V, MU_V)
-    add_column(h.mu_u, T_s, F, OF_U, S)
-    add_column(h.mu_v, T_s, F, OF_V, S)
+    add_column(1.0, h.T, F, OF_U, MU_U)
+    add_column(1.0, h.T, F, OF_V, MU_V)
+    add_column(h.mu_u, h.K, F, OF_U, S)
+    add_column(h.mu_v, h.K, F, OF_V, S)
 
     add_matrix(h.mu_u, one, R, OF_U, AT_T)
     add_matrix(h.mu_v, one, R, OF_V, AT_T)
-    if not h.bare:
-        add_compliance(h, border)
-
-
-@loop
-def add_compliance(h: Hold, border: Border) -> None:
-    """Add what Φ and the forces owe to the missing compliance."""
-    E, B, D, F, _, _ = border
-    add_matrix(h.c0[0], without(h.unit), D, G, LAM)
-    add_moment(h.c1[0] * h.size, h, D, G)
-    add_tangent_along(1.0, h.u, h, D, C1)
-    add_tangent_along(1.0, h.v, h, D, C2)
-    add_tangent(h.mu_u, h, F, OF_U)
-    add_tangent(h.mu_v, h, F, OF_V)
-    add_own_turning(h, E, B)
-    add_tilting(h, border)
-
-
-@loop
-def add_moment(x: float, h: Hold, M: Array, i: int) -> None:
-    """Add x times the derivative of m = μ_u u + μ_v v to the rows of an array from i on."""
-    add_column(x, h.u, M, i, MU_U)
-    add_column(x, h.v, M, i, MU_V)
-    add_matrix(x, diagonal(h.mu_u), M, i, U)
-    add_matrix(x, diagonal(h.mu_v), M, i, V)
-
-
-@loop
-def add_tangent(x: float, h: Hold, M: Array, i: int) -> None:
-    """Add x times the derivative of T̂ by the multipliers and the frame to the rows from i on."""
-    by_u, by_v = on_frame(h, h.by_n)
-    add_matrix(x * h.c1[0] * h.size, diagonal(1.0), M, i, LAM)
-    add_moment(x * turned_compliance(h, h.c2[0], h.c3[0]), h, M, i)
-    add_matrix(x * h.c3[0], outer(h.m, by_u), M, i, U)
-    add_matrix(x * h.c3[0], outer(h.m, by_v), M, i, V)
-
-
-@loop
-def add_tangent_along(x: float, a: Vector, h: Hold, M: Array, i: int) -> None:
-    """Add x a times the derivative of T̂ by the multipliers and the frame to row i."""
-    (by_u, by_v), c, far = on_frame(h, h.by_n), x * turned_compliance(h, h.c2[0], h.c3[0]), x * h.c3[0] * dot(a, h.m)
-    add_row(x * h.c1[0] * h.size, a, M, i, LAM)
-    M[i, MU_U] += c * dot(a, h.u)
-    M[i, MU_V] += c * dot(a, h.v)
-    add_row(c * h.mu_u, a, M, i, U)
-    add_row(c * h.mu_v, a, M, i, V)
-    add_row(far, by_u, M, i, U)
-    add_row(far, by_v, M, i, V)
-
-
-@loop
-def add_own_turning(h: Hold, E: Array, B: Array) -> None:
-    """Add what the thread's own axis brings into P̂, and what the missing compliance adds to the force on the thread
-    along it; the stiffness of the axis is left to the thread's band."""
-    by_axis = force_by_axis(h)
-    add_matrix(1.0, by_axis, B, G, AT_T)
-    add_matrix(-1.0, transposed(by_axis), E, AT_T, LAM)
-    add_column(-1.0, plus(lacking_force_rate(h), applied(lacking_stiffness(h), h.K)), E, AT_T, S)
-    add_column(-1.0, lacking_force(h), E, AT_K, S)
-
-
-@loop
-def add_tilting(h: Hold, border: Border) -> None:
-    """Add what T̂ and the forces owe to Γ, which tells how far the thread leaves the frame, and to |T|."""
-    _, B, _, F, _, _ = border
-    by_u, by_v = tilting_rates(h)
-    for a, row, column in ((h.u, C1, MU_U), (h.v, C2, MU_V)):
-        by_couple = sum_of(h.c3[0] * dot(h.m, a), h.by_T, h.c1[0] * dot(h.lam, a), h.unit)
-        add_row(1.0, by_couple, B, row, AT_T)
-        add_column(-1.0, by_couple, border.E, AT_T, column)
-    by_normal = scaled(-1.0, skew(h.v)), skew(h.u)  # of u × v by u and by v
-    add_tilting_by(h.mu_u, by_normal[0], by_normal, h, border, U, OF_U)
-    add_tilting_by(h.mu_v, by_normal[1], by_normal, h, border, V, OF_V)
-    turned = scaled(tilt_force(h), skew(h.by_n))
-    add_matrix(-1.0, turned, F, OF_U, V)
-    add_matrix(1.0, turned, F, OF_V, U)
-    add_column(1.0, by_u, F, OF_U, S)
-    add_column(1.0, by_v, F, OF_V, S)
-    add_couples(h, F)
-
-
-@loop
-def add_couples(h: Hold, F: Array) -> None:
-    """Add the derivative of e by μ_u and μ_v times that of Γ by the frame."""
-    by_u, by_v = on_frame(h, h.by_n)
-    for column, along in ((MU_U, dot(h.m, h.u)), (MU_V, dot(h.m, h.v))):
-        add_column(h.c3[0] * along, by_u, F, OF_U, column)
-        add_column(h.c3[0] * along, by_v, F, OF_V, column)
-
-
-@loop
-def add_tilting_by(
-    mu: float, turn: Matrix, by_normal: tuple[Matrix, Matrix], h: Hold, border: Border, at: int, of: int
-) -> None:
-    """Add what the forces owe to Γ and |T| by one of the frame's vectors, in whose column `at` and row `of` u × v turns
-    by `turn` and m by `mu`."""
-    e, by_m = tilt_force(h), h.c3[0] * mu
-    by_T = combined(by_m, outer(h.by_T, h.m), e, product(tilt_mixed(h), turn))
-    by_T = combined(1.0, by_T, h.c1[0] * mu, outer(h.unit, h.lam))
-    by_n = combined(by_m, outer(h.by_n, h.m), e, product(tilt_by_frame(h), turn))
-    add_matrix(-1.0, by_T, border.E, AT_T, at)
-    add_matrix(1.0, transposed(by_T), border.R, of, AT_T)
-    add_matrix(1.0, product(transposed(by_normal[0]), by_n), border.F, OF_U, at)
-    add_matrix(1.0, product(transposed(by_normal[1]), by_n), border.F, OF_V, at)
 
 
 @loop
@@ -618,16 +474,11 @@ def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
 
 @loop
 def linearise_all(
-    law: Law, sigma: Array, rows: Flags, D: Array, c: Array, directed: Flags, bare: bool, rides: bool, drive: Array,
-    lam: Array, y: Array, border: Border, own: Array,
-) -> None:  # fmt: skip
-    """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5), and add the stiffness of
-    the thread's own axis at each of them to `own` (m, 3, 3) [N m]."""
+    law: Law, sigma: Array, rows: Flags, D: Array, rides: bool, drive: Array, lam: Array, y: Array, border: Border
+) -> None:
+    """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5)."""
     for k in range(len(lam)):
-        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
-        linearise_hold(law, k, sigma[k], h, rows[k], border)
-        if not bare:
-            add_matrix(1.0, lacking_stiffness(h), own[k], FIRST, FIRST)
+        linearise_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), rows[k], border)
 
 
 @loop

@@ -39,22 +39,14 @@ def empty_border(m: int) -> Border:
     return Border(*(np.zeros((m, *block)) for block in blocks))
 
 
-def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> tuple[Border, Array]:
+def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> Border:
     """Linearise the law of sliding with the active set `sigma` (m,), the constraints in force `rows` (m, 5), and the
-    forces on thread and organ; return the border, and the stiffness (m, 3, 3) [N m] of the thread's own axis at each
-    hold."""
-    border, own = empty_border(len(lam)), np.zeros((len(lam), 3, 3))
+    forces on thread and organ."""
+    border = empty_border(len(lam))
     if thread.ridden is not None:
         border.S[:] = -thread.ridden.by_ss
-    linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border, own)
-    return border, own
-
-
-def own_stiffness(thread: Passage, own: Array) -> Array:
-    """Return what the thread's own axis at a hole, with the stiffness `own` (m, 3, 3) [N m], adds to its matrix on four
-    points, shape `(m, 4, 4, 3, 3)` [N/m]."""
-    slope = thread.b[:, 1]
-    return np.asarray(np.einsum("ma,mb,mij->mabij", slope, slope, -own))
+    linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border)
+    return border
 
 
 @cache

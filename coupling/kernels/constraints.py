@@ -7,24 +7,22 @@ and never see the global matrix:
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from coupling.arrays import Array, Flags, Indices
+from coupling.arrays import Array, Indices
 from coupling.kernels import holes
 from coupling.kernels.friction import normal_force
 from coupling.kernels.holes import AT_U, AT_V, hold_at
 from coupling.recent import Recent
-from thread.compliance import LACKS
 from thread.kernels.curve import FIRST, put
 from thread.kernels.loops import entry, loop, numbers
 from thread.kernels.travel import Ridden
 from thread.placed import Placed
 from thread.spline import ORDERS, Spline
-from thread.thread import Thread
 from thread.vectors import cross
 
 C1, C2 = numbers(3, 4)  # c₁, c₂ among the five numbers of Φ
@@ -36,18 +34,14 @@ LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a sp
 class Passage:
     """The thread where it passes the holes.
 
-    `first` (p,) and `b` (p, 4, 4): the basis there; `D` (p, 4, 3): P [m], T [-], T' [1/m], T'' [1/m²]; `c` (p, 3
-    derivatives by s, 4): the missing compliances c₀, c₁, c₂, c₃ [m/N, 1/N, 1/(N m) twice]; `directed` (p,): where the
-    hole's frame gives the direction of the thread at the hole. `drive` (p,) [N]: −∂Π/∂s of a thread whose knots ride
-    with the holes, where D does not depend on s; None where knots stand still. `ridden`: that and the other derivatives
-    of Π by s, None where nobody asked for them.
+    `first` (p,) and `b` (p, 4, 4): the basis there; `D` (p, 4, 3): P [m], T [-], T' [1/m], T'' [1/m²]. `drive` (p,)
+    [N]: −∂Π/∂s of a thread whose knots ride with the holes, where D does not depend on s; None where knots stand still.
+    `ridden`: that and the other derivatives of Π by s, None where nobody asked for them.
     """
 
     first: Indices
     b: Array
     D: Array
-    c: Array
-    directed: Flags
     drive: Array | None = None
     ridden: Ridden | None = None
 
@@ -72,34 +66,12 @@ class Passage:
         return self.D[:, 3]
 
     @cached_property
-    def bare(self) -> bool:
-        """Whether the spline lacks nothing."""
-        return not self.c.any()
-
-    @cached_property
     def _recent(self) -> "Recent[Meeting]":
         """The last meetings at these holds."""
         return Recent()
 
 
-def passage(
-    thread: Thread,
-    q: Array,
-    s: Array,
-    directed: Flags,
-    home: Array | None = None,
-    layers: Array | None = None,
-) -> Passage:
-    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
-    that hold the abscissae `home` where they are given; `directed` (p,): holes that impose a direction;
-    `layers` (p,) [m], √(EI/T) there, None without tension."""
-    bare = bare_passage(thread.spline, q, s, home)
-    return replace(bare, c=thread.missing_compliance(s, home, layers), directed=directed)
-
-
-def knot_passage(
-    spline: Spline, q: Array, s: Array, directed: Flags, drive: Array | None, ridden: Ridden | None = None
-) -> Passage:
+def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden: Ridden | None = None) -> Passage:
     """Evaluate a thread whose knots travel, on the `spline` of (P, S), at the knots of its holes: P and T there do not
     depend on s (p,) [m]; a hold that has no knot is passed at s. `drive` (p,) [N] is −∂Π/∂s, None: not known, zero."""
     assert isinstance(spline, Placed)
@@ -114,57 +86,45 @@ def knot_passage(
     if ridden is not None:
         drive = -ridden.by_s
     drive = np.zeros(len(s)) if drive is None else drive
-    return Passage(first, b, D, np.zeros((len(s), 3, LACKS)), directed, drive, ridden)
+    return Passage(first, b, D, drive, ridden)
 
 
-def bare_passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
-    """Evaluate the thread without the missing compliance: of rates, and under impulses, which a compliance without
-    mass does not answer."""
+def passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
+    that hold the abscissae `home` where they are given."""
     first, b = spline.basis(s, home)
     D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
-    return Passage(first, b, D, np.zeros((len(s), 3, LACKS)), np.zeros(len(s), dtype=bool))
+    return Passage(first, b, D)
 
 
 class Meeting(NamedTuple):
-    """What thread and holes do to one another, over `m` holds: `place` P̂ and `tangent` T̂ (m, 3) [m, -]; `phi` and
-    `phi_s` (m, 5); forces conjugate to T, `on_tangent` (m, 3) [N m], and to y, `on_site` (m, 9); the force `drive`
-    (m,) [N] along the thread; the energy `stored` (m,) [J] in the missing compliance; the tangent `along` (m, 3) that
-    friction acts along; and the force `pressing` (m,) [N] on the hole."""
+    """What thread and holes do to one another, over `m` holds: `phi` and `phi_s` (m, 5); forces conjugate to T,
+    `on_tangent` (m, 3) [N m], and to y, `on_site` (m, 9); the force `drive` (m,) [N] along the thread; and the force
+    `pressing` (m,) [N] on the hole."""
 
-    place: Array
-    tangent: Array
     phi: Array
     phi_s: Array
     on_tangent: Array
     on_site: Array
     drive: Array
-    stored: Array
-    along: Array
     pressing: Array
 
 
 @loop
-def meet_all(
-    D: Array, c: Array, directed: Flags, bare: bool, rides: bool, drive: Array, lam: Array, y: Array,
-    per_channel: Array, out: Meeting,
-) -> None:  # fmt: skip
+def meet_all(D: Array, rides: bool, drive: Array, lam: Array, y: Array, per_channel: Array, out: Meeting) -> None:
     """Evaluate thread and holes, into `out`."""
     for k in range(len(lam)):
-        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
-        put(holes.effective_place(h), out.place, k, FIRST)
-        put(holes.effective_tangent(h), out.tangent, k, FIRST)
+        h = hold_at(D[k], rides, drive[k], lam[k], y[k])
         place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
         rate, out.phi_s[k, C1], out.phi_s[k, C2] = holes.phi_s(h)
         put(place, out.phi, k, FIRST)
         put(rate, out.phi_s, k, FIRST)
-        put(holes.force_on_tangent(h), out.on_tangent, k, FIRST)
+        put(h.m, out.on_tangent, k, FIRST)
         f_x, f_u, f_v = holes.site_force(h)
         put(f_x, out.on_site, k, FIRST)
         put(f_u, out.on_site, k, AT_U)
         put(f_v, out.on_site, k, AT_V)
         out.drive[k] = holes.driving_force(h)
-        out.stored[k] = holes.held_energy(h, 0)
-        put(holes.tangent(h), out.along, k, FIRST)
         out.pressing[k] = normal_force(h, per_channel[k])
 
 
@@ -177,19 +137,19 @@ def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = N
     m = len(lam)
 
     def make() -> Meeting:
-        out = Meeting(*(np.empty((m, *of)) for of in ((3,), (3,), (5,), (5,), (3,), (9,), (), (), (3,), ())))
+        out = Meeting(*(np.empty((m, *of)) for of in ((5,), (5,), (3,), (9,), (), ())))
         meet(*hold_arrays(thread, lam, y), np.zeros(m) if per_channel is None else per_channel, out)
         return out
 
     return thread._recent.of((lam, y, per_channel), make)
 
 
-def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array, Flags, bool, bool, Array, Array, Array]:
+def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, bool, Array, Array, Array]:
     """Return the arrays that the kernels make a hold of, each in the order of C."""
     rides = thread.drive is not None
     drive = np.zeros(len(thread.D)) if thread.drive is None else thread.drive
-    D, c, drive, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, thread.c, drive, lam, y))
-    return D, c, np.ascontiguousarray(thread.directed), thread.bare, rides, drive, lam, y
+    D, drive, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, drive, lam, y))
+    return D, rides, drive, lam, y
 
 
 def phi(thread: Passage, lam: Array, y: Array) -> Array:
@@ -198,20 +158,14 @@ def phi(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return ∂Φ/∂s = (P̂', T̂'·u, T̂'·v) at constant multipliers, shape `(m, 5)`."""
+    """Return ∂Φ/∂s = (T, T'·u, T'·v), zero where knots ride with the holes, shape `(m, 5)`."""
     return meeting(thread, lam, y).phi_s
 
 
 def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
     """Return Φ_sᵀλ, the force that pulls the thread along itself, shape `(m,)` [N]: λ·T + m·T' (eq. 6, with the
-    configurational force of the direction constraint, Bigoni et al. 2015), and the slope of the energy of the missing
-    compliance."""
+    configurational force of the direction constraint, Bigoni et al. 2015), and −∂Π/∂s where knots ride."""
     return meeting(thread, lam, y).drive
-
-
-def held_energy(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return the energy in the missing compliance, ½c₀(λ² − τ²) + c₁|a|λ·m + ½c m², shape `(m,)` [J]."""
-    return meeting(thread, lam, y).stored
 
 
 def pressing_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
@@ -220,13 +174,9 @@ def pressing_force(thread: Passage, lam: Array, y: Array, per_channel: Array) ->
     return meeting(thread, lam, y, per_channel).pressing
 
 
-def tangent(thread: Passage, lam: Array, y: Array) -> tuple[Array, Array]:
-    """Return |T̂| and the unit tangent t = T̂/|T̂| that friction acts along, shapes `(m,)` and `(m, 3)` [-]. Where a
-    direction is imposed T̂ is T turned into the frame's normal, for a bent thread grows no shorter; else the tangent of
-    the curve through P̂, so that Φ_sᵀλ = λ·T̂."""
-    T = meeting(thread, lam, y).along
-    size = np.linalg.norm(T, axis=1)
-    return size, T / size[:, None]
+def tangent(thread: Passage) -> Array:
+    """Return the unit tangent t = T/|T| that friction acts along, shape `(m, 3)` [-]."""
+    return np.asarray(thread.T / np.linalg.norm(thread.T, axis=1)[:, None])
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
@@ -235,16 +185,14 @@ def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def site_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_yᵀλ = (−λ, μ_u T̂ + e v × Γ_n, μ_v T̂ + e Γ_n × u), the force on the organ conjugate to y, shape
-    `(m, 9)` [N, N m]; Γ_n = ∂Γ/∂(u × v)."""
+    """Return Φ_yᵀλ = (−λ, μ_u T, μ_v T), the force on the organ conjugate to y, shape `(m, 9)` [N, N m]."""
     return meeting(thread, lam, y).on_site
 
 
 def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return the reaction couple of the direction constraint on the thread, shape `(m, 3)` [N m]: the moment about P̂
+    """Return the reaction couple of the direction constraint on the thread, shape `(m, 3)` [N m]: the moment about P
     of all that the hole does to the thread, zero for a free hole."""
-    met = meeting(thread, lam, y)
-    return cross(thread.P - met.place, lam[:, :3]) + cross(thread.T, met.on_tangent)
+    return cross(thread.T, meeting(thread, lam, y).on_tangent)
 
 
 def spread(forces: Array, thread: Passage, n: int) -> Array:

@@ -5,34 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels.holes import (
-    Hold,
-    driving_force,
-    held_energy,
-    hold_at,
-    lacking_force,
-    lacking_force_rate,
-    lacking_stiffness,
-    on_frame,
-    place_rate,
-    shrinkage,
-    tangent,
-    tangent_rate,
-    tilting_rates,
-)
+from coupling.kernels.holes import Hold, driving_force, hold_at
 from thread.kernels.loops import entry, loop, numbers, owning
-from thread.kernels.vectors import (
-    ZERO,
-    Vector,
-    add_row,
-    applied,
-    dot,
-    minus,
-    norm,
-    plus,
-    sum_of,
-    times,
-)
+from thread.kernels.vectors import Vector, add_row, dot, minus, norm, plus, sum_of, times
 
 LAW, S, LAM, MU_U, MU_V, U, V = numbers(0, 0, 1, 4, 5, 9, 12)  # row of the law; columns as in `coupling.kernels.border`
 AT_T, AT_K = numbers(3, 6)
@@ -112,8 +87,7 @@ def part_across(force: Vector, t: Vector) -> Vector:
 @loop
 def normal_force(h: Hold, per_channel: float) -> float:
     """Return N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c| [N]."""
-    T = tangent(h)
-    t, ends = times(1.0 / norm(T), T), channel_forces(h, per_channel)
+    t, ends = times(1.0 / norm(h.T), h.T), channel_forces(h, per_channel)
     return norm(part_across(ends[0], t)) + norm(part_across(ends[1], t))
 
 
@@ -137,8 +111,8 @@ def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
 
 @loop
 def stretch_met(law: Law, k: int, h: Hold) -> float:
-    """Return |T̂|."""
-    return law.stretch[k] if h.rides or (h.directed and not h.bare) else norm(tangent(h))
+    """Return how long the thread is at a hole per rest length: |T|, where knots ride that of the strands beside it."""
+    return law.stretch[k] if h.rides else norm(h.T)
 
 
 @loop
@@ -243,35 +217,19 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
     if sigma == 0.0:
         D[LAW, S] = 1.0
         return
-    P_s, T_s, T_u, T_v = place_rate(h), tangent_rate(h), h.mu_u, h.mu_v
-    add_row(1.0, P_s, D, LAW, LAM)
-    D[LAW, MU_U] += dot(T_s, h.u)
-    D[LAW, MU_V] += dot(T_s, h.v)
-    add_row(T_u, T_s, D, LAW, U)
-    add_row(T_v, T_s, D, LAW, V)
-    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) + held_energy(h, 2) - law.inertia[k]
+    add_row(1.0, h.P_s, D, LAW, LAM)
+    D[LAW, MU_U] += dot(h.K, h.u)
+    D[LAW, MU_V] += dot(h.K, h.v)
+    add_row(h.mu_u, h.K, D, LAW, U)
+    add_row(h.mu_v, h.K, D, LAW, V)
+    D[LAW, S] += dot(h.lam, h.K) + dot(h.m, h.J) - law.inertia[k]
     if h.rides:
         B[LAW, AT_K] -= 1.0
     else:
         add_row(1.0, h.lam, B, LAW, AT_T)
         add_row(1.0, h.m, B, LAW, AT_K)
-    if not h.bare:
-        add_turning(h, B, D)
     if not law.ideal:
         add_friction(law, k, sigma, h, B, D)
-
-
-@loop
-def add_turning(h: Hold, B: Array, D: Array) -> None:
-    """Add the slope of the missing compliance's share in the driving force by the axis that it acts across and by the
-    frame."""
-    rate, by_K, (by_u, by_v) = lacking_force_rate(h), lacking_force(h), tilting_rates(h)
-    by_T = plus(rate, applied(lacking_stiffness(h), h.K))
-    add_row(1.0, by_u, D, LAW, U)
-    add_row(1.0, by_v, D, LAW, V)
-    D[LAW, S] += dot(plus(by_T, rate), h.K) + dot(by_K, h.J)
-    add_row(1.0, by_T, B, LAW, AT_T)
-    add_row(1.0, by_K, B, LAW, AT_K)
 
 
 @loop
@@ -282,10 +240,9 @@ def unit_or_zero(a: Vector) -> Vector:
 
 @loop
 def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
-    """Subtract the derivative of |T̂|(injected + σ(F₀ + μ_k N))."""
-    T = tangent(h)
-    size = norm(T)
-    t = times(1.0 / size, T)
+    """Subtract the derivative of |T|(injected + σ(F₀ + μ_k N)); where knots ride the length is given."""
+    size = norm(h.T)
+    t = times(1.0 / size, h.T)
     one, other = channel_forces(h, law.per_channel[k])
     n_one, n_other = unit_or_zero(part_across(one, t)), unit_or_zero(part_across(other, t))
     rough_sigma = sigma if law.rough[k] else 0.0
@@ -298,51 +255,19 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     add_row(h.mu_u, by_m, D, LAW, U)
     add_row(h.mu_v, by_m, D, LAW, V)
     by_t = sum_of(press * dot(one, t), n_one, press * dot(other, t), n_other)
-    add_tangent(h, size, t, 0.0 if h.rides else -given, by_t, B, D)
-
-
-@loop
-def add_tangent(h: Hold, size: float, t: Vector, by_size: float, by_t: Vector, B: Array, D: Array) -> None:
-    """Add `by_size` times the derivative of |T̂| and `by_t`, across t, times that of t."""
-    by_T, by_K = sum_of(by_size, t, 1.0 / size, by_t), ZERO
-    if h.directed and not h.bare:
-        by_u, by_v = on_frame(h, times(1.0 / h.area, by_t))
-        add_row(1.0, by_u, D, LAW, U)
-        add_row(1.0, by_v, D, LAW, V)
-        by_T = ZERO
-    elif not h.bare:
-        by_T, by_K = add_effective_tangent(h, by_T, D)
-    D[LAW, S] += dot(by_T, h.K) + dot(by_K, h.J)
+    by_T = sum_of(0.0 if h.rides else -given, t, 1.0 / size, by_t)
+    D[LAW, S] += dot(by_T, h.K)
     add_row(1.0, by_T, B, LAW, AT_T)
-    add_row(1.0, by_K, B, LAW, AT_K)
-
-
-@loop
-def add_effective_tangent(h: Hold, by: Vector, D: Array) -> tuple[Vector, Vector]:
-    """Add `by` times the derivative of T̂ of a free hole by λ and by s where T, T' are held; its parts by T and T' are
-    returned."""
-    square = dot(h.T, h.T)
-    per_square = dot(by, h.T) / square
-    bend = per_square * dot(h.across, h.K)
-    by_across = sum_of(h.c1[0], by, -h.c0[0] * per_square, h.K)
-    lengthwise = dot(by_across, h.unit)
-    crosswise = sum_of(1.0, by_across, -lengthwise, h.unit)
-    add_row(1.0, crosswise, D, LAW, LAM)
-    D[LAW, S] += h.c1[1] * dot(by, h.across) - h.c0[1] * bend
-    turned = sum_of(lengthwise / h.size, h.across, h.along / h.size, crosswise)
-    stretched = sum_of(shrinkage(h), by, 2.0 * h.c0[0] * bend / square, h.T)
-    return minus(stretched, turned), times(-h.c0[0] * per_square, h.across)
 
 
 @loop
 def rule_all(
-    law: Law, sigma: Array, s: Array, margin: float, D: Array, c: Array, directed: Flags, bare: bool, rides: bool,
-    drive: Array, lam: Array, y: Array, out: Ruled,
+    law: Law, sigma: Array, s: Array, margin: float, D: Array, rides: bool, drive: Array, lam: Array, y: Array,
+    out: Ruled,
 ) -> None:  # fmt: skip
     """Evaluate the law of sliding of all holds, into `out`."""
     for k in range(len(s)):
-        h = hold_at(D[k], c[k], directed[k], bare, rides, drive[k], lam[k], y[k])
-        rule_hold(law, k, sigma[k], h, s[k], out)
+        rule_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), s[k], out)
     rule_set(law, sigma, s, margin, out)
 
 

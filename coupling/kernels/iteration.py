@@ -35,18 +35,9 @@ from coupling.kernels.friction import (
     rule_hold,
     rule_set,
 )
-from coupling.kernels.holes import (
-    Hold,
-    effective_tangent,
-    force_on_tangent,
-    gap,
-    hold_at,
-    lacking_stiffness,
-    site_force,
-)
-from thread.compliance import LACKS
+from coupling.kernels.holes import Hold, gap, hold_at, site_force
 from thread.kernels import curve as on_curve
-from thread.kernels.curve import FIRST, Curve, Stretched, add_block, along_span, put
+from thread.kernels.curve import FIRST, Curve, Stretched, along_span, put
 from thread.kernels.loops import entry, loop, outermost, owning, sources
 from thread.kernels.travel import (
     Field,
@@ -64,9 +55,9 @@ from thread.kernels.travel import (
 )
 from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
-SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES, UNKNOWN = range(7)  # how one ends
+SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how one ends
 LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
-HOW, TOTAL, SETS, OF_SET, GOES_ON = range(5)  # in the numbers of a trail
+HOW, TOTAL, SETS, OF_SET = range(4)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
 
 
@@ -82,13 +73,12 @@ class Knots(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free`
-    (m, 9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
-    `spans` (m, 2) and its ends, `piece` (m, 2) [m]; what the spline lacks on each span for each hold, `lack`
-    (m, spans, 3 derivatives, 4, 7 powers); whether the constraints `stiffen` the thread's band; the `gaps` (t, 3) [m]
-    between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a thread whose knots
-    travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and `load` is without
-    the thread's weight."""
+    """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free` (m,
+    9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
+    `spans` (m, 2) and its ends, `piece` (m, 2) [m]; whether the constraints `stiffen` the thread's band; the `gaps` (t,
+    3) [m] between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a thread
+    whose knots travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and `load`
+    is without the thread's weight."""
 
     q_ref: Array
     load: Array
@@ -99,7 +89,6 @@ class Given(NamedTuple):
     directed: Flags
     spans: Indices
     piece: Array
-    lack: Array
     mass_factor: float
     stiffen: bool
     gaps: Array
@@ -141,22 +130,20 @@ class Unknowns(NamedTuple):
 
 
 class Trail(NamedTuple):
-    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (5,): HOW it ended, corrections
-    in TOTAL, SETS solved and corrections OF the SET that is not. Where it ended because it is UNKNOWN what the spline
-    lacks on a span that a hold came to, it GOES ON from there once its caller has learnt that, and says so."""
+    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (4,): HOW it ended, corrections
+    in TOTAL, SETS solved and corrections OF the SET that is not."""
 
     seen: Array
     made: Indices
 
 
 class Passing(NamedTuple):
-    """The thread at its holes, as `coupling.kernels.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4), `c`
-    (m, 3, 4), `first` (m,), `drive` (m,) [N], zero where knots stand still."""
+    """The thread at its holes, as `coupling.kernels.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4),
+    `first` (m,), `drive` (m,) [N], zero where knots stand still."""
 
     first: Indices
     b: Array
     D: Array
-    c: Array
     drive: Array
 
 
@@ -173,7 +160,6 @@ class Found(NamedTuple):
     first: Indices
     b: Array
     D: Array
-    c: Array
     T: Array
     K: Array
     T_axial: Array
@@ -212,7 +198,7 @@ def span_of(breaks: Array, s: float, low: int, high: int) -> int:
 
 @loop
 def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passing) -> None:
-    """Evaluate the thread at hold k, and what it lacks there."""
+    """Evaluate the thread at hold k."""
     s = z.s[k]
     span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
     x, p, first = s - knots.breaks[span], knots.polynomials[span], knots.first[span]
@@ -224,13 +210,6 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
         r.b[k, 3, i] = 6.0 * p[3, i]
     for order in range(4):
         put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
-    inside = given.piece[k, 0] < s < given.piece[k, 1]
-    for derivative in range(3):
-        for j in range(LACKS):
-            powers, c = given.lack[k, span, derivative, j], 0.0
-            for power in range(6, -1, -1):
-                c = c * x + powers[power]
-            r.c[k, derivative, j] = c if inside else 0.0
 
 
 @loop
@@ -244,36 +223,12 @@ def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Found | Passing) -> Non
         r.b[k, 2, i] = r.b[k, 3, i] = 0.0
     for order in range(4):
         put(along_span(r.b[k, order], q, first), r.D[k], order, FIRST)
-    for derivative in range(3):
-        for j in range(LACKS):
-            r.c[k, derivative, j] = 0.0
 
 
 @loop
-def lacks(c: Array) -> bool:
-    """Whether the spline lacks any compliance at the holds, `c` (m, 3, 4)."""
-    for k in range(len(c)):
-        for derivative in range(3):
-            for j in range(LACKS):
-                if c[k, derivative, j] != 0.0:
-                    return True
-    return False
-
-
-@loop
-def is_unknown(c: Array, s: Array) -> bool:
-    """Whether it is not known what the spline lacks at a hold, `c` (m, 3, 4), though the hold has a place."""
-    unknown = False
-    for k in range(len(s)):
-        unknown |= abs(s[k]) < LARGEST and not abs(c[k, 0, 0]) < LARGEST
-    return unknown
-
-
-@loop
-def hold_of(given: Given, z: Unknowns, r: Found, k: int, bare: bool) -> Hold:
+def hold_of(given: Given, z: Unknowns, r: Found, k: int) -> Hold:
     """Return hold k."""
-    drive = -r.ridden.by_s[k]
-    return hold_at(r.D[k], r.c[k], given.directed[k], bare, given.ride.on, drive, z.lam[k], z.y[k])
+    return hold_at(r.D[k], given.ride.on, -r.ridden.by_s[k], z.lam[k], z.y[k])
 
 
 @loop
@@ -290,8 +245,8 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
 
 
 @loop
-def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> tuple[float, bool]:
-    """Evaluate all residuals of a step; returns the largest force [N] and whether the spline lacks nothing."""
+def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> float:
+    """Evaluate all residuals of a step; returns the largest force [N]."""
     at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), len(z.s), given.ride
     clear_ridden(r.ridden)
     if ride.on:
@@ -313,18 +268,15 @@ def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r:
             pass_knot(ride, r.ridden.S, z.q, k, r)
         else:
             pass_hold(knots, given, z, k, r)
-    bare = not lacks(r.c)
-    for k in range(m):
-        h = hold_of(given, z, r, k, bare)
+        h, b = hold_of(given, z, r, k), r.b[k]
         scale = max(scale, abs(h.lam[0]), abs(h.lam[1]), abs(h.lam[2]))
-        couple, b = force_on_tangent(h), r.b[k]
         for i in range(4):
-            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], couple), r.push, r.first[k] + i, FIRST)
+            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], h.m), r.push, r.first[k] + i, FIRST)
         evaluate_hold(law, given, z, k, h, r)
     join_residuals(law, z.sigma, z.s, r.holds)
     subtract_push(r)
     site_residual(law.joints, given.C, given.y_free, given.gaps, z.y, r.f_y, r.site)
-    return scale, bare
+    return scale
 
 
 @loop
@@ -349,10 +301,10 @@ def subtract_push(r: Found) -> None:
 @loop
 def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found) -> None:
     """Evaluate the law of sliding, Φ and the force on the site of one hold."""
-    holds, T = r.holds[k], effective_tangent(h)
+    holds = r.holds[k]
     holds[0] = residual(law, k, z.sigma[k], h, z.s[k])
     holds[1], holds[2], holds[3] = gap(h)
-    holds[4], holds[5] = dot(T, h.u), dot(T, h.v)
+    holds[4], holds[5] = dot(h.T, h.u), dot(h.T, h.v)
     for j in range(5):
         if not given.rows[k, j]:
             holds[1 + j] = z.lam[k, j]
@@ -394,19 +346,19 @@ def are_holds_solved(
 
 
 @owning
-def border_of(law: Law, given: Given, z: Unknowns, r: Found, bare: bool) -> Border:
+def border_of(law: Law, given: Given, z: Unknowns, r: Found) -> Border:
     """Linearise the holds."""
     border = empty_border(len(z.s))
     for k in range(len(z.s)):
         for other in range(len(z.s)):
             border.S[k, other] = -r.ridden.by_ss[k, other]
-        linearise_hold(law, k, z.sigma[k], hold_of(given, z, r, k, bare), given.rows[k], border)
+        linearise_hold(law, k, z.sigma[k], hold_of(given, z, r, k), given.rows[k], border)
     return border
 
 
 @owning
-def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found, bare: bool) -> Array:
-    """Return the thread's own matrix as a block band: inertia, stiffness, and that of the axes at the holes."""
+def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Found) -> Array:
+    """Return the thread's own matrix as a block band: inertia and stiffness."""
     n = len(z.q)
     A = np.zeros((n + REACH, 3, 3 * (REACH + 1)))
     mass = r.ridden.mass if given.ride.on else knots.mass
@@ -415,12 +367,6 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
             for x in range(3):
                 A[i, x, 3 * k + x] = given.mass_factor * mass[i, k]
     on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), z.N, A)
-    for k in range(len(z.s)):
-        if not bare:
-            slope, turn = r.b[k, 1], lacking_stiffness(hold_of(given, z, r, k, bare))
-            for i in range(4):
-                for j in range(i, 4):
-                    add_block(A, r.first[k] + i, r.first[k] + j, -slope[i] * slope[j], turn)
     return A
 
 
@@ -586,24 +532,21 @@ def reach_in_strands(ride: Ride, spans: float, length: float, s: Array, reach: A
 @owning
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
-) -> tuple[int, float, bool]:
-    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and at the
-    last iterate, where the residual is, the largest force [N] and whether the spline lacks nothing."""
+) -> tuple[int, float]:
+    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and the
+    largest force [N] at the last iterate, where the residual is."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
     reach, lever = np.zeros(len(z.s) if bounds.spans > 0.0 else 0), np.ones(3)
     made = r.trail.made
     while True:
-        scale, bare = evaluate(curve, knots, law, given, z, r)
-        scale = max(scale, bounds.least)
-        if is_unknown(r.c, z.s):
-            return UNKNOWN, scale, bare
+        scale = max(evaluate(curve, knots, law, given, z, r), bounds.least)
         if made[OF_SET] == bounds.iterations:
-            return NOT_CONVERGED, scale, bare
+            return NOT_CONVERGED, scale
         if not scale < LARGEST:
-            return RAN_AWAY, scale, bare
+            return RAN_AWAY, scale
         if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded, z, r):
-            return SOLVED, scale, bare
-        A, border = thread_matrix(curve, knots, given, z, r, bare), border_of(law, given, z, r, bare)
+            return SOLVED, scale
+        A, border = thread_matrix(curve, knots, given, z, r), border_of(law, given, z, r)
         if given.stiffen:
             add_constraint_stiffness(A, border, given, r)
         hold_still(A, given.held)
@@ -614,7 +557,7 @@ def solve_set(
             reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
         ending = newton_direction(A, border, law, z.sigma, given, r, reach, dq, dz)
         if ending != SOLVED:
-            return ending, scale, bare
+            return ending, scale
         add_correction(bounds, knots.spacing, lever, given.ride, r.ridden.S, z, dq, dz)
         at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
         on_curve.next_axial_force(curve, at, dq, z.N)
@@ -637,13 +580,13 @@ def times_seen(seen: Array, count: int, sigma: Array) -> int:
 
 
 @owning
-def next_set(law: Law, given: Given, z: Unknowns, r: Found, bare: bool, margin: float, seen: Array, count: int) -> bool:
+def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen: Array, count: int) -> bool:
     """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
     are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
     m, first = len(z.s), -1
     out = empty_ruled(m)
     for k in range(m):
-        rule_hold(law, k, z.sigma[k], hold_of(given, z, r, k, bare), z.s[k], out)
+        rule_hold(law, k, z.sigma[k], hold_of(given, z, r, k), z.s[k], out)
     rule_set(law, z.sigma, z.s, margin, out)
     fitting = out.fits
     for k in range(m):
@@ -666,12 +609,11 @@ def solve_step(
     """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
     was not reached, and the largest force [N] at the last iterate, where the residual is."""
     (seen, made), scale = r.trail, 0.0
-    if not made[GOES_ON]:
-        for i in range(len(made)):
-            made[i] = 0
-        fit_sigma(law, z.sigma)
+    for i in range(len(made)):
+        made[i] = 0
+    fit_sigma(law, z.sigma)
     while made[SETS] < bounds.sets:
-        made[HOW], scale, bare = solve_set(curve, knots, law, given, bounds, z, r)
+        made[HOW], scale = solve_set(curve, knots, law, given, bounds, z, r)
         if made[HOW] != SOLVED:
             return -1, scale
         copy_into(z.sigma, seen[made[SETS]])
@@ -679,7 +621,7 @@ def solve_step(
         made[OF_SET] = 0
         often = times_seen(seen, made[SETS], z.sigma)
         margin = bounds.margin * (bounds.force * scale + bounds.rounded)
-        if not next_set(law, given, z, r, bare, margin, seen, made[SETS]):
+        if not next_set(law, given, z, r, margin, seen, made[SETS]):
             return made[TOTAL], scale
         if often > bounds.returns:
             break

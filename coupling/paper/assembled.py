@@ -1,14 +1,13 @@
 """The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
 
-    | A_t+H_qq   H_qU      H_qs   −Φ_qᵀ         |   dq
-    | H_Uq       A_o+H_UU H_Us   −YᵀΦ_yᵀ  −Gᵀ  |   dU
+    | A_t        H_qU      H_qs   −Φ_qᵀ         |   dq
+    | H_Uq       A_o       H_Us   −YᵀΦ_yᵀ  −Gᵀ  |   dU
     | H_sq       H_sU     H_ss   −Φ_sᵀ         |   ds       (signs of the row of s as in the law of sliding)
-    | Φ_q        Φ_y Y    Φ_s     c            |   dλ
+    | Φ_q        Φ_y Y     Φ_s                  |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
 Where pairs rub, the last row is the tangent of Coulomb's law (`coupling.joins.rubbing`), and G has the slips too.
-c, H_UU and a part of H_qq come from the compliance that the spline lacks at the holes
-(`coupling.kernels.constraints`). The places of ties stand behind U, without stiffness, and the rows of s of their
+The places of ties stand behind U, without stiffness, and the rows of s of their
 strands are joined (`coupling.ties`).
 
 The default solve condenses the organ instead (`coupling.step.newton`): the same algebra in another order, at the

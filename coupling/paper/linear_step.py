@@ -40,7 +40,7 @@ from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE, Border
 from coupling.kernels.bordered import PHI, S, SingularError, newton_direction, values_at_holds
-from coupling.kernels.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
+from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.step.configuration import Configuration
@@ -138,8 +138,8 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
     scheme, thread = BackwardEuler(dt), system.thread
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state))
     law = prescribed(problem.law, np.zeros(system.holds, dtype=bool), np.zeros(system.holds))
-    problem = replace(problem, law=law, layers=None)
-    points, at = thread.points(state.q, state.frame), bare_passage(thread.spline, state.q, state.s)
+    problem = replace(problem, law=law)
+    points, at = thread.points(state.q, state.frame), passage(thread.spline, state.q, state.s)
     tangent = thread.tangent(points, thread.EA * points.strain)
     guess = Iterate(
         q=with_ends(state.q + dt * state.v, system, problem.time),
@@ -162,14 +162,14 @@ def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evalua
 
 def phi_dot(system: System[Body], state: State[Body], at: Passage) -> Array:
     """Return Φ̇ at the start of a step, shape `(m, 5)` [m/s, 1/s]."""
-    rate = bare_passage(system.thread.spline, state.v, state.s)
+    rate = passage(system.thread.spline, state.v, state.s)
     return phi_rate(at, rate, state.y, state.s_dot, site_rates(system, state))
 
 
 def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Passage, guess: Iterate) -> Array:
     """Return Δt² Φ̈ at the guess, where s̈ = 0, shape `(m, 5)` [m, -]."""
     dt, spline, y_dot = problem.dt, problem.system.thread.spline, site_rates(problem.system, state)
-    rate, moved = (bare_passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
+    rate, moved = (passage(spline, x, state.s) for x in (state.v, guess.q - state.q - dt * state.v))
     linear = phi_rate(at, moved, state.y, np.zeros_like(state.s), guess.y - state.y - dt * y_dot)
     return linear + dt**2 * velocity_terms(at, rate, state.y, state.s_dot, y_dot)
 
@@ -324,7 +324,7 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
     )
     if system.thread.turns_too_far(state.frame, q):
         raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
-    at = bare_passage(system.thread.spline, q, s)
+    at = passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
     new = with_sense(system, state, new, at)
     iterate = Iterate(q, new.N, s, lam, state.y, new.sigma)

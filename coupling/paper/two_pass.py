@@ -26,7 +26,7 @@ from coupling.arrays import Array
 from coupling.errors import CouplingError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
-from coupling.kernels.constraints import bare_passage
+from coupling.kernels.constraints import passage
 from coupling.step.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
 from coupling.step.sliding import Law, prescribed, ruled
 from coupling.step.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
@@ -85,7 +85,7 @@ def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float)
     `CouplingError` for a law of friction of one's own."""
     if any(own is not None for own in law.own):
         raise CouplingError("friction: the two passes of §4.3 know Coulomb's law alone; solve it in one system")
-    T = bare_passage(system.thread.spline, state.q, state.s).T
+    T = passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot
     moves = law.rough & law.may_slide & (np.abs(V_t) * dt > STILL * system.thread.section.diameter)
     return Verdict(np.where(moves, -np.sign(V_t), 0.0), law.kinetic, np.zeros_like(V_t))

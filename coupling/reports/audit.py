@@ -17,7 +17,7 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
-from coupling.kernels.constraints import Passage, driving_force, held_energy, site_force, thread_force
+from coupling.kernels.constraints import Passage, driving_force, site_force, thread_force
 from coupling.kernels.iteration import Passing
 from coupling.kernels.steps import audit
 from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works
@@ -28,7 +28,6 @@ from coupling.step.tables import plain
 from coupling.system import State, System
 from thread.riding import potential_rates, put_on
 
-BORNE = 0.01  # of a compliance: with less of it left, a hole that stays in place is met under forces without measure
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 
 
@@ -36,11 +35,9 @@ NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 class Energies:
     """Energies at a time and works since the start, all [J].
 
-    `layer_work`: what the holes' compliance takes in as the tension that it is of is taken anew.
     `loan`: what the last step took only to give back, of which the next one may by BDF2 (`coupling.run.watch`).
     `prestretch`: `elastic_tissue` at the start where a prestretch stores it, what gapes having released its part.
-    `balance_error` = external work + layer work − change of kinetic and elastic energy − friction − viscous −
-    numerical.
+    `balance_error` = external work − change of kinetic and elastic energy − friction − viscous − numerical.
     """
 
     kinetic: float
@@ -51,7 +48,6 @@ class Energies:
     viscous_dissipation: float
     numerical_dissipation: float
     balance_error: float
-    layer_work: float = 0.0
     loan: float = 0.0
     prestretch: float = 0.0
 
@@ -92,10 +88,8 @@ def momentum_of(system: System[Body], v: Array) -> Array:
 
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
-    """Return the elastic energy of the thread, and of what it lacks in compliance at the holes [J]."""
-    at = system.passage_of(state)
-    held = float(held_energy(at, state.lam, state.y).sum())
-    return system.thread.energy(system.thread.points(state.q, state.frame)) + held
+    """Return the elastic energy of the thread [J]."""
+    return system.thread.energy(system.thread.points(state.q, state.frame))
 
 
 def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
@@ -168,7 +162,7 @@ def works_of(step: Step[Body]) -> Works:
     if two_step and not system.thread.travels:
         scheme = scheme_of(step.old, step.dt)
         a, at = float(scheme.a), plain(scheme.inertia_reference(*thread_motion(scheme, step.old)))
-    return Works(float(system.thread.damping), a, at, two_step, more, two_step or problem.stiffen, BORNE)
+    return Works(float(system.thread.damping), a, at, two_step, more)
 
 
 def holes_of(step: Step[Body]) -> Holes:
@@ -176,8 +170,6 @@ def holes_of(step: Step[Body]) -> Holes:
     problem, law = step.solution.problem, step.solution.problem.law
     system = problem.system
     return Holes(
-        rows=np.ascontiguousarray(problem.rows),
-        directed=np.ascontiguousarray(system.rows[:, 3]),
         rough=system.rough,
         by_hand=np.ascontiguousarray(law.by_hand),
         slides=law.may_slide & ~system.of_ties,
@@ -203,26 +195,19 @@ def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:
     q, v, s, s_dot, lam, y, sigma, reaction, f_y = map(
         plain, (state.q, state.v, state.s, state.s_dot, state.lam, y, state.sigma, state.reaction, f_y)
     )
-    return Motion(q, v, PLANE, s, s_dot, lam, y, sigma, NONE, reaction, NONE, NONE, f_y, NONE, NONE, NONE, NONE, NONE)
+    return Motion(q, v, PLANE, s, s_dot, lam, y, sigma, NONE, reaction, NONE, f_y, NONE, NONE, NONE, NONE, NONE)
 
 
 def met_by(step: Step[Body]) -> Met:
-    """Return the thread at the holes at both ends of a step, and what the spline would lack there by the √(EI/T) of the
-    other."""
-    old, problem = step.old, step.solution.problem
-    was, now = passing_of(problem.system.passage_of(old)), passing_of(step.solution.residual.passage)
-    mid, back, (one, other) = was.c[:, 0], now.c[:, 0], (old.layers, problem.layers)
-    alike = one is other or (one is not None and other is not None and np.array_equal(one, other))
-    if old.lam.any() and not alike:
-        lack = problem.system.thread.missing_compliance
-        mid, back = lack(old.s, None, other)[:, 0], lack(step.new.s, None, one)[:, 0]
-    return Met(was, now, plain(mid), plain(back))
+    """Return the thread at the holes at both ends of a step."""
+    was = step.solution.problem.system.passage_of(step.old)
+    return Met(passing_of(was), passing_of(step.solution.residual.passage))
 
 
 def passing_of(at: Passage) -> Passing:
     """Return the thread at its holes as the kernels want it."""
     drive = np.zeros(len(at.D)) if at.drive is None else at.drive
-    return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(at.c), plain(drive))
+    return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(drive))
 
 
 def body_of(step: Step[Body]) -> Array:

@@ -15,7 +15,6 @@ from coupling.kernels.constraints import (
     LOCAL,
     Passage,
     couple_on_thread,
-    phi,
     pressing_force,
     site_force,
     tangent,
@@ -127,7 +126,7 @@ def observe(
 def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple[PiercingObservation, ...]]:
     """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
     p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
-    _, t = tangent(at, lam, y)
+    t = tangent(at)
     normal = pressing_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
     strains, turns = strains_and_turns(np.tile(system.organ.y0, len(seen.s)), seen.y[:, :p].reshape(-1, 9))
     force, tangents = seen.lam[:, :, :3], seen.by_state(t)
@@ -173,13 +172,12 @@ def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple
 
 @dataclass(frozen=True)
 class Sight(Generic[Body]):
-    """What is seen of the thread in a `state`: its `piercings`, the largest `gap` and `residual` at its holes
-    (`largest_gap`, `largest_residual`) [m] and its largest axial `strain` [-]."""
+    """What is seen of the thread in a `state`: its `piercings`, the largest `gap` at its holes (`largest_gap`) [m] and
+    its largest axial `strain` [-]."""
 
     state: State[Body]
     piercings: tuple[PiercingObservation, ...]
     gap: float
-    residual: float
     strain: float
 
 
@@ -240,26 +238,15 @@ def broken_cones(system: System[Body], seen: Seen) -> Array:
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
-    """Return the largest |P(s) − x| of the drawn curve over the holes the thread is in [m]: what the spline lacks in
-    compliance there, and the residual."""
+    """Return the largest |P(s) − x| over the holes the thread is in [m]: what the solve leaves open of the
+    constraint."""
     at = at or system.passage_of(state)
-    return float(largest_at_holes(system, state.present, drawn_gaps(at, state.y)))
+    return float(largest_at_holes(system, state.present, gaps_at(at, state.y)))
 
 
-def largest_residual(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
-    """Return the largest |P̂ − x| over the holes the thread is in [m]: what the solve leaves open of the constraint."""
-    at = at or system.passage_of(state)
-    return float(largest_at_holes(system, state.present, open_gaps(at, state.lam, state.y)))
-
-
-def drawn_gaps(at: Passage, y: Array) -> Array:
-    """Return |P(s) − x| of the drawn curve at every hold, shape `(m,)` [m]."""
+def gaps_at(at: Passage, y: Array) -> Array:
+    """Return |P(s) − x| at every hold, shape `(m,)` [m]."""
     return np.asarray(np.linalg.norm(at.P - y[:, :3], axis=1))
-
-
-def open_gaps(at: Passage, lam: Array, y: Array) -> Array:
-    """Return |P̂ − x| at every hold, shape `(m,)` [m]."""
-    return np.asarray(np.linalg.norm(phi(at, lam, y)[:, :3], axis=1))
 
 
 def largest_at_holes(system: System[Body], present: Flags, sizes: Array) -> Array:
@@ -272,9 +259,8 @@ def look(
 ) -> list[Sight[Body]]:
     """Return what is seen of the thread in the `states`, with its largest axial `strains` (k,) [-];
     slip is measured from `s_begun` (m,) [m]."""
-    sizes = drawn_gaps(seen.at, seen.each_y), open_gaps(seen.at, seen.each_lam, seen.each_y)
-    gaps, residuals = (largest_at_holes(system, seen.present, seen.by_state(size)).tolist() for size in sizes)
-    each = states, observe_each(system, s_begun, seen), gaps, residuals, strains.tolist()
+    gaps = largest_at_holes(system, seen.present, seen.by_state(gaps_at(seen.at, seen.each_y))).tolist()
+    each = states, observe_each(system, s_begun, seen), gaps, strains.tolist()
     return [Sight(*one) for one in zip(*each, strict=True)]
 
 

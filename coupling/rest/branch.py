@@ -32,18 +32,17 @@ from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.kernels.bordered import PHI, S, SingularError, Y
 from coupling.rest.equilibrium import (
-    AT_REST,
     MOST_CORRECTIONS,
-    TENSIONS,
     equilibrium_state,
     guess,
     let_lie,
     load_steps,
     pair_lips,
+    settle_stretch,
     static_problem,
 )
 from coupling.step.newton import Iterate, Problem, Residual, allowed_share, direction, evaluate, moved, solve
-from coupling.step.stepping import Step, ask_organ, end_configuration, refuse_impossible, settle_layers, with_ends
+from coupling.step.stepping import Step, ask_organ, end_configuration, refuse_impossible, with_ends
 from coupling.system import State, System
 
 log = logging.getLogger(__name__)
@@ -113,7 +112,7 @@ class Branch(Generic[Body]):
             answer = organ.under(answer, self.duration, share)
         else:
             answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, share)
-        sets = {name: getattr(problem, name) for name in ("layers", "closed", "rubbing", "along")}
+        sets = {name: getattr(problem, name) for name in ("closed", "rubbing", "along")}
         there = replace(self.problem(share, answer), **sets)
         return there, replace(z, q=with_ends(z.q, self.system, there.time))
 
@@ -163,7 +162,7 @@ class Branch(Generic[Body]):
 
     def concluded(self, problem: Problem[Body], first: Iterate) -> Step[Body]:
         """Solve, and return the step that this makes. Raises `StepError`, `InversionError`."""
-        solution = let_lie(settle_layers(solve(problem, first), solve, AT_REST, TENSIONS))
+        solution = let_lie(settle_stretch(solve(problem, first), solve))
         solution = replace(solution, problem=replace(solution.problem, along=None))
         new = equilibrium_state(self.state, solution)
         end = end_configuration(new, solution)

@@ -52,12 +52,11 @@ from coupling.step.stepping import (
     reactions,
     release,
     riding,
-    settle_layers,
     tie_gaps,
     with_ends,
     with_sense,
 )
-from coupling.step.tension import layers_at, pull_at, stretches_at
+from coupling.step.tension import pull_at, stretches_at
 from coupling.system import State, System
 from tissue.errors import OrganError
 
@@ -67,8 +66,8 @@ WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened b
 GENTLEST = 1.5  # by which it is weakened at least: by less than WEAKER after failures
 AS_CANTILEVER = 3.516**2  # the first natural frequency of a clamped thread in bending, ω² = 3.516² EI/(ρA L⁴)
 AS_STRING = (0.5 * np.pi) ** 2  # and that of one that a force F draws taut, ω² = (π/2)² F/(ρA L²)
-AT_REST = 1.0 + 1e-6  # ratio of √(EI/T) at rest to that which the equilibrium was solved with
-TENSIONS = 20  # equilibria with another √(EI/T) at most
+AT_REST = 1e-6  # part by which 1 + T/EA at rest differs from that which the equilibrium was solved with
+TENSIONS = 20  # equilibria with another 1 + T/EA at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
@@ -114,7 +113,7 @@ def static_problem(
     loose = loose_points(system, state)
     load[loose] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
-    stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
+    stretch = stretches_at(system, state.s, state.N, state.present)
     return Problem(
         system=system,
         time=time,
@@ -127,7 +126,6 @@ def static_problem(
         law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began, stretch),
         stiffen=True,
         frame=state.frame,
-        layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
         fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
         weight=np.where(loose, 0.0, share),
@@ -183,7 +181,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
         return step
     try:
         aside = downhill(given_a_little(step.solution), z)
-        solution = let_lie(settle_layers(let_go(problem, aside), let_go, AT_REST, TENSIONS))
+        solution = let_lie(settle_stretch(let_go(problem, aside), let_go))
     except StepError as error:
         log.debug("the thread would not stay, and goes nowhere else: %s", error)
         return step
@@ -274,9 +272,25 @@ def find_loose(problem: Problem[Body], now: State[Body], state: State[Body], hol
 def find_rest(
     problem: Problem[Body], first: Iterate, find: Callable[[Problem[Body], Iterate], Solution[Body]]
 ) -> Solution[Body]:
-    """Find the equilibrium of a thread that nothing ties, under its own tension at its holes; `find` finds it under a
+    """Find the equilibrium of a thread that nothing ties, with its own stretch at its holes; `find` finds it with a
     given one. Raises `StepError`."""
-    return let_lie(settle_layers(corrected(find(problem, first)), let_go, AT_REST, TENSIONS))
+    return let_lie(settle_stretch(corrected(find(problem, first)), let_go))
+
+
+def settle_stretch(
+    solution: Solution[Body], solve_again: Callable[[Problem[Body], Iterate], Solution[Body]]
+) -> Solution[Body]:
+    """Solve again while the stretch 1 + T/EA by which friction goes is another at the end than the equilibrium was
+    solved with. Raises `StepError`."""
+    for _ in range(TENSIONS):
+        problem, z = solution.problem, solution.iterate
+        stretch = stretches_at(problem.system, z.s, z.N, problem.rows[:, 0])
+        change = np.max(np.abs(stretch / problem.law.stretch - 1.0), initial=0.0)
+        if problem.law.ideal or change <= AT_REST:
+            break
+        again = solve_again(replace(problem, law=replace(problem.law, stretch=stretch)), z)
+        solution = replace(again, iterations=solution.iterations + again.iterations)
+    return solution
 
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
@@ -386,8 +400,8 @@ def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
     the end, so that it is asked where they are not yet."""
     dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
-    pull = pull_at(problem.system.at(state), state.s, state.N, state.lam, problem.rows[:, 0])
-    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.T.max(initial=0.0)))
+    pull = pull_at(problem.system.at(state), state.s, state.N, problem.rows[:, 0])
+    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.max(initial=0.0)))
 
 
 def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
@@ -490,7 +504,6 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         sigma=z.sigma,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(old.frame, z.q),
-        layers=problem.layers,
         stretch=problem.law.stretch,
         solved=None,
         **riding(residual),

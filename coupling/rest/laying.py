@@ -79,7 +79,7 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
     span = (spline.end - spline.start) / (len(spline.breaks) - 1)
     cord = Cord(EA=axial / span**2, diameter=span)
     plain = replace(thread, bending=True, point_masses=(0.0, 0.0), twist=False, springs=None, coil=0.0)
-    return replace(plain, spline=spline, section=cord, hole_compliance=False)
+    return replace(plain, spline=spline, section=cord)
 
 
 def stretched(spline: Spline, by: float) -> Spline:

@@ -20,9 +20,8 @@ from coupling.kernels.steps.audit import BODY, TURNS, Motion
 from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.tautness import Strands
-from coupling.kernels.steps.tension import Along, Limits, Stages
+from coupling.kernels.steps.tension import Along
 from coupling.recent import Recent
-from coupling.reports.audit import BORNE
 from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
 from coupling.step import newton, tables
@@ -31,59 +30,17 @@ from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
 from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, plain, solver_for, tables_of
-from coupling.step.tension import along_of, limits_of
+from coupling.step.tension import along_of
 from coupling.system import State, System
-from thread.compliance import LACKS, POWERS, SLACK
 from thread.kernels.curve import Curve
 from thread.kernels.travel import Field
 from thread.placed import Placed
 from thread.spline import ORDERS
-from thread.thread import STAGES, Thread
+from thread.thread import Thread
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)
-FIRST_ROOM = 64  # stages on spans, of which a run asks for some at first
-
-
-class Lacking:
-    """What the spline of a thread lacks on its spans at stages of √(EI/T), as the loops have asked for it so far."""
-
-    def __init__(self, thread: Thread) -> None:
-        self._thread, spans = thread, np.diff(thread.spline.breaks)
-        self._base = last = 0
-        if thread.EI:
-            self._base = int(np.floor(STAGES * np.log2(np.sqrt(thread.EI / thread.EA))))
-            last = int(np.ceil(STAGES * np.log2(spans.max() / SLACK)))
-        self._slots = np.full((spans.size, max(last - self._base, 0) + 3), -1, np.int64)
-        self._known = np.empty((FIRST_ROOM, 3, LACKS, len(POWERS)))
-        self._count = 0
-
-    @property
-    def stages(self) -> Stages:
-        """What is known so far."""
-        return Stages(self._slots, self._known, self._base)
-
-    def learn(self, slot: int) -> bool:
-        """Learn what the loops asked for; whether there is such a stage."""
-        if slot < 0:
-            return False
-        span, stage = divmod(slot, self._slots.shape[1])
-        slack = stage == self._slots.shape[1] - 1
-        if self._count == len(self._known):
-            self._known = np.concatenate([self._known, np.empty_like(self._known)])
-        self._known[self._count] = self._thread.missing_at(span, None if slack else self._base + stage)
-        self._slots[span, stage] = self._count
-        self._count += 1
-        return True
-
-
-RECENT: Recent[Lacking] = Recent()
-
-
-def lacking_of(thread: Thread) -> Lacking:
-    """Return what the spline of a thread lacks, where it is among the last that were asked for that."""
-    return RECENT.of((thread,), lambda: Lacking(thread))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +90,11 @@ class Fixture:
     """
 
     tables: Tables
-    lacking: Lacking
     pace: Pace
     law: Law
     given: Given
     bounds: Bounds
     scene: Scene
-    limits: Limits
     room: Scratch
     nothing: Kept
     curve: Curve
@@ -188,13 +143,11 @@ def make_fixture(
     room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
     return Fixture(
         tables=tables,
-        lacking=lacking_of(system.thread),
         pace=pace_of(scheme),
         law=law,
         given=given,
         bounds=bounds,
         scene=scene_of(problem, state.present, with_own(strands_of(system, state, taut), "taut")),
-        limits=limits_of(system),
         room=room,
         nothing=room_to_keep(motion, 0),
         curve=curve,
@@ -232,15 +185,12 @@ class Course:
         arguments are those of `coupling.kernels.steps.march.march`."""
         self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
         given = self._fixture
-        while True:
-            self.made, why, missing = run_march(
-                given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
-                given.limits, given.lacking.stages, self._body.organ, Ends(*ends), self._now, self._earlier,
-                given.room, self.energies, self.iterations, self.made, self.kept, given.solver,
-            )  # fmt: skip
-            if why != march.TO_LEARN or not given.lacking.learn(missing):
-                self.happened = why == march.HAPPENED
-                return
+        self.made, why = run_march(
+            given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
+            self._body.organ, Ends(*ends), self._now, self._earlier, given.room, self.energies, self.iterations,
+            self.kept, given.solver,
+        )  # fmt: skip
+        self.happened = why == march.HAPPENED
 
     def now(self, time: float, before: State[Any] | None = None) -> State[Any]:
         """Return the state that the steps have come to, at a `time` [s], which remembers the one `before` it."""
@@ -270,7 +220,6 @@ class Course:
             present=self._like.present,
             sense=motion.sense,
             reaction=motion.reaction,
-            layers=motion.layers if self._fixture.limits.bends else None,
             stretch=motion.stretch,
             **riding_of(self._fixture.tables.thread, motion),
             before=before,
@@ -285,10 +234,10 @@ def is_ready() -> bool:
     return tables.is_kept(march.march, KEPT, march.__file__)
 
 
-def run_march(*given: object) -> tuple[int, int, int]:
+def run_march(*given: object) -> tuple[int, int]:
     """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
     with tables.telling(march.march, is_ready(), "steps made at once"):
-        return cast(tuple[int, int, int], march.march(*given))
+        return cast(tuple[int, int], march.march(*given))
 
 
 def over_holds(x: Array, holds: int) -> Array:
@@ -328,7 +277,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         create_bdf2=CREATED_BDF2,
         there=TRACE,
         turned=SHARE,
-        bearing=BORNE,
         strands=strands,
         fit=fit_of(thread),
     )
@@ -344,11 +292,10 @@ def riding_of(thread: Thread, motion: Motion) -> dict[str, Any]:
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:
     """Return copies of what a state has of thread and holds, with the motion of its organ."""
     names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
-    layers = np.full(len(state.s), np.inf) if state.layers is None else state.layers
     U, V, A, f_y, drift = body
     stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
     drive = np.zeros_like(state.s) if state.drive is None else state.drive
-    all_of = (*names, state.reaction, layers, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift], drive)
+    all_of = (*names, state.reaction, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift], drive)
     return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
 
 
@@ -361,13 +308,8 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         end=end,
         found=empty_found(z, points),
         was=empty_passing(m),
-        other=empty_passing(m),
         at=np.zeros_like(end.q),
-        mid=np.zeros((m, LACKS)),
-        back=np.zeros((m, LACKS)),
         T=np.zeros((m, 2)),
-        layers=np.zeros(m),
-        stretch=np.ones(m),
         going=Going(*np.zeros((3, len(end.U)))),
         turns=np.zeros(TURNS),
         body=np.zeros(BODY),
@@ -388,5 +330,4 @@ def room_to_keep(motion: Motion, steps: int) -> Kept:
 
 def empty_passing(*m: int) -> Passing:
     """Return room for the thread at the holes of an array of that shape."""
-    first, b, D, c = np.zeros(m, np.int64), *(np.zeros((*m, *of)) for of in ((ORDERS, ORDERS), (ORDERS, 3), (3, LACKS)))
-    return Passing(first, b, D, c, np.zeros(m))
+    return Passing(np.zeros(m, np.int64), np.zeros((*m, ORDERS, ORDERS)), np.zeros((*m, ORDERS, 3)), np.zeros(m))

@@ -22,7 +22,7 @@ from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES, first_sets
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import PHI, S, linearise, newton_direction
-from coupling.kernels.constraints import Passage, bare_passage, phi, site_force, spread, thread_force
+from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
 from coupling.kernels.friction import Joints
 from coupling.reports.audit import initial_energies
 from coupling.run.events import Event
@@ -188,7 +188,6 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
         rows=system.rows & state.present[:, None],
         law=law_of(system, state.s, others, system.epsilon * scheme.a, state.s, stretch=state.stretch),
         frame=state.frame,
-        layers=state.layers,
         gaps=tie_gaps(system, state, state.time),
         weight=0.0,
     )
@@ -205,7 +204,7 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
     if answer is None:
         return state, (0.0, 0.0, 0.0)
     this = np.arange(system.holds) == k
-    at, p = bare_passage(system.thread.spline, state.q, state.s), len(system.piercings)
+    at, p = passage(system.thread.spline, state.q, state.s), len(system.piercings)
     rates = np.zeros((system.holds, 6))
     rates[k, PHI] = np.where(system.rows[k], constraint_rate(system, state, at, answer.y_free)[k], 0.0)
     slides = np.where(this, system.may_slide, (state.sigma != 0.0) & ~system.of_ties)
@@ -223,7 +222,7 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
 
 def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot: Array) -> Array:
     """Return dΦ/dt of a thread that does not slide where the sites go with `y_dot` (9p,), shape `(m, 5)` [m/s, 1/s]."""
-    moving = bare_passage(system.thread.spline, state.v, state.s)
+    moving = passage(system.thread.spline, state.v, state.s)
     dy = all_holds(system, y_dot)
     dy[len(system.piercings) :] = 0.0
     out = phi(moving, np.zeros_like(state.lam), state.y)
@@ -240,4 +239,4 @@ def impact_border(system: System[Body], state: State[Body], at: Passage, slides:
         law_of(system, state.s, state.present, system.epsilon, state.s), rough=np.zeros(system.holds, dtype=bool)
     )
     rows = system.rows & state.present[:, None]
-    return linearise(law.table, slides.astype(np.float64), rows, at, none, state.y)[0]
+    return linearise(law.table, slides.astype(np.float64), rows, at, none, state.y)

@@ -131,9 +131,9 @@ def march_by_steps(
         before = [forgetful(state), *states[:-1]]
         states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
     first, kept = course.kept.at.first[:made].ravel(), course.kept.at
-    b, D, c = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D, kept.c))
+    b, D = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D))
     drive = kept.drive[:made].ravel() if system.thread.travels else None
-    at = Passage(first, b, D, c, np.tile(system.rows[:, 3], made), drive)
+    at = Passage(first, b, D, drive)
     q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
     seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
     booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
@@ -175,7 +175,7 @@ def step_between(system: System[Body], old: State[Body], new: State[Body], dt: f
     scheme = BackwardEuler(dt) if take is try_step else scheme_of(old, dt)
     problem = dynamic_problem(system, old, dt, organ_answer(system, scheme, old), scheme)
     law = problem.law if new.stretch is None else replace(problem.law, stretch=new.stretch)
-    problem = replace(problem, layers=new.layers, law=law)
+    problem = replace(problem, law=law)
     z = Iterate(new.q, new.N, new.s, new.lam, new.y, new.sigma)
     solution = Solution(problem, z, evaluate(problem, z), 0)
     return Step(old, new, dt, solution, solution.residual.configuration)
@@ -187,7 +187,6 @@ def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
     scheme = BackwardEuler(1.0)
     problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
     z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
-    problem = replace(problem, layers=state.layers)
     return Solution(problem, z, evaluate(problem, z), 0)
 
 

@@ -21,9 +21,8 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.errors import CouplingError, RestError
 from coupling.interfaces import Body
-from coupling.kernels.constraints import held_energy
 from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies, stored
-from coupling.reports.observation import PiercingObservation, Sight, largest_gap, largest_residual, look, observe
+from coupling.reports.observation import PiercingObservation, Sight, largest_gap, look, observe
 from coupling.rest.branch import reach
 from coupling.rest.equilibrium import refuse_unbalanced
 from coupling.run.cutting import Cut, cut_thread
@@ -98,13 +97,13 @@ class Run(Generic[Body]):
 
     @cached_property
     def sight(self) -> Sight[Body]:
-        """What is seen of the thread as it is now; the largest gap and residual are those of all steps `taken`."""
+        """What is seen of the thread as it is now; the largest gap is that of all steps `taken`."""
         if self.seen is not None and self.seen.state is self.state:
             return self.seen
         ends = [(step.solution.problem.system, step.new, step.end.at) for step in self.taken]
         ends = ends or [(self.system, self.state, self.configuration.at)]
-        gap, residual = (max(largest(*end) for end in ends) for largest in (largest_gap, largest_residual))
-        return Sight(self.state, self.piercings, gap, residual, float(np.max(self.configuration.points.strain)))
+        gap = max(largest_gap(*end) for end in ends)
+        return Sight(self.state, self.piercings, gap, float(np.max(self.configuration.points.strain)))
 
     @cached_property
     def ties(self) -> tuple[TieObservation, ...]:
@@ -425,8 +424,7 @@ def schedule_piercings(
     out = []
     for k, piercing in enumerate(system.piercings):
         if state.present[k] and is_due(piercing.ends, earlier, state.time, dt):
-            let_go = float(held_energy(system.at(state).passage_of(state), state.lam, state.y)[k])
-            out.append(Event(state.time, "ends", piercing.name, float(state.s[k]), loss=let_go))
+            out.append(Event(state.time, "ends", piercing.name, float(state.s[k])))
             state = release(state, np.arange(system.holds) == k)
     for k, piercing in enumerate(system.piercings):
         if not state.present[k] and is_due(piercing.begins, earlier, state.time, dt):

@@ -28,21 +28,19 @@ def evaluate_thread(
     s: Array,
     frame: Frame | None = None,
     home: Array | None = None,
-    layers: Array | None = None,
     drive: Array | None = None,
     ridden: Ridden | None = None,
 ) -> Configuration:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
 
     `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`,
-    `layers` (m,) [m] over what it bends there, `drive` (m,) [N] is −∂Π/∂s where knots travel, `ridden` that
-    and more.
+    `drive` (m,) [N] is −∂Π/∂s where knots travel, `ridden` that and more.
     """
     thread = system.thread.placed(s)
     points = thread.points(q, frame)
-    return Configuration(points, system.passage(q, s, home, layers, drive, ridden), thread.gradient(points), thread)
+    return Configuration(points, system.passage(q, s, home, drive, ridden), thread.gradient(points), thread)
 
 
 def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
     """Evaluate the thread of a state."""
-    return evaluate_thread(system, state.q, state.s, state.frame, layers=state.layers, drive=state.drive)
+    return evaluate_thread(system, state.q, state.s, state.frame, drive=state.drive)

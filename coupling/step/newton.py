@@ -37,7 +37,7 @@ from coupling.joins.contact import (
 )
 from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
-from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction, own_stiffness
+from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
 from coupling.kernels.iteration import holds_solved, share, share_between, strand_reach
 from coupling.step.configuration import Configuration, evaluate_thread
@@ -76,18 +76,16 @@ NO_GAPS = np.zeros((0, 3))
 class Problem(Generic[Body]):
     """One step, ready to be solved.
 
-    `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is
-    mass_factor·M (q − q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in
-    force; `stiffen`: add the constraints' own stiffness to the thread's band, needed where there is no inertia (an
-    exact row operation); `frame`, that of the start of the step, of a thread with twist; `layers` (m,) [m], √(EI/T)
-    that the thread bends over at its holes, None without tension; `closed` (k,), the pairs of lips that are held
+    `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is mass_factor·M (q −
+    q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in force; `stiffen`: add
+    the constraints' own stiffness to the thread's band, needed where there is no inertia (an exact row operation);
+    `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of lips that are held
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
-    all of it or on each control point (n,), which is then no part of `load`;
-    `by_turns`: a correction turns no tangent by more than LARGEST_TURN (`coupling.step.continuation.solve_held`);
-    `along` makes a correction where the loads are unknown too, and returns the problem under others with it, None
-    where they are given (`coupling.rest.branch`).
+    all of it or on each control point (n,), which is then no part of `load`; `by_turns`: a correction turns no tangent
+    by more than LARGEST_TURN (`coupling.step.continuation.solve_held`); `along` makes a correction where the loads are
+    unknown too, and returns the problem under others with it, None where they are given (`coupling.rest.branch`).
     """
 
     system: System[Body]
@@ -101,7 +99,6 @@ class Problem(Generic[Body]):
     law: Law
     stiffen: bool = False
     frame: Frame | None = None
-    layers: Array | None = None
     closed: Flags = field(default_factory=lambda: NO_PAIRS)
     rubbing: Rubbing = field(default_factory=Rubbing)
     gaps: Array = field(default_factory=lambda: NO_GAPS)
@@ -253,7 +250,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
         inertia, ridden = ride(thread.placed(z.s), problem.ride, problem.fields_read, problem.mass_factor, z.q, z.N)
     elif problem.mass_factor:
         inertia = problem.mass_factor * thread.momentum(z.q - problem.q_ref)
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, ridden=ridden)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, ridden=ridden)
     at, elastic = now.at, now.elastic
     balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
     balance[:, :3] -= push
@@ -341,19 +338,13 @@ def rounded_places(problem: Problem[Body]) -> Array:
     return np.asarray(rounded_force(problem) * by_force.max(axis=(2, 3), initial=0.0))
 
 
-def linearised(problem: Problem[Body], z: Iterate, at: Passage) -> tuple[Border, Array]:
-    """Linearise the holds: the border, with the rows of constraints that are not in force replaced by λ = 0, and the
-    stiffness (m, 3, 3) [N m] of the thread's own axis at them."""
+def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
+    """Linearise the holds, with the rows of constraints that are not in force replaced by λ = 0."""
     law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
     table = law.table
     if law.has_own:
         table = with_own_laws(law, pressing_force(at, z.lam, z.y, law.per_channel))
     return linearise(table, sigma, problem.rows, at, z.lam, z.y)
-
-
-def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
-    """Linearise the holds, as `linearised` does, without the stiffness of the thread's own axis."""
-    return linearised(problem, z, at)[0]
 
 
 def add_constraint_stiffness(
@@ -384,22 +375,19 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
     )
 
 
-def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual, own: Array | None = None) -> Array:
-    """Return the thread's own matrix, banded: inertia, stiffness, and that of its own axis at the holes, `own`
-    (m, 3, 3) [N m], None if it is to be evaluated here (`coupling.kernels.holes.lacking_stiffness`)."""
-    at, thread = r.passage, r.configuration.thread
+def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """Return the thread's own matrix, banded: inertia and stiffness."""
+    thread = r.configuration.thread
     A = thread.tangent(r.points, z.N)
     A += problem.mass_factor * thread.mass_band if thread.travels else problem.inertia
-    if not at.bare:
-        A += thread.band_at(at.first, own_stiffness(at, linearised(problem, z, at)[1] if own is None else own))
     return A
 
 
 def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> tuple[Array, Array]:
     """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
     `coupling.kernels.bordered.newton_direction`. Raises `SingularError`."""
-    border, own = linearised(problem, z, r.passage)
-    A, r_q = thread_matrix(problem, z, r, own), r.thread
+    border = border_of(problem, z, r.passage)
+    A, r_q = thread_matrix(problem, z, r), r.thread
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)

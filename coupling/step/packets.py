@@ -82,7 +82,7 @@ def bends_of_curve(system: System[Body], q: Array) -> Bends:
 
 def bent_over(system: System[Body], state: State[Body]) -> Array:
     """Return √(EI/T) of every hold, shape `(m,)` [m]."""
-    return lengths_bent_over(system, state.s, state.N, state.lam, state.present)
+    return lengths_bent_over(system, state.s, state.N, state.present)
 
 
 def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[float] = ()) -> Travel:

@@ -1,6 +1,6 @@
 """The law of sliding at a hole: the one scalar equation per piercing that fixes its abscissa.
 
-With t = T̂/|T̂| the tangent of the thread as it is met, f = Φ_sᵀλ/|T̂| the driving force along the thread and N the force
+With t = T/|T| the tangent of the thread, f = Φ_sᵀλ/|T| the driving force along the thread and N the force
 that presses it on the hole:
 
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
@@ -16,12 +16,12 @@ the one and −m/ℓ_c at the other, so
     N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|
 
 which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
-v_t = −|T̂| ds/dt, so friction dissipates (F₀ + μ_k N)|T̂||ds/dt|.
+v_t = −|T| ds/dt, so friction dissipates (F₀ + μ_k N)|T||ds/dt|.
 
 Φ_sᵀλ is what changes over the hole of the force conjugate to s, T + T²/2EA of a strand under the tension T: the
-difference of the tensions times 1 + T̄/EA, T̄ their mean, and that is |T̂| of a thread that is resolved. On spans longer
-than √(EI/T) the spline rounds the corner at a direction that is imposed, and |T| is less there: |T̂| of such a hole is
-that of the tensions of its strands at the start of the step, at rest at the end (`coupling.step.tension.stretches_at`).
+difference of the tensions times 1 + T̄/EA, T̄ their mean. Where knots travel, which leave a corner at a hole that is
+smaller than the spans beside it, that is in the place of |T|, of the tensions at the start of the step, at rest at the
+end (`coupling.step.tension.stretches_at`).
 
 Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
 
@@ -57,8 +57,8 @@ class Law:
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
     `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
     ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
-    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], |T̂| of
-    the holds that impose a direction where the spline lacks compliance; `strands` (t, 2) of ties
+    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], in the
+    place of |T| where knots travel; `strands` (t, 2) of ties
     in force; `loops` (k, 2), first and last hole of those that slide in them as one; `by_hand` (m,), where hands draw;
     `own`, the law of one's own of each hold, None or empty where there is none; `factor`, by which all friction is
     multiplied; `tie_compliance` [m/N] of the thread, by which the balance of a tie becomes a length.

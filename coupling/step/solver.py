@@ -112,5 +112,5 @@ def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
     run that goes on from there evaluates it, to the same bits."""
     z, found = ended.z, ended.found
     drive = -found.ridden.by_s if problem.system.thread.travels else None
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, problem.layers, drive)
+    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, drive)
     return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, ended.force_scale)

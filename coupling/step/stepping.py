@@ -14,7 +14,7 @@ from coupling.errors import InversionError, LentError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.joins.contact import first_sets
-from coupling.kernels.constraints import Passage, bare_passage
+from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.continuation import solve_downhill, solve_held
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
@@ -23,7 +23,7 @@ from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.step.sliding import law_of
 from coupling.step.solver import solve
 from coupling.step.stability import go_aside
-from coupling.step.tension import PASSES, SETTLED, change_of, layers_at, stretches_at
+from coupling.step.tension import stretches_at
 from coupling.system import State, System, forgetful, solved_curve
 from coupling.ties import gap_left
 from thread.placed import Placed
@@ -191,10 +191,9 @@ def problem_of(
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
             state.time,
-            stretches_at(system, state.s, state.N, state.lam, state.present),
+            stretches_at(system, state.s, state.N, state.present),
         ),
         frame=state.frame,
-        layers=layers_at(system, state.s, state.N, state.lam, state.present),
         gaps=tie_gaps(system, state, time),
     )
 
@@ -225,8 +224,8 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    solution = find_settled(problem, predict(problem, state))
-    return conclude(state, scheme, go_aside(solution, find_settled))
+    solution = find_solution(problem, predict(problem, state))
+    return conclude(state, scheme, go_aside(solution, find_solution))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -248,7 +247,6 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         sense=state.sense,
         reaction=reactions(system, residual.thread, problem.load),
         frame=system.thread.transport_frame(state.frame, z.q),
-        layers=problem.layers,
         stretch=problem.law.stretch,
         **riding(residual),
     )
@@ -301,39 +299,6 @@ def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
     return downhill(problem, guess)
 
 
-def find_settled(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
-    """Solve a step as `find_solution` does, with the tension that it ends with. Raises `StepError`."""
-    return settle_layers(find_solution(problem, guess))
-
-
-def settle_layers(
-    solution: Solution[Body],
-    solve_again: Callable[[Problem[Body], Iterate], Solution[Body]] = find_solution,
-    ratio: float = SETTLED,
-    passes: int = PASSES,
-) -> Solution[Body]:
-    """Solve again with the tension of the end while √(EI/T) there, or at rest the stretch by which friction goes, is
-    another than it was solved with by more than the `ratio`: a thread that is drawn taut bends at its holes as a taut
-    one. Raises `StepError`."""
-    for _ in range(passes):
-        problem, z = solution.problem, solution.iterate
-        system, here = problem.system, problem.rows[:, 0]
-        now = system, z.s, z.N, z.lam, here
-        ended, stretch = layers_at(*now), stretches_at(*now)
-        alike = not problem.stiffen or problem.law.ideal or rises_by(problem.law.stretch, stretch) <= ratio
-        if alike and change_of(system, z.s, here, (problem.layers, ended)) <= ratio:
-            break
-        taut = replace(problem, layers=ended, law=replace(problem.law, stretch=stretch))
-        again = solve_again(taut, z)
-        solution = replace(again, iterations=solution.iterations + again.iterations)
-    return solution
-
-
-def rises_by(one: Array, other: Array) -> float:
-    """Return the largest ratio, of 1 or more, between positive numbers and others."""
-    return float(np.exp(np.max(np.abs(np.log(other / one)), initial=0.0)))
-
-
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
     """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
     reaction where an end is held, else its load."""
@@ -351,13 +316,12 @@ def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Pas
     tangent reversed in a directed hole.
 
     T·(u × v) may change its sign although the thread does not jump: a linear organ under a couple shrinks its frame by
-    the cosine of the turn, to nothing at 90° and through itself beyond, and on long spans the drawn tangent leaves the
-    direction by what the spline lacks.
+    the cosine of the turn, to nothing at 90° and through itself beyond.
     """
     now = np.where(new.present, sense(at, new.y), new.sense)
     turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
     if turned.any():
-        flipped = turned & (dot(at.T, bare_passage(system.at(old).thread.spline, old.q, old.s).T) < 0.0)
+        flipped = turned & (dot(at.T, passage(system.at(old).thread.spline, old.q, old.s).T) < 0.0)
         if flipped.any():
             names = [p.name for p in system.piercings] + ["clamped end"] * len(system.clamps)
             raise InversionError(old.time, names[int(np.argmax(flipped))])
@@ -535,7 +499,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        solution = go_aside(settle_layers(solve(problem, predict(problem, state))), find_settled)
+        solution = go_aside(solve(problem, predict(problem, state)), find_solution)
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)

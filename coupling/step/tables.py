@@ -19,7 +19,6 @@ from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unkno
 from coupling.recent import Recent
 from coupling.step import newton
 from coupling.step.newton import Iterate, Problem
-from thread.compliance import LACKS, POWERS
 from thread.energies.continuous import Continuous
 from thread.kernels.curve import Curve
 from thread.kernels.loops import files_of
@@ -54,27 +53,6 @@ class Tables:
         mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
         places = plain(spline.breaks), self.curve.first, plain(spline.spacing)
         return Knots(*places, plain(spline.polynomials), plain(mass))
-
-
-def empty_lack(thread: Thread, holds: int) -> Array:
-    """Return room for what the spline lacks on each span for each hold: no number until a hole comes there."""
-    shape = (holds, len(thread.spline.first), 3, LACKS, len(POWERS))
-    if thread.EI == 0.0 or not thread.hole_compliance:
-        return np.zeros(shape)
-    lack = np.empty(shape)
-    lack[:, :, 0, 0, 0] = np.nan
-    return lack
-
-
-def learn(lack: Array, problem: Problem, s: Array) -> bool:
-    """Learn what the spline lacks on the spans that hold the abscissae `s` (m,) [m]; whether there was anything to
-    learn."""
-    thread, layers = problem.system.thread, problem.layers
-    spans = enumerate(thread.spline.spans_of(s).tolist())
-    unknown = [(hold, span) for hold, span in spans if np.isnan(lack[hold, span, 0, 0, 0])]
-    for hold, span in unknown:
-        lack[hold, span] = thread.missing_on(span, np.inf if layers is None else float(layers[hold]))
-    return bool(unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +94,6 @@ def given_of(problem: Problem) -> Given:
         plain_flags(system.rows[:, 3]),
         spans,
         piece,
-        empty_lack(system.thread, system.holds),
         float(problem.mass_factor),
         problem.stiffen,
         plain(problem.gaps),
@@ -173,13 +150,12 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         first=np.empty(m, np.int64),
         b=np.empty((m, ORDERS, ORDERS)),
         D=np.empty((m, ORDERS, 3)),
-        c=np.empty((m, 3, LACKS)),
         T=np.empty((spans, points, 3)),
         K=np.empty((spans, points, 3)),
         T_axial=np.empty((spans, axial, 3)),
         T_edge=np.empty((spans, 2, 3)),
         strain=np.empty((spans, axial)),
-        trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(5, np.int64)),
+        trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(4, np.int64)),
         ridden=Ridden(np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4))),
     )
 
@@ -244,17 +220,12 @@ def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
 
 
 def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
-    """Run the loops from an iterate. Where a hold comes to a span of which it is not known what the spline lacks there,
-    that is learnt, and they go on."""
+    """Run the loops from an iterate."""
     given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem, spans, patience)
-    learn(given.lack, problem, start.s)
     arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
     z = Iterate(*arrays)
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
     made = found.trail.made
     curve = tables.curve if not given.ride.on else own_curve(tables.curve)
-    while True:
-        _, scale = run_loops(curve, tables.knots, law, given, bounds, unknowns, found)
-        if made[iteration.HOW] != iteration.UNKNOWN or not learn(given.lack, problem, z.s):
-            return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
-        made[iteration.GOES_ON] = 1
+    _, scale = run_loops(curve, tables.knots, law, given, bounds, unknowns, found)
+    return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)

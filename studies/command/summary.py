@@ -32,8 +32,8 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
         lines += [
-            f"thread     off its holes by {summary['constraint_max']:.2e} m at most (residual "
-            f"{summary['constraint_residual']:.0e} m), strained by {_strain(summary)} at most"
+            f"thread     off its holes by {summary['constraint_max']:.0e} m at most, strained by {_strain(summary)} "
+            "at most"
         ]
     return lines
 
@@ -65,7 +65,6 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
         "friction": "friction_dissipation",
         "viscous": "viscous_dissipation",
         "numerical": "numerical_dissipation",
-        "layer": "layer_work",
         "balance": "balance_error",
     }
     terms = [f"{short} {energy[name]:.3g}" for short, name in names.items()]

@@ -25,7 +25,7 @@ from coupling.kernels.steps.audit import REMAINDER
 from coupling.paper import staggered
 from coupling.paper.linear_step import linear_step
 from coupling.reports.audit import Energies, turned_over
-from coupling.reports.observation import largest_residual
+from coupling.reports.observation import largest_gap
 from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
@@ -182,7 +182,7 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
         step = now.taken[-1]
         created += way.created(system, met, step)
         met = step.solution.iterate.y
-        drift = max(drift, largest_residual(system, now.state, now.configuration.at))
+        drift = max(drift, largest_gap(system, now.state, now.configuration.at))
         moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
         work += hand_work(before, now.energies)
         solves += now.iterations

@@ -266,16 +266,9 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
         lambda energy: energy.numerical_dissipation,
     ),
     Column(
-        "layer_work",
-        "J",
-        "put into `elastic_thread` at holes on spans longer than ½√(EI/T) as the tension T grows since the start; "
-        "negative: taken out as it falls",
-        lambda energy: energy.layer_work,
-    ),
-    Column(
         "balance_error",
         "J",
-        "external and layer work less the three dissipations and the change of kinetic and elastic energy: round-off",
+        "external work less the three dissipations and the change of kinetic and elastic energy: round-off",
         lambda energy: energy.balance_error,
     ),
 )
@@ -329,14 +322,8 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column(
         "constraint_max",
         "m",
-        "largest distance between a hole and the drawn thread in it",
+        "largest distance between a hole and the thread in it, which the solve leaves open",
         lambda step: step.constraint_max,
-    ),
-    Column(
-        "constraint_residual",
-        "m",
-        "what the solve leaves open of that distance, beside what the spline lacks in compliance",
-        lambda step: step.constraint_residual,
     ),
     MAX_STRAIN,
     Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
@@ -669,14 +656,8 @@ RUN: tuple[Column[RunRecord], ...] = (
     Column(
         "constraint_max",
         "m",
-        "largest distance between a hole and the drawn thread in it, over all steps",
+        "largest distance between a hole and the thread in it, which the solve leaves open, over all steps",
         lambda run: run.constraint_max,
-    ),
-    Column(
-        "constraint_residual",
-        "m",
-        "what the solve left open of that distance at most, beside what the spline lacks in compliance",
-        lambda run: run.constraint_residual,
     ),
     Column(
         "seconds_per_step",

@@ -174,15 +174,13 @@ class StepRecord:
     piercings: tuple[PiercingRecord, ...]
     energy: EnergyRecord
     newton_iterations: int  # of this step
-    constraint_max: float  # largest |P(s) - x| of the drawn thread [m]
-    constraint_residual: float  # what the solve leaves open of it, without what the spline lacks in compliance [m]
+    constraint_max: float  # largest |P(s) - x| of the thread at its holes [m]
     start_reaction: Array  # (3,) force of the holder on the thread [N]
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
     slide_speed: float  # largest speed of the thread in a hole [m/s]
     spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
     apart: Callable[[], float]  # makes `spans_between`, likewise
-    unsettled: Callable[[], float]  # makes `unsettled_layers`, likewise
     stays: Callable[[], bool]  # makes `would_stay`, likewise
     seconds: float  # wall-clock time of this step, compiling its loops left out [s]
     fallen: float | None = None  # of the loads along a branch that was followed [s of their clock], None without one
@@ -210,12 +208,6 @@ class StepRecord:
         return number if np.isfinite(number) else None
 
     @property
-    def unsettled_layers(self) -> float:
-        """Part by which the length that the thread bends over at a hole differs from that which it was solved with
-        [-]."""
-        return self.unsettled()
-
-    @property
     def would_stay(self) -> bool:
         """Whether the thread resists every motion of its own from an equilibrium."""
         return self.stays()
@@ -235,7 +227,6 @@ class RunRecord:
     last: StepRecord | None  # None where it did not get as far as its start
     newton_iterations: int  # of all steps
     constraint_max: float  # over all steps [m]
-    constraint_residual: float  # over all steps [m]
     seconds: float  # wall-clock time of all steps, compiling their loops left out [s]
     tissue_dofs: int
 
@@ -261,7 +252,6 @@ class Extremes:
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
     created: float = 0.0  # by the steps in time [J]
-    layered: float = 0.0  # by another tension at the holes, of either sign [J]
     strain: float = 0.0  # of the organ's cells [-]
     rotation: float = 0.0  # [rad]
     strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
@@ -289,7 +279,6 @@ class Extremes:
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
             created=max(self.created, -energy.numerical_dissipation),
-            layered=max(self.layered, abs(energy.layer_work)),
             branches=self.branches + (step.fallen is not None),
             fallen=max(self.fallen, step.fallen or 0.0),
             residual=self.residual if step.krylov is None else max(self.residual, step.krylov.residual),

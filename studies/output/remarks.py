@@ -24,8 +24,6 @@ OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that beg
 CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
 DISSIPATED = 0.05  # of a run's energy
 OUTDONE = 1.0  # of what friction took: beyond, the steps had more to do with where a thread that slid came to stay
-LAYERED = 0.05  # of a run's energy: as much as the steps may take
-UNSETTLED = 0.01  # of √(EI/T): ten passes leave 1e-6 of it, and a hole's forces go with it by a part
 FALLEN = 1e-6  # of the loads: round-off is less
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SWUNG = 0.01  # of the largest force
@@ -187,7 +185,7 @@ KINDS = (
         "spans-between",
         "unsupported",
         "`thread.spans_between` below 2 at the end",
-        "what the spline lacks in compliance is that of a hole alone; of two so near it is off by several per cent",
+        "on so few spans the thread does not bend between them as it would",
     ),
     Kind(
         "energy-created",
@@ -202,13 +200,6 @@ KINDS = (
         "(`forces-swing`); or above what friction took, where a thread slid through a hole by more than its diameter",
         "what moves has been damped by the steps in time, and friction keeps what the way there did, and how far a "
         "thread slid; what has come to rest without it does not know how",
-    ),
-    Kind(
-        "layer-energy",
-        "unsupported",
-        f"`layer_work` beyond {LAYERED:.0%} of the run's energy, of either sign, at any time",
-        "on spans as long as that the length on which the thread turns at a hole is left out, so no one's work is this "
-        "energy",
     ),
     Kind(
         "slides-freely",
@@ -243,13 +234,6 @@ KINDS = (
         f"on a branch that was followed by arc length the loads fell by more than {FALLEN:g} of the full loads",
         "beyond a limit point the branch goes on under less load: under loads that only rise, thread or tissue jump "
         "there, and may come to rest on another branch",
-    ),
-    Kind(
-        "bending-length",
-        "unsupported",
-        f"at the end of a run at rest, √(EI/T) at a hole more than {UNSETTLED:.0%} from that which it was solved with",
-        "the equilibrium is solved again with the tension that it ends with until both agree, twenty times at most; "
-        "here they did not, and the thread bends at the hole as under another tension",
     ),
     Kind(
         "not-at-rest",

@@ -48,7 +48,6 @@ class Tally:
         counters = memory or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
         self._constraint_max = float(counters.get("constraint_max", 0.0))
-        self._constraint_residual = float(counters.get("constraint_residual", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
         self._whole_from = int(counters.get("whole_from", NEVER))
         self._extremes = nothing_met(len(self._names))
@@ -62,7 +61,6 @@ class Tally:
         """Add a step that was taken."""
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
-        self._constraint_residual = max(self._constraint_residual, step.constraint_residual)
         self._seconds += step.seconds if step.step else 0.0
         if self._whole_from == NEVER and step.krylov is not None and not step.krylov.vectors:
             self._whole_from = step.step
@@ -82,7 +80,6 @@ class Tally:
         counters = {
             "newton_iterations": np.array(self._newton_iterations),
             "constraint_max": np.array(self._constraint_max),
-            "constraint_residual": np.array(self._constraint_residual),
             "seconds": np.array(self._seconds),
             "whole_from": np.array(self._whole_from),
         }
@@ -97,7 +94,7 @@ class Tally:
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Make the contents of ``summary.json`` as of the last step, all but where it comes from."""
         step = self.last_step
-        totals = self._newton_iterations, self._constraint_max, self._constraint_residual, self._seconds
+        totals = self._newton_iterations, self._constraint_max, self._seconds
         head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
         said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self._has_organ:

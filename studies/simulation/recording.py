@@ -11,7 +11,6 @@ from coupling.joins.contact import ContactObservation, observe_contact
 from coupling.reports.observation import PiercingObservation, span_ratio, spans_between
 from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
-from coupling.step.tension import unsettled_layers
 from coupling.system import State, System
 from studies.arrays import Array
 from studies.output.fields import ThreadRecord
@@ -43,7 +42,6 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         energy=now.energies,
         newton_iterations=now.iterations,
         constraint_max=seen.gap,
-        constraint_residual=seen.residual,
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=end_torques(state) if system.thread.twist else None,
@@ -51,7 +49,6 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
-        unsettled=partial(unsettled_after, now),
         stays=partial(would_stay_after, now),
         seconds=seconds,
         fallen=now.fallen,
@@ -65,13 +62,6 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         profile=partial(gap_profile, now, open_lips),
         kept=partial(memory_of, now),
     )
-
-
-def unsettled_after(now: OrganRun) -> float:
-    """Return by how much of it the length that the thread bends over at a hole differs from that which the last step
-    was solved with [-]."""
-    solved = [(step.solution.problem.system, step.new) for step in now.taken[-1:]]
-    return unsettled_layers(*(solved[0] if solved else (now.system, now.state)))
 
 
 def would_stay_after(now: OrganRun) -> bool:

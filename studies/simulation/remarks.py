@@ -35,7 +35,6 @@ from studies.output.remarks import (
     FALLEN,
     IN_TISSUE,
     KINKED,
-    LAYERED,
     MOVED,
     NEAR,
     OFF_PATH,
@@ -52,7 +51,6 @@ from studies.output.remarks import (
     STIFF,
     SWUNG,
     THREAD_STRAIN,
-    UNSETTLED,
     UNSURE,
     Remark,
     remark,
@@ -210,7 +208,6 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
         *assumed_channels(scenario.piercing, step.piercings),
         *coarse_spans(step.span_ratio),
         *few_spans(step.spans_between),
-        *([] if dynamic else unsettled_bending(step.unsettled_layers)),
         *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
         *followed(extremes.branches),
         *past_limit(extremes.fallen / scenario.solve.duration),
@@ -435,19 +432,6 @@ def few_spans(number: float | None) -> list[Remark]:
     return [remark("spans-between", "thread.control_points", text)]
 
 
-def unsettled_bending(part: float) -> list[Remark]:
-    """Judge whether an equilibrium has the bending length at its holes that it was solved with; `part` is a step's
-    `unsettled_layers`."""
-    if part <= UNSETTLED:
-        return []
-    text = (
-        f"the length √(EI/T) that the thread bends over at a hole is {part:.2g} of itself from that which the "
-        f"equilibrium was solved with, and did not settle to {UNSETTLED:g}; raise thread.control_points or "
-        "solve.load_steps"
-    )
-    return [remark("bending-length", "thread.control_points", text)]
-
-
 def followed(branches: float) -> list[Remark]:
     """Judge in how many load steps an equilibrium was followed along its branch by arc length."""
     if branches < 1.0:
@@ -525,16 +509,6 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
                 f"the steps in time dissipated {numerical:.2g} J, and friction {energy.friction_dissipation:.2g} J: "
                 "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt, or "
                 "with a solve.tolerance, by which what moves fast is followed in parts of a step",
-            )
-        )
-    if extremes.layered > LAYERED * scale:
-        out.append(
-            remark(
-                "layer-energy",
-                "thread.control_points",
-                f"a new tension put {extremes.layered:.2g} J into the thread at its holes or took it out, "
-                f"{extremes.layered / scale:.0%} of the run's energy ({scale:.2g} J): spans there are too long for the "
-                'length on which it turns; leave out thread.knots = "fixed", or raise thread.control_points',
             )
         )
     return out

@@ -65,7 +65,7 @@ GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 def bare_hairpin(*args: Any, **options: Any) -> System:
     """The hairpin's system on a spline as it is: the linear step knows no missing compliance."""
     system = hairpin_system(*args, **options)
-    return replace(system, thread=replace(system.thread, hole_compliance=False))
+    return replace(system, thread=replace(system.thread))
 
 
 def drawn(way: float = 2e-3, time: float = 0.04) -> tuple[Fixed, Driven]:
@@ -106,7 +106,7 @@ def run(system: System, state: State, dt: float, duration: float, take: Take = l
 
 def violations(dt: float, evaluation: Any, count: int, size: float) -> np.ndarray:
     """Φ of a straight thread nothing acts on, started off its hole, turned, and moving; shape `(count, 5)`."""
-    thread = uniform(0.1, 14, hole_compliance=False)
+    thread = uniform(0.1, 14)
     system = without_organ(thread, FREE, (Piercing("hole"),), [(np.array([0.04, 0.0, 0.0]), X)])
     state = laid(system, [0.04], line(ORIGIN, X))
     off = size * (Y + 0.3 * Z) + size * greville(thread.spline)[:, None] * (5.0 * Y + Z)
@@ -198,7 +198,7 @@ def test_rates_of_the_constraints(row: int) -> None:
 def moving_scene() -> tuple[System, State]:
     """A slack thread that slides through a directed hole and turns about it, Φ = Φ̇ = 0, all terms of w at work."""
     section = Strand(diameter=1e-3, rhoA=1e-3, EA=1e-3, EI=1e-9)
-    thread = uniform(0.1, 14, section, hole_compliance=False)
+    thread = uniform(0.1, 14, section)
     point = np.array([0.04, 0.0, 0.0])
     system = without_organ(thread, FREE, (Piercing("hole"),), [(point, X)])
     state = laid(system, [0.043], line(-0.003 * X, X))
@@ -267,7 +267,7 @@ EPSILONS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
 def masses(epsilon: float) -> tuple[System, State]:
     """Half a kilogram and one over two holes, on a heavy thread (1 kg/m), so that ε [kg] is small beside them."""
     section = Strand(diameter=1e-3, rhoA=1.0, EA=50.0, EI=1e-5)
-    thread = uniform(LENGTH, 24, section, point_masses=(0.5, 1.0), hole_compliance=False)
+    thread = uniform(LENGTH, 24, section, point_masses=(0.5, 1.0))
     holes = (Piercing("a", directed=False), Piercing("b", directed=False))
     system = bare_hairpin(hairpin_sites(), (Free(), Free()), 24, holes, gravity=9.81 * Z, epsilon=epsilon)
     system = replace(system, thread=thread)

@@ -136,7 +136,7 @@ def drawn_hairpin() -> tuple[System, State]:
     holes = tuple(Piercing(name, friction=Friction(0.2, 0.1, channel=2e-3)) for name in ("entry", "exit"))
     travel = travelling(LENGTH, [Hold(k, s, True, 5e-4) for k, s in enumerate(ABSCISSAE)], 2, 2e-3, (None, None))
     spline = Placed(travel.knots, travel.places(np.array(ABSCISSAE)), travel)
-    thread = Thread(spline, suture("2-0 polypropylene"), damping=20.0, hole_compliance=False)
+    thread = Thread(spline, suture("2-0 polypropylene"), damping=20.0)
     system = System(thread, ends, block_organ("P1", True), holes, gravity=-9.81 * Z)
     return system, laid(system, ABSCISSAE, path)
 

@@ -44,7 +44,7 @@ def system_of(low: float, high: float, ends: tuple[End, End], cuts: tuple[float,
     holds = [Hold(k, at, number == 0, 5e-4) for k, (number, at) in enumerate(zip(numbers, s, strict=True))]
     travel = travelling(high - low, holds, len(holds), 2e-3, (None, None), cuts=cuts)
     spline = Placed(travel.knots, travel.places(s), travel)
-    thread = Thread(spline, suture("2-0 polypropylene"), damping=20.0, hole_compliance=False)
+    thread = Thread(spline, suture("2-0 polypropylene"), damping=20.0)
     holes = [Piercing(f"h{k}", directed=k == 0, friction=Friction(0.2, 0.1, channel=2e-3)) for k in numbers]
     tilted = np.array([0.9, 0.0, -np.sqrt(0.19)])
     sites = [(SITES[k], tilted if k == 0 else None) for k in numbers]

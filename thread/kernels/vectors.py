@@ -76,12 +76,6 @@ def added(A: Matrix, B: Matrix) -> Matrix:
 
 
 @loop
-def scaled(x: float, A: Matrix) -> Matrix:
-    """Return x A."""
-    return times(x, A[0]), times(x, A[1]), times(x, A[2])
-
-
-@loop
 def combined(x: float, A: Matrix, y: float, B: Matrix) -> Matrix:
     """Return x A + y B."""
     return sum_of(x, A[0], y, B[0]), sum_of(x, A[1], y, B[1]), sum_of(x, A[2], y, B[2])
@@ -91,25 +85,6 @@ def combined(x: float, A: Matrix, y: float, B: Matrix) -> Matrix:
 def transposed(A: Matrix) -> Matrix:
     """Return Aᵀ."""
     return (A[0][0], A[1][0], A[2][0]), (A[0][1], A[1][1], A[2][1]), (A[0][2], A[1][2], A[2][2])
-
-
-@loop
-def applied(A: Matrix, b: Vector) -> Vector:
-    """Return A b."""
-    return dot(A[0], b), dot(A[1], b), dot(A[2], b)
-
-
-@loop
-def product(A: Matrix, B: Matrix) -> Matrix:
-    """Return A B."""
-    C = transposed(B)
-    return applied(C, A[0]), applied(C, A[1]), applied(C, A[2])
-
-
-@loop
-def skew(a: Vector) -> Matrix:
-    """Return the matrix of a × ."""
-    return (0.0, -a[2], a[1]), (a[2], 0.0, -a[0]), (-a[1], a[0], 0.0)
 
 
 @loop

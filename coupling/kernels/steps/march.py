@@ -1,5 +1,5 @@
 """Whole steps, one after the other, as long as nothing out of the ordinary happens (`coupling.step.stepping`,
-`coupling.run.run`): each predicted, solved with the tension that it ends with, concluded, looked at and audited.
+`coupling.run.run`): each predicted, solved, concluded, looked at and audited.
 
 A step that does not converge, or in which anything happens that is more than the next step of a smooth motion, is not
 made: the arrays stay what they were at its start, and the numbers that are returned say why. One with an event that
@@ -15,7 +15,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.address import by_address
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
-from coupling.kernels.iteration import GOES_ON, HOW, UNKNOWN, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.kernels.iteration import Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.kernels.steps.audit import (
     ELASTIC,
     Holes,
@@ -38,18 +38,7 @@ from coupling.kernels.steps.riding import (
     put_rates,
 )
 from coupling.kernels.steps.tautness import Strands, is_switched
-from coupling.kernels.steps.tension import (
-    KNOWN,
-    Along,
-    Limits,
-    Pull,
-    Stages,
-    ask_tension,
-    change_of,
-    forget,
-    is_pressed,
-    learn,
-)
+from coupling.kernels.steps.tension import Along, is_pressed, put_stretch, put_tensions, span_at
 from coupling.kernels.steps.watch import Shares, goes_uphill
 from thread.kernels.curve import Curve, Stretched, elastic_energy
 from thread.kernels.loops import loop, outermost, owning, sources
@@ -57,9 +46,9 @@ from thread.kernels.travel import carry_points
 from thread.kernels.vectors import cross, dot, norm, vector
 
 # Why no further step is made.
-MADE, TO_LEARN, NOT_SOLVED, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(10)
-HAPPENED, REFIT = 10, 11  # a step with an event is made, and is the last; the packets no longer fit
-ENERGIES = 10  # numbers of `coupling.reports.audit.Energies` that steps change
+MADE, NOT_SOLVED, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(9)
+HAPPENED, REFIT = 9, 10  # a step with an event is made, and is the last; the packets no longer fit
+ENERGIES = 9  # numbers of `coupling.reports.audit.Energies` that steps change
 solve_at = by_address(solve)
 
 
@@ -79,8 +68,8 @@ class Scene(NamedTuple):
     `damping` [1/s], ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the
     thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; shares of energies that a step may
     make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives back, and with that `there`, or
-    `turned` of what it turns over; of a compliance that is exchanged in place, `bearing` [-]; the `strands` between the
-    holds; and when the packets of a thread whose knots travel `fit`."""
+    `turned` of what it turns over; the `strands` between the holds; and when the packets of a thread whose knots travel
+    `fit`."""
 
     weight: Array
     along: Along
@@ -99,28 +88,21 @@ class Scene(NamedTuple):
     create_bdf2: float
     there: float
     turned: float
-    bearing: float
     strands: Strands
     fit: Fit
 
 
 class Scratch(NamedTuple):
     """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
-    `found`; the holds `was` at its start and `other` with another √(EI/T), q_a `at` (n, 3) of its inertia, the missing
-    compliances `mid` and `back` (m, 4), the tension there, `T` (m, 2), `layers` and `stretch` (m,), where modes are
-    `going`, what thread and organ turn over, `turns` (10,) and `body` (7,) [J], and the energies `after` it (10,)."""
+    `found`; the holds `was` at its start and the tension there, `T` (m, 2), q_a `at` (n, 3) of its inertia, where modes
+    are `going`, what thread and organ turn over, `turns` (9,) and `body` (7,) [J], and the energies `after` it (9,)."""
 
     z: Unknowns
     end: Motion
     found: Found
     was: Passing
-    other: Passing
     at: Array
-    mid: Array
-    back: Array
     T: Array
-    layers: Array
-    stretch: Array
     going: Going
     turns: Array
     body: Array
@@ -130,7 +112,7 @@ class Scratch(NamedTuple):
 class Kept(NamedTuple):
     """What is kept of steps, of as many as there is room for, (steps, …) each: the state at the `ends` of them, the
     `elastic` forces (n, 3) [N] on the thread there, its largest axial `strain` [-], and its passage `at` the holes; the
-    `energies` (11,)."""
+    `energies` (10,)."""
 
     ends: Motion
     elastic: Array
@@ -280,14 +262,6 @@ def copy_row(a: Array, b: Array) -> None:
 
 
 @loop
-def copy_lack(at: Passing, out: Array) -> None:
-    """Write c₀, c₁, c₂, c₃ at the holes into `out` (m, 4)."""
-    for k in range(len(out)):
-        for j in range(out.shape[1]):
-            out[k, j] = at.c[k, 0, j]
-
-
-@loop
 def copy_motion(a: Motion, b: Motion) -> None:
     """Write one state into another."""
     copy_all(a.q, b.q)
@@ -301,7 +275,6 @@ def copy_motion(a: Motion, b: Motion) -> None:
     copy_row(a.s_dot, b.s_dot)
     copy_row(a.sigma, b.sigma)
     copy_row(a.sense, b.sense)
-    copy_row(a.layers, b.layers)
     copy_row(a.stretch, b.stretch)
     copy_row(a.U, b.U)
     copy_row(a.V, b.V)
@@ -318,8 +291,8 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
     of = kept.ends
     place = Motion(
         of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
-        of.sense[step], of.reaction[step], of.layers[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step],
-        of.A[step], of.drift[step], of.drive[step],
+        of.sense[step], of.reaction[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step], of.A[step],
+        of.drift[step], of.drive[step],
     )  # fmt: skip
     copy_motion(end, place)
     copy_all(r.elastic, kept.elastic[step])
@@ -332,7 +305,6 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
         kept.at.first[step, k] = r.first[k]
         copy_all(r.b[k], kept.at.b[step, k])
         copy_all(r.D[k], kept.at.D[step, k])
-        copy_all(r.c[k], kept.at.c[step, k])
         kept.at.drive[step, k] = end.drive[k]
 
 
@@ -360,87 +332,24 @@ def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
 
 
 @loop
-def pass_with(
-    stages: Stages, limits: Limits, knots: Knots, given: Given, z: Unknowns, layers: Array, at: Passing
-) -> int:
-    """Evaluate the thread at its holes with the compliance that it lacks where it bends over `layers` (m,) [m]; returns
-    what `learn` does."""
-    if limits.bends:
-        forget(given.lack)
-        missing = learn(stages, limits, knots, given, layers, z.s)
-        if missing != KNOWN:
-            return missing
-    if not given.ride.on:
-        pass_holds(knots, given, z, at)
-    return KNOWN
-
-
-@loop
 def begin_step(
-    knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages, organ: Organ,
-    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch,
-) -> tuple[float, int]:  # fmt: skip
-    """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded, and what
-    `learn` does."""
+    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, organ: Organ, ends: Ends, step: int,
+    now: Motion, earlier: Motion, room: Scratch,
+) -> float:  # fmt: skip
+    """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     largest = put_references(pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
     if not organ.still:
         go_free(pace, organ, given, now, earlier, room.going)
-    missing = pass_with(stages, limits, knots, given, start, now.layers, room.was)
     if given.ride.on:
         place_along(given.ride, given.fields[0].S, given.fields[0], scene.along)
         pass_knots(given.ride, given.fields[0].S, now.q, now.drive, room.was)
-    if limits.bends or limits.rides:
-        pull = Pull(room.T, room.end.layers, law.stretch)
-        ask_tension(limits, scene.along, given.directed, now.s, now.N, now.lam, scene.present, pull)
-        forget(given.lack)
-    return largest, missing
-
-
-@loop
-def why_not_begun(given: Given, scene: Scene, room: Scratch, now: Motion, missing: int) -> int:
-    """Return why a step is not begun, MADE if it is: what the spline lacks is not known, or packets do not fit."""
-    if missing != KNOWN:
-        return TO_LEARN
-    if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
-        return REFIT
-    return MADE
-
-
-@loop
-def solve_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
-    stages: Stages, ends: Ends, step: int, now: Motion, room: Scratch, solver: int,
-) -> tuple[int, int]:  # fmt: skip
-    """Solve a step, on where a hole comes to a span of which nothing was known, and again with the tension that it
-    ends with (`coupling.step.stepping.settle_layers`). Returns its iterations, −1 where it comes to no end, and what
-    `learn` does."""
-    total, passes, made = 0, 0, room.found.trail.made
-    made[GOES_ON] = 0
-    predict(pace, given, ends, step, now, room.z)
-    while True:
-        if limits.bends:
-            missing = learn(stages, limits, knots, given, room.end.layers, room.z.s)
-            if missing != KNOWN:
-                return -1, missing
-        iterations, _ = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
-        made[GOES_ON] = made[HOW] == UNKNOWN
-        if made[GOES_ON]:
-            continue
-        if iterations < 0:
-            return -1, KNOWN
-        total += iterations
-        if not limits.bends or passes == limits.passes:
-            return total, KNOWN
-        pull = Pull(room.T, room.layers, room.stretch)
-        ask_tension(limits, scene.along, given.directed, room.z.s, room.z.N, room.z.lam, scene.here, pull)
-        if change_of(limits, scene.along, room.z.s, scene.here, room.end.layers, room.layers) <= limits.settled:
-            return total, KNOWN
-        passes += 1
-        copy_row(room.layers, room.end.layers)
-        copy_row(room.stretch, law.stretch)
-        forget(given.lack)
+        put_tensions(scene.along, now.s, now.N, scene.present, room.T)
+        put_stretch(room.T, curve.EA, law.stretch)
+    else:
+        pass_holds(knots, given, start, room.was)
+    return largest
 
 
 @owning
@@ -451,12 +360,9 @@ def audit(
     """Write what a solved step of the thread turns over; `more` is as for `Works`."""
     r = room.found
     rides = given.ride.on
-    works = Works(scene.damping, 0.0 if rides else pace.a, room.at, pace.two_step, more, pace.two_step, scene.bearing)
-    holes = Holes(
-        given.rows, given.directed, scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon,
-        rides,
-    )  # fmt: skip
-    met = Met(room.was, Passing(r.first, r.b, r.D, r.c, room.end.drive), room.mid, room.back)
+    works = Works(scene.damping, 0.0 if rides else pace.a, room.at, pace.two_step, more)
+    holes = Holes(scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, rides)
+    met = Met(room.was, Passing(r.first, r.b, r.D, room.end.drive))
     for i in range(len(room.turns)):
         room.turns[i] = 0.0
     if rides:
@@ -468,35 +374,27 @@ def audit(
 
 @owning
 def end_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, limits: Limits, stages: Stages,
-    organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
-) -> tuple[int, int]:  # fmt: skip
+    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, organ: Organ, ends: Ends, step: int,
+    now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
+) -> int:  # fmt: skip
     """Look at a solved step, whose forces are `rounded` [N], and audit it; returns why it is not made, MADE where it
-    is, EVENT where it is although something happened, and what `learn` does."""
-    start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
-    missing = pass_with(stages, limits, knots, given, start, room.end.layers, room.other)
-    copy_lack(room.other, room.mid)
-    if missing == KNOWN and not given.ride.on:
-        missing = pass_with(stages, limits, knots, given, room.z, now.layers, room.other)
-        copy_lack(room.other, room.back)
-    if missing != KNOWN:
-        return TO_LEARN, missing
+    is, EVENT where it is although something happened."""
     copy_row(law.stretch, room.end.stretch)
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
-        return happened, KNOWN
+        return happened
     audit(curve, knots, law, given, scene, pace, ends.more[step], now, room)
     if not organ.still and not bear(pace, organ, now, room.end, room.going):
-        return TOO_NARROW, KNOWN
+        return TOO_NARROW
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
     create, weight = (scene.create_bdf2, pace.before) if pace.two_step else (scene.create, 0.0)
     give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
     shares = Shares(create, scene.there, scene.turned, rounded, give)
-    return UPHILL if goes_uphill(shares, weight, energies, room.after) else happened, KNOWN
+    return UPHILL if goes_uphill(shares, weight, energies, room.after) else happened
 
 
 def march_of(digest: int) -> Any:
@@ -504,43 +402,38 @@ def march_of(digest: int) -> Any:
 
     @outermost
     def march(
-        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, limits: Limits,
-        stages: Stages, organ: Organ, ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array,
-        iterations: Indices, first: int, kept: Kept, solver: int,
-    ) -> tuple[int, int, int]:  # fmt: skip
-        """Make the steps from number `first` on, as many as there is room for their `iterations` (steps,). Returns how
-        many of all are made, why there are no more, and of what the spline lacks the slot that is asked for.
+        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, organ: Organ,
+        ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array, iterations: Indices, kept: Kept,
+        solver: int,
+    ) -> tuple[int, int]:  # fmt: skip
+        """Make as many steps as there is room for their `iterations` (steps,). Returns how many are made, and why there
+        are no more.
 
-        Steps change `now`, `earlier` and `energies` (11,), those of `coupling.reports.audit.Energies` in their order.
+        Steps change `now`, `earlier` and `energies` (10,), those of `coupling.reports.audit.Energies` in their order.
         `solver` is the address of `coupling.kernels.iteration.solve`.
         """
         assert digest
-        for step in range(first, len(iterations)):
-            largest, missing = begin_step(
-                knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room
-            )
-            why = why_not_begun(given, scene, room, now, missing)
-            if why != MADE:
-                return step, why, missing
+        for step in range(len(iterations)):
+            largest = begin_step(curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room)
+            if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
+                return step, REFIT
             here = bounds_at(bounds, rounded_force(scene, knots, largest))
-            found, missing = solve_step(
-                curve, knots, law, given, here, scene, pace, limits, stages, ends, step, now, room, solver
-            )
+            predict(pace, given, ends, step, now, room.z)
+            found, _ = solve_at(solver, (curve, knots, law, given, here, room.z, room.found))
             if found < 0:
-                return step, NOT_SOLVED if missing == KNOWN else TO_LEARN, missing
-            why, missing = end_step(
-                curve, knots, law, given, scene, pace, limits, stages, organ, ends, step, now, earlier, room, energies,
-                here.rounded,
-            )  # fmt: skip
+                return step, NOT_SOLVED
+            why = end_step(
+                curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room, energies, here.rounded
+            )
             if why != MADE and (why != EVENT or step > 0):
-                return step, why, missing
+                return step, why
             copy_row(room.after, energies)
             keep(kept, step, room.found, room.end, energies)
             go_on(now, earlier, room.end)
             iterations[step] = found
             if why == EVENT:
-                return 1, HAPPENED, KNOWN
-        return len(iterations), MADE, KNOWN
+                return 1, HAPPENED
+        return len(iterations), MADE
 
     return march
 

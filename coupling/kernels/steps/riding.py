@@ -248,8 +248,8 @@ def audit_ride(
     out[ELASTIC] = elastic_energy(curve, at)
     on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
     start = Motion(
-        old.q, at_v, old.N, old.s, old.s_dot, old.lam, old.y, old.sigma, old.sense, old.reaction, old.layers,
-        old.stretch, old.f_y, old.U, old.V, old.A, old.drift, old.drive,
+        old.q, at_v, old.N, old.s, old.s_dot, old.lam, old.y, old.sigma, old.sense, old.reaction, old.stretch,
+        old.f_y, old.U, old.V, old.A, old.drift, old.drive,
     )  # fmt: skip
     audit_step(works, holes, on, start, new, met, out)
     m = len(new.s)

@@ -65,11 +65,11 @@ def weigh(shares: Shares, weight: float, old: Array, new: Array) -> tuple[float,
     """Return what a step makes, what of that it may give back, what it may make besides that, and what it may make in
     all [J], from the energies before and after it, those of `coupling.reports.audit.Energies`; `weight` is as for
     `given_back`, zero of backward Euler."""
-    there = stake(new[0], new[1], new[2], old[10], new[3])
+    there = stake(new[0], new[1], new[2], old[9], new[3])
     moved = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
     least = rounded_work(shares, there)
     loose = max(shares.turned * moved, shares.there * there, least)
-    return old[6] - new[6], lent(weight, old[9]), max(shares.create * there, least), loose
+    return old[6] - new[6], lent(weight, old[8]), max(shares.create * there, least), loose
 
 
 @loop
