@@ -72,33 +72,20 @@ def test_both_sides_feel_one_force(name: str) -> None:
     assert scale > 0.1
 
 
-LACKS = (
-    0.011,
-    0.017,
-)  # largest compliance that equal spans h lack: h³/EI by force, h²/EI by couple (`thread.compliance`)
-
-
 @pytest.mark.parametrize("name", ["P1 quasi-static normal", "P1 dynamic fibre subgrid"])
-def test_the_drawn_curve_passes_through_its_holes(name: str) -> None:
+def test_the_curve_passes_through_its_holes(name: str) -> None:
     """Independent check, at every step: P(s) by another code for splines, the hole's place from the organ's own field.
-    They are apart by no more than a beam bends under the hole's force and couple where spans lack compliance, and
-    `constraint_max` is that distance."""
+    `constraint_max` is what they are apart."""
     system, _ = scene(name)
     thread = system.thread
     organ: Any = system.organ
-    h = float(np.diff(thread.spline.breaks).max())
-    apart = []
     for step in steps(name):
         new = step.new
         P = BSpline(thread.spline.knots, new.q, 3)(new.s)
         x = (organ.y0 + organ.Y @ organ.field(new.organ)).reshape(-1, 9)[:, :3]
         distance = np.linalg.norm(P - x, axis=1)
-        couples = [np.linalg.norm(hole.couple) for hole in observe(system, new, new)]
-        lacks = LACKS[0] * h**3 * np.linalg.norm(new.lam[:, :3], axis=1) + LACKS[1] * h**2 * np.array(couples)
-        assert (distance <= lacks / thread.EI + GAP * thread.section.diameter).all()
+        assert distance.max() <= GAP * thread.section.diameter
         assert abs(largest_gap(system, new) - distance.max()) <= GAP * thread.section.diameter
-        apart.append(distance.max())
-    assert 1e-3 < max(apart) / thread.section.diameter < 0.5  # no round-off, and inside the thread
 
 
 def drawn_slowly(rough: Friction | None, parts: int) -> tuple[System, list[State]]:

@@ -231,28 +231,6 @@ def test_both_ways_fail_alike(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
     assert said[0] == said[1]
 
 
-def test_loops_that_learn_what_the_spline_lacks_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Consistency check: an iteration that comes to spans whose compliance it does not know yet goes on from there, and
-    ends after as many corrections as numpy's."""
-    problem, start = first_problem()
-    places: list[np.ndarray] = []
-    loops = tables.run_loops
-
-    def run_loops(*given: Any) -> tuple[int, float]:
-        z = given[5]
-        places.append(z.s.copy())
-        ended = loops(*given)
-        places.append(z.s.copy())
-        return ended
-
-    monkeypatch.setattr(tables, "run_loops", run_loops)
-    by_loops = solver.solve_compiled(problem, start, newton.REACH, 2)
-    by_numpy = newton.solve(problem, start, newton.correct_downhill, 2)
-    assert len(places) > 2
-    assert all(np.array_equal(one, other) for one, other in zip(places[1:-1:2], places[2::2], strict=True))
-    assert by_loops.iterations == by_numpy.iterations
-
-
 @pytest.mark.parametrize(("ready", "known"), [(False, []), (False, ["one"]), (True, [])])
 def test_that_the_step_is_compiled_is_said_and_that_it_is_done(
     ready: bool, known: list[str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture

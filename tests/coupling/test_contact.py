@@ -38,7 +38,6 @@ from tests.thread.threads import (
     LENGTH,
     RADIUS,
     Z,
-    as_solved,
     hairpin,
     hairpin_system,
     laid,
@@ -153,7 +152,6 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     for step in (touching, steps(name)[-1])[: 1 if "P2" in name else 2]:
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
-        problem = as_solved(problem, step)
         whole = equation_of(problem)
         first = predict(problem, state)
         a = solve(problem, first)
@@ -179,7 +177,6 @@ def test_it_does_not_matter_which_pairs_are_thought_pressed(name: str) -> None:
     k = len(system.organ.lips(state.organ)[0])
     scheme = BackwardEuler(DT)
     problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
-    problem = as_solved(problem, last)
     warm = solve(problem, predict(problem, state))
     right = warm.p > 0.0
     for pressed in (np.ones(k, bool), np.zeros(k, bool), ~right, np.random.default_rng(2).random(k) < 0.5):

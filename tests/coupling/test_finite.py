@@ -17,7 +17,7 @@ from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict
 from coupling.system import System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.coupling.test_answer import size
-from tests.thread.threads import SITES, Array, X, as_solved, pulled_hairpin, taken
+from tests.thread.threads import SITES, Array, X, pulled_hairpin, taken
 from tissue.materials.isotropic import Exponential
 from tissue.organs import finite
 from tissue.organs.finite import FiniteAnswer, Forces
@@ -88,7 +88,6 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     step = steps(name)[-1]
     made: Any = scene(name)[0]
     problem = dynamic_problem(made, step.old, DT, organ_answer(made, BackwardEuler(DT), step.old))
-    problem = as_solved(problem, step)
     first = predict(problem, step.old)
     a, b = solve(problem, first), monolithic_solve(problem, first, step.old.organ.U)
     z = b.iterate

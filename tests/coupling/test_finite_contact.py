@@ -21,7 +21,7 @@ from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 from tests.bounds import IDENTITY
 from tests.coupling.test_finite import TURNED, close, rotation
-from tests.thread.threads import SITES, Array, as_solved, pulled_hairpin, taken
+from tests.thread.threads import SITES, Array, pulled_hairpin, taken
 from tests.tissue.wounds import SIZE, opened
 from tissue.materials.isotropic import Exponential
 
@@ -86,7 +86,6 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     step = steps(name)[-1]
     system: Any = step.solution.problem.system
     problem = dynamic_problem(system, step.old, DT, organ_answer(system, BackwardEuler(DT), step.old))
-    problem = as_solved(problem, step)
     first = predict(problem, step.old)
     a, z = solve(problem, first), monolithic_solve(problem, first, step.old.organ.U).iterate
     assert isinstance(z, Monolith)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from coupling.errors import CouplingError, CreatedEnergyError, StepError
-from coupling.kernels.constraints import bare_passage, driving_force, phi, pressing_force
+from coupling.kernels.constraints import driving_force, passage, phi, pressing_force
 from coupling.paper.elimination import elimination, solve_by_elimination, whole_matrix
 from coupling.paper.linear_step import (
     CREATED,
@@ -89,7 +89,7 @@ KINDS = ("fixed", "quasi-static", "dynamic")
 
 def violation(system: System, state: State) -> np.ndarray:
     """Φ of all holds, `(m, 5)`."""
-    return phi(bare_passage(system.thread.spline, state.q, state.s), state.lam, state.y)
+    return phi(passage(system.thread.spline, state.q, state.s), state.lam, state.y)
 
 
 def run(system: System, state: State, dt: float, duration: float, take: Take = linear_step) -> list[Any]:
@@ -179,16 +179,16 @@ def test_rates_of_the_constraints(row: int) -> None:
 
     def rate(t: float) -> np.ndarray:
         (q, s, y), (v, s_dot, y_dot) = at(t, 0), at(t, 1)
-        here, moving = bare_passage(thread.spline, q, s), bare_passage(thread.spline, v, s)
+        here, moving = passage(thread.spline, q, s), passage(thread.spline, v, s)
         return phi_rate(here, moving, y, s_dot, y_dot)[:, row]
 
     def value(t: float) -> np.ndarray:
         q, s, y = at(t, 0)
-        return phi(bare_passage(thread.spline, q, s), np.zeros((len(s), 5)), y)[:, row]
+        return phi(passage(thread.spline, q, s), np.zeros((len(s), 5)), y)[:, row]
 
     (q, v, a), (s, s_dot, s_acc), (y, y_dot, y_acc) = motion
-    here, moving = bare_passage(thread.spline, q, s), bare_passage(thread.spline, v, s)
-    linear = phi_rate(here, bare_passage(thread.spline, a, s), y, s_acc, y_acc)[:, row]
+    here, moving = passage(thread.spline, q, s), passage(thread.spline, v, s)
+    linear = phi_rate(here, passage(thread.spline, a, s), y, s_acc, y_acc)[:, row]
     w = velocity_terms(here, moving, y, s_dot, y_dot)[:, row]
     assert_slope(value, rate(0.0), 1e-2)
     assert_slope(rate, linear + w, 1e-2)
@@ -206,7 +206,7 @@ def moving_scene() -> tuple[System, State]:
     bow = (0.004 * x**2)[:, None] * (Y + 0.4 * Z)
     spin = (0.3 * x)[:, None] * Y + (0.2 * x**2)[:, None] * Z
     q, s_dot = state.q + bow, np.array([0.15])
-    at = bare_passage(thread.spline, q, state.s)
+    at = passage(thread.spline, q, state.s)
     state = replace(state, q=q + (point - at.P), v=spin, s_dot=s_dot, y_dot=np.zeros_like(state.y))
     frame = np.concatenate([point, *np.linalg.qr(np.column_stack([at.T[0], Y, Z]))[0].T[1:]])[None]
     return replace_site(system, frame), consistent(system, replace(state, y=frame, sense=np.zeros(1)))
@@ -219,12 +219,12 @@ def replace_site(system: System, y: np.ndarray) -> System:
 def consistent(system: System, state: State) -> State:
     """The velocity made to fit Φ̇ = 0 by a rigid motion and a turn of the thread's points."""
     spline = system.thread.spline
-    at = bare_passage(spline, state.q, state.s)
+    at = passage(spline, state.q, state.s)
     x = greville(spline) - state.s[0]
     basis = [np.outer(f, e) for f in (np.ones_like(x), x) for e in np.eye(3)]
 
     def rate(v: np.ndarray) -> np.ndarray:
-        return phi_rate(at, bare_passage(spline, v, state.s), state.y, state.s_dot, 0.0 * state.y)[0]
+        return phi_rate(at, passage(spline, v, state.s), state.y, state.s_dot, 0.0 * state.y)[0]
 
     base = rate(0.0 * state.v)
     columns = np.column_stack([rate(v) - base for v in basis])
@@ -236,11 +236,11 @@ def rate_after(dt: float) -> float:
     """|Φ̇| after one step from a consistent start over |w|, the larger of point and direction."""
     system, state = moving_scene()
     spline, still = system.thread.spline, 0.0 * state.y
-    at = bare_passage(spline, state.q, state.s)
-    w = velocity_terms(at, bare_passage(spline, state.v, state.s), state.y, state.s_dot, still)
+    at = passage(spline, state.q, state.s)
+    w = velocity_terms(at, passage(spline, state.v, state.s), state.y, state.s_dot, still)
     new = linear_step(system, state, dt).new
-    here = bare_passage(spline, new.q, new.s)
-    rate = phi_rate(here, bare_passage(spline, new.v, new.s), new.y, new.s_dot, still)
+    here = passage(spline, new.q, new.s)
+    rate = phi_rate(here, passage(spline, new.v, new.s), new.y, new.s_dot, still)
     return max(float(np.abs(rate[:, part]).max() / np.abs(w[:, part]).max()) for part in (slice(0, 3), slice(3, 5)))
 
 
@@ -248,7 +248,7 @@ def test_a_consistent_motion_stays_consistent_to_second_order(monkeypatch: pytes
     """Independent check: from Φ = Φ̇ = 0 the step asks for Φ̈ = 0, so that Φ̇ after it is O(Δt²); without the velocity
     terms it is Δt w/4·4, of first order: the check fails without them."""
     system, state = moving_scene()
-    at, rate = (bare_passage(system.thread.spline, x, state.s) for x in (state.q, state.v))
+    at, rate = (passage(system.thread.spline, x, state.s) for x in (state.q, state.v))
     assert np.abs(phi(at, state.lam, state.y)).max() <= RESIDUAL
     assert np.abs(phi_rate(at, rate, state.y, state.s_dot, 0.0 * state.y)).max() <= RESIDUAL
     coarse, fine = rate_after(1e-4), rate_after(5e-5)

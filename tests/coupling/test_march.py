@@ -123,7 +123,6 @@ def agree(found: Both) -> None:
     if hasattr(organ, "bound"):  # among its terms is the difference of two places
         bounds, place = (organ.bound(each.organ) for each in (one.state, state)), organ.displacement(state.organ)
         assert np.abs(np.subtract(*bounds)).max() <= IDENTITY * np.abs(place).max()
-    assert (one.state.layers is None) == (state.layers is None)
     assert np.abs(np.array(astuple(one.energies)) - astuple(other.energies)).max() <= RESIDUAL * other.energies.at_stake
     assert (one.number, one.state.time, one.iterations) == (other.number, state.time, found.iterations)
     assert [(e.kind, e.piercing) for e in one.events] == [(e.kind, e.piercing) for e in found.events]

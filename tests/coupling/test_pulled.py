@@ -42,7 +42,7 @@ def run(table: dict[str, Any]) -> tuple[Simulation, list[StepRecord]]:
 def along(simulation: Simulation, state: State) -> np.ndarray:
     """The force along the unit tangent in each hole [N]."""
     system = simulation.assembly.system
-    stretch = stretches_at(system, state.s, state.N, state.lam, state.present)
+    stretch = stretches_at(system, state.s, state.N, state.present)
     law = law_of(system, state.s, state.present, 0.0, state.s, stretch=stretch)
     return ruled(law, state.sigma, system.passage_of(state), state.s, state.lam, state.y).f
 

@@ -23,7 +23,7 @@ from studies.simulation import prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.coupling import test_contact, test_finite_contact
 from tests.coupling.test_contact import DT, SCENARIO, STEPS, assert_lips, resumed, scale_of, start, written_bodies
-from tests.thread.threads import as_solved, load_step, run, taken
+from tests.thread.threads import load_step, run, taken
 
 MU = 0.3
 AT_FINITE_STRAIN = "slit quasi-static P1 fibre"
@@ -86,7 +86,6 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     for step in (slipping, steps(name)[-1]):
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state), scheme)
-        problem = as_solved(problem, step)
         first = predict(problem, state)
         a, z = solve(problem, first), monolithic_solve(problem, first, organ.field(state.organ)).iterate
         assert isinstance(z, Monolith)

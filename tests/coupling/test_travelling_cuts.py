@@ -175,7 +175,8 @@ LENGTH_OF_STRING = 0.03 / (1.0 + STRAIN)
 
 def string() -> dict[str, Any]:
     """A thread under tension between two holders, cut after a microsecond."""
-    return STRING | {"thread": STRING["thread"] | {"knots": "travelling"}}
+    thread = {name: value for name, value in STRING["thread"].items() if name != "graded"}
+    return STRING | {"thread": thread | {"knots": "travelling"}}
 
 
 def stitch(**solve: Any) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from tests.thread.threads import (
     RADIUS,
     X,
     Z,
-    as_solved,
     block_organ,
     hairpin,
     hairpin_system,
@@ -76,7 +75,6 @@ def test_condensed_and_assembled_agree(name: str) -> None:
     for step in (steps(name)[4], steps(name)[-1]):
         scheme, state = BackwardEuler(DT), step.old
         problem = dynamic_problem(system, state, DT, organ_answer(system, scheme, state))
-        problem = as_solved(problem, step)
         whole = equation_of(problem)
         first = predict(problem, state)
         a = solve(problem, first)

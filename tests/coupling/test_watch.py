@@ -24,7 +24,6 @@ from thread.ends import Driven, End, Fixed, Free
 
 SHORT = 0.04  # [m], of a thread at rest
 SMALL = 1e-3  # of a taut thread's length: a way across by which its strain of 0.01 changes by less than 1e-5
-LAYERED = 0.125  # of all the energy there is: what the holes' compliance may take in with a new tension
 
 # A pull of 0.07 N grows in 50 ms on a thread of a few milligrams that lies slack through two holes: it takes up its
 # slack within a step, and an abscissa crosses many spans.
@@ -95,7 +94,6 @@ def test_a_thread_that_bends_under_its_tension_finds_it_unwatched() -> None:
     force, fine = (np.linalg.norm(each.state.lam[:, :3], axis=1) for each in (run, short))
     assert np.abs(force - fine).max() <= FIRST_ORDER * fine.max()
     assert most <= TRACE
-    assert abs(run.energies.layer_work) <= LAYERED * run.energies.at_stake
 
 
 def energies(work: float, kinetic: float, numerical: float) -> Energies:

@@ -184,7 +184,7 @@ def test_the_summary_has_the_names_users_rely_on(tmp_path: Path) -> None:
     assert found.keys() >= run | {"energy", "thread", "piercings", "contact"}
     assert found["energy"].keys() >= {
         *("kinetic", "elastic_thread", "elastic_tissue", "external_work", "friction_dissipation"),
-        *("viscous_dissipation", "numerical_dissipation", "layer_work", "balance_error"),
+        *("viscous_dissipation", "numerical_dissipation", "balance_error"),
     }
     assert found["thread"].keys() >= {"start", "end", "max_strain"}
     assert found["thread"]["end"] == {"reaction": [0.0, 0.0, 0.1], "torque": -2e-6}

@@ -7,11 +7,9 @@ import pytest
 from scipy.optimize import brentq
 
 from coupling.rest import equilibrium
-from studies.output.records import Ending, nothing_met
 from studies.scenario import parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
-from studies.simulation.recording import step_record
 from thread import catalogue
 
 LAYER = 0.03  # of forces, couples and friction's part of the pull
@@ -49,17 +47,6 @@ load_steps = 4
 def test_a_thin_thread_turned_by_a_right_angle() -> None:
     """Independent check: an ideal hole leaves the tension alone, so the held end bears what pulls at the other."""
     assert abs(np.linalg.norm(turned()[1].state.reaction[0]) / PULL - 1.0) <= LAYER
-
-
-@pytest.mark.parametrize(("passes", "said"), [(0, True), (equilibrium.TENSIONS, False)])
-def test_a_bending_length_that_did_not_settle_is_told(monkeypatch: pytest.MonkeyPatch, passes: int, said: bool) -> None:
-    """Independent check: an equilibrium that was solved with the tension of a slack thread does not have that of the
-    pull; twenty more do."""
-    monkeypatch.setattr(equilibrium, "TENSIONS", passes)
-    text = scene("4-0 nylon", 1.0, 5e-3, 1.5e-4, 3.0, "fixed").replace("load_steps = 6", "load_steps = 1")
-    simulation, now = at_rest(text)
-    remarks = simulation.remarks(Ending(step_record(now), nothing_met(1).after_step(step_record(now))))
-    assert ("bending-length" in {each.code for each in remarks}) == said
 
 
 def first_integral(T: float, turn: float, EI: float, EA: float) -> float:

@@ -13,7 +13,6 @@ import tissue
 from coupling.kernels.bordered import columns
 from coupling.rest.equilibrium import load_steps
 from coupling.rest.laying import start
-from coupling.step.newton import Problem
 from coupling.step.stepping import Step, advance, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import IDENTITY, SLOPE
@@ -122,12 +121,6 @@ def without_organ(
     """A system whose holes are fixed in space: `sites` as (point, direction)."""
     placed = tissue.fixed_sites([tissue.Site(point, direction=direction) for point, direction in sites])
     return System(thread, ends, placed, piercings, **options)
-
-
-def as_solved(problem: Problem[Any], step: Step[Any]) -> Problem[Any]:
-    """The problem with the tension of the strands that a step was solved with."""
-    own = step.solution.problem
-    return replace(problem, layers=own.layers, law=replace(problem.law, stretch=own.law.stretch))
 
 
 def load_step(system: System, state: State, share: float, duration: float) -> list[Step]:

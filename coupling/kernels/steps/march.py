@@ -38,7 +38,7 @@ from coupling.kernels.steps.riding import (
     put_rates,
 )
 from coupling.kernels.steps.tautness import Strands, is_switched
-from coupling.kernels.steps.tension import Along, is_pressed, put_stretch, put_tensions, span_at
+from coupling.kernels.steps.tension import Along, is_pressed, put_stretch, put_tensions
 from coupling.kernels.steps.watch import Shares, goes_uphill
 from thread.kernels.curve import Curve, Stretched, elastic_energy
 from thread.kernels.loops import loop, outermost, owning, sources
