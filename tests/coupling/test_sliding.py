@@ -119,7 +119,7 @@ def test_friction_at_a_pulley() -> None:
     for step in run(system, state, 4e-3, 120):
         new, energies = step.new, audit_step(system, energies, step)
         at = system.passage_of(new)
-        size, t = (x[0] for x in tangent(at, new.lam, new.y))
+        size, t = float(np.linalg.norm(at.T[0])), tangent(at)[0]
         lam, ds = new.lam[0, :3], new.s[0] - old.s[0]
         along, normal = lam @ t, np.linalg.norm(lam - (lam @ t) * t)
         if new.sigma[0] == 0.0:

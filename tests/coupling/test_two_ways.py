@@ -51,7 +51,7 @@ def scene(name: str) -> tuple[System, State]:
     element, inertia, direction, subgrid = ORGANS[name]
     options: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} | ({"rayleigh": (3.0, 1e-4)} if inertia else {})
     organ = block_organ(element, inertia, direction, subgrid=subgrid, **options)
-    system = hairpin_system(organ, DRAWN, 40, gravity=-9.81 * Z)
+    system = hairpin_system(organ, DRAWN, 60, gravity=-9.81 * Z)
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
 
 
