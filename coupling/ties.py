@@ -10,7 +10,7 @@ which is the constraint with three multipliers. d goes to zero while the hands b
 
 Both tails are slack where they leave the tie, so one force λ is that of either strand, T = |λ|, and one equation says
 that the hands draw with T; where along a straight strand the knot sits is left open by it. So a tie slides as one:
-with τ = (f_b − f_a)/2 the force that its loop s_b − s_a is under, f = Φ_sᵀλ/|T̂| as in `coupling.step.sliding`,
+with τ = (f_b − f_a)/2 the force that its loop s_b − s_a is under, f = Φ_sᵀλ/|T| as in `coupling.step.sliding`,
 
     held        s_a and s_b as they were, before hands draw: at rest, where nothing else keeps slack strands together
     drawn       s_a + s_b as it was,  τ = F + c ds_b/dt     by two hands alike, in the end with F

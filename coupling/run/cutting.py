@@ -3,9 +3,7 @@
 Curve, angle of the section and velocity are the same functions on the other knots (`thread.cutting.cut`), so that
 momentum and energy stay what they are; the tension that was there drives the new ends apart in the steps that follow,
 which remember nothing of those before. At rest they find another equilibrium at once (`coupling.run.run.Run.load`).
-Where the cut falls into a span that holds a hole, the compliance that the spline lacks there changes, and what that
-stored with it: this loss is in the event. So is what springs store more or less, which are spread anew on both
-pieces.
+What springs store more or less, which are spread anew on both pieces, is the loss in the event.
 
 Where knots travel, the pieces get knots of their own: the strand that is cut becomes two. Nothing is transferred, since
 the inertia of the steps that follow is from the curve as it was, read at the material points of the pieces; the shape

@@ -7,8 +7,7 @@ a thread along a tract, by the balls of it.
 A piercing begins (`coupling.run.impact`) and ends between two steps: at the first end of a step that reaches its time
 (`coupling.run.run`). A hole is left, a strand slips or sticks, becomes taut or slack, and tissue tears within the
 step in which that was found (`coupling.run.location`); one that turns back in a step sticks and slips in it. All
-other events bear the time of its end. An end of a piercing changes neither positions nor velocities. What the
-compliance that the spline lacks there stored is let go, and counts as numerical dissipation.
+other events bear the time of its end. An end of a piercing changes neither positions nor velocities.
 """
 
 from collections.abc import Callable, Sequence
