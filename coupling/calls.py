@@ -1,8 +1,8 @@
 """What is asked before every correction of Newton's method: whether somebody calls the run off, and whether a load step
 has taken all the corrections that it may.
 
-A load step at rest halves and halves again, with ties, friction that is let down and a stretch that settles inside: each
-of these loops is short, and one inside the other they would go on for hours.
+A load step at rest halves and halves again, with ties, friction that is let down and a stretch that settles inside:
+each of these loops is short, and one inside the other they would go on for hours.
 """
 
 from collections.abc import Callable, Iterator
