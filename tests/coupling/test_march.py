@@ -56,6 +56,7 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "directions, BDF2": lambda: slow(drawn({"channel": 5e-3}), 5e-4),
     "taut on long spans": lambda: slow(drawn(suture="8-0 nylon"), 2.5e-4, integrator="euler"),
     "limp": lambda: slow(drawn({"friction": None}, bending=False), 5e-4),
+    "knots that stand still, BDF2": lambda: slow(drawn({"channel": 5e-3}, knots="fixed"), 5e-4),
     "organ without inertia": lambda: load("two_piercings", [*GENTLE, EULER, "solve.dt=8e-4"]),
     "organ without inertia, BDF2": lambda: load("two_piercings", [*GENTLE, BDF2]),
     "organ in a small basis": lambda: load("two_piercings", [*SMALL, EULER]),

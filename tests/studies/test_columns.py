@@ -171,7 +171,7 @@ def test_each_column_takes_its_own_field() -> None:
 
 def summary(record: StepRecord, folder: Path) -> dict[str, Any]:
     """The summary of a run that ended with a step, as it reads back."""
-    run = RunRecord("completed", "", record, 12, 1e-6, 1e-15, 2.0, 100)
+    run = RunRecord("completed", "", record, 12, 1e-6, 2.0, 100)
     write_json(folder / "summary.json", values(RUN, run) | state_summary(record))
     found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return found
