@@ -8,20 +8,18 @@ import pytest
 import skfem
 
 import tissue
-from coupling.integrators import BackwardEuler
 from coupling.joins.contact import observe_contact
 from coupling.paper.assembled import Monolith, monolithic_solve
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.rest.equilibrium import PAIRED
 from coupling.run import begin
-from coupling.step.newton import solve
-from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict
+from coupling.step.stepping import Step
 from coupling.system import State, System
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 from tests.bounds import IDENTITY
 from tests.coupling.test_finite import TURNED, close, rotation
-from tests.thread.threads import SITES, Array, pulled_hairpin, taken
+from tests.thread.threads import SITES, Array, last_by_newton, pulled_hairpin, taken
 from tests.tissue.wounds import SIZE, opened
 from tissue.materials.isotropic import Exponential
 
@@ -83,11 +81,8 @@ def test_the_law_of_contact_at_every_step(name: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_condensed_and_assembled_agree(name: str) -> None:
     """Consistency check: both solves of the last step from the same state, the contact forces too."""
-    step = steps(name)[-1]
-    system: Any = step.solution.problem.system
-    problem = dynamic_problem(system, step.old, DT, organ_answer(system, BackwardEuler(DT), step.old))
-    first = predict(problem, step.old)
-    a, z = solve(problem, first), monolithic_solve(problem, first, step.old.organ.U).iterate
+    step, problem, first, a = last_by_newton(steps(name), DT)
+    z = monolithic_solve(problem, first, step.old.organ.U).iterate
     assert isinstance(z, Monolith)
     assert close(a.p, z.p) and np.array_equal(a.iterate.pressed, z.pressed)
     assert close(a.iterate.q - step.old.q, z.q - step.old.q) and close(a.iterate.s, z.s)

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 import tissue
+from coupling.errors import StepError
+from coupling.integrators import BackwardEuler
 from coupling.kernels.bordered import columns
 from coupling.rest.equilibrium import load_steps
 from coupling.rest.laying import start
-from coupling.step.stepping import Step, advance, try_step
+from coupling.step.newton import Iterate, Problem, Solution, solve
+from coupling.step.stepping import Step, advance, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import Piercing, State, System
 from tests.bounds import IDENTITY, SLOPE
 from thread.banded import diagonal_of
@@ -121,6 +124,20 @@ def without_organ(
     """A system whose holes are fixed in space: `sites` as (point, direction)."""
     placed = tissue.fixed_sites([tissue.Site(point, direction=direction) for point, direction in sites])
     return System(thread, ends, placed, piercings, **options)
+
+
+def last_by_newton(steps: list[Step], dt: float) -> tuple[Step, Problem, Iterate, Solution]:
+    """The last of the steps of `dt` that Newton's method finds from where the motion leads, without going downhill: its
+    problem, the first iterate, and the solution."""
+    for step in reversed(steps):
+        system = step.solution.problem.system
+        problem = dynamic_problem(system, step.old, dt, organ_answer(system, BackwardEuler(dt), step.old))
+        first = predict(problem, step.old)
+        try:
+            return step, problem, first, solve(problem, first)
+        except StepError:
+            continue
+    raise AssertionError("Newton's method finds none of the steps from where the motion leads")
 
 
 def load_step(system: System, state: State, share: float, duration: float) -> list[Step]:
