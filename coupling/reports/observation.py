@@ -339,7 +339,7 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
     """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
     bending."""
     here, spline = holds_in_force(system, state), system.thread.spline
-    layers = lengths_bent_over(system, state.s, state.N, state.lam, state.present)[here]
+    layers = lengths_bent_over(system, state.s, state.N, state.present)[here]
     spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]
     return float(np.max(spans / layers, initial=0.0)) if system.thread.EI else 0.0
 

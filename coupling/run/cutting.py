@@ -20,7 +20,6 @@ from coupling.interfaces import Body
 from coupling.reports.audit import stored
 from coupling.run.events import Event
 from coupling.step.packets import bent_over, due, put_on_knots
-from coupling.step.tension import layers_at
 from coupling.system import State, System, forgetful
 from thread.cutting import cut
 from thread.errors import ThreadError
@@ -50,8 +49,7 @@ def cut_thread(system: System[Body], state: State[Body], s: float) -> tuple[Syst
     (q, v), axial = fields, other.thread.axial
     N = thread.spline.interpolate(axial.s, axial.home, known.s, known.home, state.N)
     frame = None if state.frame is None else other.thread.interpolate_frame(state.frame, thread, q)
-    layers = None if state.layers is None else layers_at(other, state.s, N, state.lam, state.present)
-    moved = replace(state, q=q, v=v, N=N, frame=frame, layers=layers)
+    moved = replace(state, q=q, v=v, N=N, frame=frame)
     x, y, z = (momentum(other, moved) - momentum(system, state)).tolist()
     loss = stored(system, state) - stored(other, moved)
     event = Event(state.time, "cut", s=place, loss=loss, impulse=(x, y, z), control_points=spline.n)

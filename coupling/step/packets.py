@@ -36,7 +36,7 @@ def fits(system: System[Body], state: State[Body]) -> bool:
     here, travel = np.flatnonzero(holds_in_force(system, state)), travel_of(system)
     if not np.array_equal(here, np.sort(travel.holds)):
         return False
-    T = pull_at(system, state.s, state.N, state.lam, state.present).T
+    T = pull_at(system, state.s, state.N, state.present)
     given = plain(state.q[:, :3]), T, plain(state.s), np.ascontiguousarray(state.present)
     return bool(knots_fit(fit_of(system.thread), *given))
 

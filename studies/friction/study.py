@@ -194,7 +194,7 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     path = rounded_path([-arm * sides[0], *corners, last], arm / 10)
     s = np.array([path.nearest(corner)[0] for corner in corners])
     knots = through_holes(path.length, s, False, path.length / (LOOP_SPANS * holes))
-    thread = Thread(knots, SUTURE, damping=100.0, hole_compliance=False)
+    thread = Thread(knots, SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
     system = fixed_holes(thread, (Pulled(-LOOP_HOLD * sides[0]), Driven(hand)), mu, corners)

@@ -251,7 +251,7 @@ def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
     stretch = path.length / length
     s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
     knots = through_holes(length, s, False, length / (how.control_points * s.size))
-    thread = Thread(knots, suture(SUTURE), hole_compliance=False)
+    thread = Thread(knots, suture(SUTURE))
     ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
     system = fixed_holes(thread, ends, mu, corners[1:-1])
     laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)
