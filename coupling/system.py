@@ -357,6 +357,12 @@ class System(Generic[Body]):
         """Evaluate the thread of a state at its holds."""
         return self.at(state).passage(state.q, state.s, drive=state.drive)
 
+    @property
+    def width(self) -> float:
+        """How near to an end of the thread, or of a piece of it, a hole leaves it [m]: where knots travel, a hole with
+        its packet cannot pass the end, and leaves within a diameter of it."""
+        return self.thread.section.diameter if self.thread.travels else 0.0
+
     @cached_property
     def may_slide(self) -> Flags:
         """Which abscissae are unknown, unless a hand draws them by a length, shape `(holds,)`."""

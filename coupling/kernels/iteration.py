@@ -75,10 +75,10 @@ class Knots(NamedTuple):
 class Given(NamedTuple):
     """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free` (m,
     9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
-    `spans` (m, 2) and its ends, `piece` (m, 2) [m]; whether the constraints `stiffen` the thread's band; the `gaps` (t,
-    3) [m] between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a thread
-    whose knots travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and `load`
-    is without the thread's weight."""
+    `spans` (m, 2) and where it is left, `piece` (m, 2) [m]; whether the constraints `stiffen` the thread's band; the
+    `gaps` (t, 3) [m] between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a
+    thread whose knots travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and
+    `load` is without the thread's weight."""
 
     q_ref: Array
     load: Array

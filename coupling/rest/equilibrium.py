@@ -66,7 +66,7 @@ WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened b
 GENTLEST = 1.5  # by which it is weakened at least: by less than WEAKER after failures
 AS_CANTILEVER = 3.516**2  # the first natural frequency of a clamped thread in bending, ω² = 3.516² EI/(ρA L⁴)
 AS_STRING = (0.5 * np.pi) ** 2  # and that of one that a force F draws taut, ω² = (π/2)² F/(ρA L²)
-AT_REST = 1e-6  # part by which 1 + T/EA at rest differs from that which the equilibrium was solved with
+AT_REST = 1e-10  # part by which 1 + T/EA at rest differs from that which the equilibrium was solved with
 TENSIONS = 20  # equilibria with another 1 + T/EA at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before

@@ -244,7 +244,7 @@ def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], go
     """Raise `StepError` where the thread left the holes `gone` (holds,) during a step over an end that is fixed,
     clamped or driven: it cannot leave what still holds it."""
     spline = system.thread.spline
-    beyond = gone & (new.s <= spline.start), gone & (new.s >= spline.end)
+    beyond = gone & (new.s <= spline.start + system.width), gone & (new.s >= spline.end - system.width)
     for name, end, left in zip(("start", "end"), system.ends, beyond, strict=True):
         if left.any() and end.position(new.time) is not None:
             k, holes = int(np.argmax(left)), len(system.piercings)

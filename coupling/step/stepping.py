@@ -335,25 +335,14 @@ def sense(at: Passage, y: Array) -> Array:
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
     """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
-    of thread that was in them; of a tie both strands."""
-    gone = np.asarray(new.present & system.may_slide & system.thread.spline.has_left(new.s, home=old.s))
+    of thread that was in them, or as near to it as `System.width`; of a tie both strands."""
+    spline, near = system.thread.spline, system.width
+    piece, way = spline.piece_of(old.s), new.s - old.s
+    low, high = spline.piece_ends[piece] + near, spline.piece_ends[piece + 1] - near
+    out = ((new.s < low) & (way < 0.0)) | ((new.s > high) & (way > 0.0))
+    gone = np.asarray(out & new.present & system.may_slide)
     gone[system.strands] = gone[system.strands].any(axis=1, keepdims=True)
     return gone
-
-
-def runs_out(system: System[Body], state: State[Body], dt: float) -> Flags:
-    """Return the holes that the thread, or a piece of it, runs out of within `dt` [s] at the rate it has, over an end
-    that nothing holds, shape `(m,)`, where its knots travel: a hole with its packet cannot pass the end."""
-    if not system.thread.travels:
-        return np.zeros(system.holds, dtype=bool)
-    spline, end, near = system.thread.spline, state.s + dt * state.s_dot, system.thread.section.diameter
-    low, high = spline.piece_ends[:-1].copy(), spline.piece_ends[1:].copy()
-    for ends, side, held in zip((low, high), (0, -1), system.ends, strict=True):
-        if held.position(0.0) is not None:
-            ends[side] = (-np.inf, np.inf)[side]
-    piece = spline.piece_of(state.s)
-    out = (end < low[piece] + near) | (end > high[piece] - near)
-    return np.asarray(out & state.present & system.may_slide)
 
 
 def further_on(state: State[Body], dt: float) -> State[Body]:
@@ -422,9 +411,11 @@ def advance(
             pending.append((part, level, remembers))
             continue
         except (StepError, InversionError) as error:
-            gone = runs_out(system, state, part)
-            if gone.any() and level >= min(depth + RUN_OUT, HALVINGS):
-                state, beyond = release(state, gone), [*beyond, further_on(state, part)]
+            ahead = further_on(state, part)
+            gone = emptied_holds(system, state, ahead)
+            if system.thread.travels and gone.any() and level >= min(depth + RUN_OUT, HALVINGS):
+                refuse_held_end(system, state, ahead, gone)
+                state, beyond = release(state, gone), [*beyond, ahead]
                 pending.append((part, level, remembers))
                 continue
             if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):

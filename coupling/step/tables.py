@@ -84,6 +84,7 @@ def given_of(problem: Problem) -> Given:
     """Return what a step is solved under."""
     system, (y_free, C) = problem.system, problem.organ_at_holds
     spans, piece = pieces_of(system.thread, problem.law.s_old)
+    piece = piece + np.array([system.width, -system.width])
     return Given(
         plain(problem.q_ref),
         plain(problem.load),

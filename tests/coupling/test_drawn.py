@@ -181,7 +181,7 @@ def test_what_is_drawn_through_a_hole_that_ended_is_no_longer_counted() -> None:
 def drawn_late(length: float, **thread: Any) -> Scenario:
     """A stitch whose right hole begins at 4 ms, 6 mm before the end of the thread, and draws from then on."""
     table = deepcopy(STITCH)
-    table["thread"] |= {"knots": "fixed"} | thread
+    table["thread"] |= thread
     table["piercing"][0].pop("draw")
     table["piercing"][1] |= {"from": 0.004, "draw": [[0.004, 0.0], [0.014, length]]}
     return Scenario.model_validate(table)

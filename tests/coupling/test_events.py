@@ -336,7 +336,6 @@ def test_slip_and_stick_are_noticed() -> None:
 DRAWN_OUT = """
 [thread]
 suture = "2-0 polypropylene"
-knots = "fixed"
 control_points = 30
 path = [[-0.015, 0, 0.015], [-0.005, 0, 0.006], [-0.005, 0, -0.005], [0.005, 0, -0.005], [0.005, 0, 0.006],
         [0.015, 0, 0.015]]

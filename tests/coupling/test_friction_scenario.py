@@ -103,7 +103,6 @@ def channels(
         made_of = {"youngs_modulus": 1e5, "poisson_ratio": 0.4, "density": 1e3}
         table["tissue"] = made_of | {"clamp": ["left"], "mesh": mesh}
     if tract:
-        table["thread"]["knots"] = "fixed"
         table["tract"] = [{"between": ["hole0", "hole1"], "spacing": 4e-3}]
     record, _ = next(iter(prepare(Scenario.model_validate(table)).advance()))
     return [hole.channel for hole in record.piercings if not hole.tract]

@@ -222,7 +222,6 @@ TWO: dict[str, Any] = {
     "thread": {
         "suture": "2-0 polypropylene",
         "control_points": 130,
-        "knots": "fixed",
         "cuts": [0.041],
         "damping": 20.0,
         "path": [

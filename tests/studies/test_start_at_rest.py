@@ -219,7 +219,7 @@ def test_the_way_out_of_no_rest_is_tried() -> None:
     """Independent check: of a run that finds no rest nothing but a start without one is tried, which helps, and it is
     named."""
     scene = stitched()
-    scene["thread"] |= {"knots": "fixed", "end": {"kind": "pulled", "force": [0, 0, 4 * PULL]}}
+    scene["thread"] |= {"end": {"kind": "pulled", "force": [0, 0, 4 * PULL]}}
     said = try_remedies(prepare(parse(scene)).scenario, RestError(""), None, prepare)
     assert 'solve.start = "path"' in said.message and "in vain" not in said.message
 
@@ -228,7 +228,7 @@ def test_what_has_no_rest_is_refused_in_words() -> None:
     """Independent check: a thread that is drawn out of its holes has none, the error says so and what starts without;
     one that slides freely is refused before, and statics, which has no clock to start."""
     scene = stitched()
-    scene["thread"] |= {"knots": "fixed", "end": {"kind": "pulled", "force": [0, 0, 4 * PULL]}}
+    scene["thread"] |= {"end": {"kind": "pulled", "force": [0, 0, 4 * PULL]}}
     with pytest.raises(RestError, match=r'no rest to start from.*runs out of its last hole.*solve\.start = "path"'):
         records_of(scene)
     scene["thread"]["start"]["force"], scene["thread"]["end"]["force"] = [0, 0, 10 * PULL], [0, 0, 40 * PULL]
