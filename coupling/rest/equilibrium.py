@@ -35,7 +35,7 @@ from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.joins.contact import first_sets
 from coupling.kernels.bordered import SingularError
-from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_drawn_out, refuse_held_end, refuse_turning
+from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
 from coupling.step.packets import fitted
@@ -49,6 +49,7 @@ from coupling.step.stepping import (
     emptied_holds,
     end_configuration,
     end_load,
+    left_by,
     reactions,
     release,
     riding,
@@ -675,13 +676,11 @@ def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[B
     """Return a load step that has been halved `depth` times, told whether its tissue snapped, and the holes that the
     thread ran out of in it, shape `(holds,)`. Raises `StepError` where the loads are to be halved, `ConstraintError`
     where a hand has drawn the thread out."""
-    refuse_drawn_out(system, step.old, step.new)
+    gone = left_by(system, step.old, step.new)
     refuse_crossing(system, step.old, step.new)
     if depth < DEEPEST:
         refuse_folding(step)
     step = told_to_snap(system, step, depth)
-    gone = emptied_holds(system, step.old, step.new)
-    refuse_held_end(system, step.old, step.new, gone)
     return step, gone
 
 

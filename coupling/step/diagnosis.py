@@ -229,7 +229,7 @@ def refuse_swallowed_ties(system: System[Body], old: State[Body], new: State[Bod
 def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `ConstraintError` where a hand has drawn the thread, or a piece of it, out of a hole during a step."""
     ends, piece = system.thread.spline.piece_ends, system.thread.spline.piece_of(old.s)
-    beyond = (new.s <= ends[piece]) | (new.s >= ends[piece + 1])
+    beyond = (new.s <= ends[piece] + system.width) | (new.s >= ends[piece + 1] - system.width)
     in_hand = np.logical_or(*system.in_hand(old.time))
     for k in np.flatnonzero(new.present & in_hand & beyond):
         low, high = ends[piece[k] : piece[k] + 2]

@@ -15,6 +15,7 @@ from coupling.step import newton
 from coupling.step.configuration import evaluate_thread
 from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
+from thread.errors import ThreadError
 
 if TYPE_CHECKING:
     from coupling.step.tables import Ended
@@ -50,7 +51,10 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
 def solve_once(problem: Problem[Body], start: Iterate, spans: float, patience: int) -> Solution[Body]:
     """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
     if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
-        return solve_compiled(problem, start, spans, patience)
+        try:
+            return solve_compiled(problem, start, spans, patience)
+        except ThreadError as error:
+            raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
     correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
     return newton.solve(problem, start, correct, patience)
 

@@ -411,13 +411,13 @@ def advance(
             pending.append((part, level, remembers))
             continue
         except (StepError, InversionError) as error:
-            ahead = further_on(state, part)
-            gone = emptied_holds(system, state, ahead)
-            if system.thread.travels and gone.any() and level >= min(depth + RUN_OUT, HALVINGS):
-                refuse_held_end(system, state, ahead, gone)
-                state, beyond = release(state, gone), [*beyond, ahead]
-                pending.append((part, level, remembers))
-                continue
+            if system.thread.travels and level >= min(depth + RUN_OUT, HALVINGS):
+                ahead = further_on(state, part)
+                gone = left_by(system, state, ahead)
+                if gone.any():
+                    state, beyond = release(state, gone), [*beyond, ahead]
+                    pending.append((part, level, remembers))
+                    continue
             if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
                 pending += [(0.5 * part, level + 1, remembers)] * 2
                 continue
@@ -464,10 +464,17 @@ def given_up(system: System[Body], state: State[Body], left: float) -> StepError
 
 def refuse_impossible(system: System[Body], step: Step[Body]) -> Flags:
     """Refuse a step in which holes cross or a held end leaves one; returns the holes that it has left, shape `(m,)`."""
-    refuse_drawn_out(system, step.old, step.new)
+    gone = left_by(system, step.old, step.new)
     refuse_crossing(system, step.old, step.new)
-    gone = emptied_holds(system, step.old, step.new)
-    refuse_held_end(system, step.old, step.new, gone)
+    return gone
+
+
+def left_by(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
+    """Return the holes that the thread has left, as `emptied_holds`. Raises `ConstraintError` where a hand has drawn it
+    out, `StepError` where a held end cannot leave."""
+    refuse_drawn_out(system, old, new)
+    gone = emptied_holds(system, old, new)
+    refuse_held_end(system, old, new, gone)
     return gone
 
 
