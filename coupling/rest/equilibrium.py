@@ -285,7 +285,8 @@ def settle_stretch(
     solved with. Raises `StepError`."""
     for _ in range(TENSIONS):
         problem, z = solution.problem, solution.iterate
-        stretch = stretches_at(problem.system, z.s, z.N, problem.rows[:, 0])
+        system = problem.system.on(solution.residual.configuration.thread.spline)
+        stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
         change = np.max(np.abs(stretch / problem.law.stretch - 1.0), initial=0.0)
         if problem.law.ideal or change <= AT_REST:
             break

@@ -33,7 +33,7 @@ from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
-from coupling.step.packets import fitted
+from coupling.step.packets import fitted, fitting, know_holes
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
 from tissue.errors import FactorError
@@ -129,8 +129,8 @@ class Run(Generic[Body]):
         """Return the run `dt` [s] further, at the `time` [s], before what is scheduled. Raises as `step` does."""
         run = self if self.fresh else self._fitted()
         watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
-        depth = HALVINGS - run.halvings
-        taken = advance(run.system, run.state, dt, run.take, depth, watch, run.tolerance)
+        take, depth = fitting(run.take) if run.system.thread.travels else run.take, HALVINGS - run.halvings
+        taken = advance(run.system, run.state, dt, take, depth, watch, run.tolerance)
         taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
@@ -208,7 +208,7 @@ class Run(Generic[Body]):
     def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
         """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where
         something is looked at between steps that the loops know nothing of: the error of a step."""
-        if not self.downhill or self.tolerance < np.inf:
+        if not self.downhill or self.tolerance < np.inf or not know_holes(self.system, self.state):
             return []
         holds = zip(self.system.piercings, self.state.present, strict=False)
         planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]

@@ -11,9 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from coupling.arrays import Array, Flags
+from coupling.errors import InversionError, StepError
 from coupling.interfaces import Body
 from coupling.kernels.steps.riding import Fit, knots_fit
 from coupling.step.diagnosis import holds_in_force
+from coupling.step.stepping import Step, Take
 from coupling.step.tension import REST, lengths_bent_over, pull_at
 from coupling.system import State, System, solved_curve
 from thread import packets
@@ -33,12 +35,17 @@ def travel_of(system: System[Body]) -> Travel:
 
 def fits(system: System[Body], state: State[Body]) -> bool:
     """Whether the knots of a state are those for its holes, its tension and its bends."""
-    here, travel = np.flatnonzero(holds_in_force(system, state)), travel_of(system)
-    if not np.array_equal(here, np.sort(travel.holds)):
+    if not know_holes(system, state):
         return False
     T = pull_at(system, state.s, state.N, state.present)
     given = plain(state.q[:, :3]), T, plain(state.s), np.ascontiguousarray(state.present)
     return bool(knots_fit(fit_of(system.thread), *given))
+
+
+def know_holes(system: System[Body], state: State[Body]) -> bool:
+    """Whether the knots of a state are made for the holes that it is in."""
+    here = np.flatnonzero(holds_in_force(system, state))
+    return not system.thread.travels or np.array_equal(here, np.sort(travel_of(system).holds))
 
 
 def fit_of(thread: Thread) -> Fit:
@@ -107,6 +114,22 @@ def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
     if fits(system, state):
         return system, state
     return put_on_knots(system, state, due(system, state, bent_over(system, state)))
+
+
+def fitting(take: Take[Body]) -> Take[Body]:
+    """Return a way to make a step or a part of one that, where it fails, is made on knots that fit its beginning. It is
+    from the state as it was, so that what other knots change of its energy is what the integrator took."""
+
+    def take_on_knots(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
+        try:
+            return take(system, state, dt)
+        except (StepError, InversionError):
+            other, moved = fitted(system, state)
+            if moved is state:
+                raise
+        return replace(take(other, moved, dt), old=state)
+
+    return take_on_knots
 
 
 def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Exchange[Body]:

@@ -382,10 +382,10 @@ def advance(
     `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
     accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
     dt/2⁴, by the integrator that it has, and one of BDF2 that still does, or gives back what a shock took, is taken
-    again by backward Euler. A step at whose end the thread has left a hole is taken again without that hole,
-    one in which it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises
-    `StepError` when the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the
-    constraints are at fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
+    again by backward Euler. A step at whose end the thread has left a hole is taken again without that hole, one in
+    which it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError`
+    when the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the constraints are at
+    fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
     """
     taken: list[Step[Body]] = []
     pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()

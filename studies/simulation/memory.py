@@ -41,7 +41,7 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
     """Return where a run was, from what it kept in memory; `beginning` shows how that is built. Raises
     `ScenarioError`."""
     try:
-        number, first = int(memory["step"]), beginning.state
+        number, first = int(memory["step"]), replace(beginning.state, solved=None)
         nested: dict[str, Any] = {"before": first}
         if first.spline is not None:
             nested["solved"] = Solved(first.spline, first.q, first.v)

@@ -8,6 +8,7 @@ import pytest
 
 from coupling.errors import CouplingError
 from coupling.rest.equilibrium import pair_lips
+from coupling.step.newton import ROUND_OFF
 from coupling.step.sliding import law_of, ruled
 from coupling.step.tension import stretches_at
 from coupling.system import Friction, Piercing, State
@@ -20,6 +21,8 @@ from tests.thread.threads import load_step
 from thread.catalogue import suture
 
 FORCE = 0.05  # N
+ROUNDED = 2.0 * ROUND_OFF * suture("2-0 polypropylene").EA  # N: of an axial force, a difference of numbers near 1
+STRAIN = 6 * FORCE / suture("2-0 polypropylene").EA  # that of the hand's largest force, to which a force along is known
 
 
 def pulled(table: dict[str, Any], rows: list[list[float]], **changes: Any) -> dict[str, Any]:
@@ -41,7 +44,7 @@ def run(table: dict[str, Any]) -> tuple[Simulation, list[StepRecord]]:
 
 def along(simulation: Simulation, state: State) -> np.ndarray:
     """The force along the unit tangent in each hole [N]."""
-    system = simulation.assembly.system
+    system = simulation.assembly.system.at(state)
     stretch = stretches_at(system, state.s, state.N, state.present)
     law = law_of(system, state.s, state.present, 0.0, state.s, stretch=stretch)
     return ruled(law, state.sigma, system.passage_of(state), state.s, state.lam, state.y).f
@@ -200,13 +203,13 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
     part = simulation.steps // 10
     ring = [record.piercings[1] for record in records]
     for k in range(part, 4 * part + 1, part):
-        assert ring[k].tangential_force == pytest.approx(6 * FORCE * k / (4 * part), rel=1e-6)
+        assert ring[k].tangential_force == pytest.approx(6 * FORCE * k / (4 * part), rel=STRAIN)
         assert records[k].energy.friction_dissipation == 0.0
     held = [hole.s for hole in ring[4 * part : 7 * part + 1]]
     assert np.ptp(held) <= IDENTITY * held[0] and ring[7 * part].tension_before > 5 * FORCE
     gone = ring[7 * part + 1 :]
     assert gone[0].s > held[0] and max(hole.tension_before for hole in gone) < 0.1
-    assert max(hole.cone_residual for hole in ring) <= RESIDUAL * 6 * FORCE
+    assert max(hole.cone_residual for hole in ring) <= RESIDUAL * 6 * FORCE + ROUNDED
     first = next(hole for hole in gone if hole.state == "slip") if solve.get("kind") else gone[-1]
     limit = np.exp(0.5 * np.pi * MU)
     assert first.tension_before / first.tension_after <= limit * (1 + BENT)
@@ -239,7 +242,7 @@ def test_a_hand_takes_the_same_thread_again(solve: dict[str, Any]) -> None:
     held = run(table)[1][8 * part].piercings[1]
     ran_back = at[5].s - at[3].s
     assert ran_back > 1e-4 and abs(at[8].s - held.s) < AGAIN * ran_back
-    assert [at[k].tangential_force for k in (3, 8)] == pytest.approx([force] * 2, rel=1e-6)
+    assert [at[k].tangential_force for k in (3, 8)] == pytest.approx([force] * 2, rel=STRAIN)
     assert at[5].cone_residual <= RESIDUAL * force
     most = (1.0 + MU) / (1.0 - MU)
     assert (1.0 if "kind" in solve else 1.0 / most) < at[5].tension_before / at[5].tension_after < most

@@ -269,7 +269,7 @@ def test_at_rest_the_holes_keep_what_they_grip(end: dict[str, Any]) -> None:
     tensions = [now.piercings[0].tension_before, *(hole.tension_after for hole in now.piercings)]
     assert before.piercings[1].tension_after > 0.4
     assert tensions == pytest.approx([2.0 * GRIP, GRIP, 0.0], abs=2.0 * GRIPPED * GRIP)
-    assert abs(now.energies.balance_error) <= RESIDUAL * now.energies.at_stake
+    assert abs(now.energies.balance_error) <= RESIDUAL * before.energies.at_stake
 
 
 def test_a_piece_that_nothing_holds_back_runs_out_of_its_hole() -> None:
