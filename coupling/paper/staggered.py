@@ -90,7 +90,7 @@ def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
 
     def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
-        return move_organ(system, step, scheme_of(state, dt))
+        return move_organ(system, step, scheme_of(step.old, dt))  # what the thread forgot, the organ forgets too
 
     return take
 

@@ -20,6 +20,7 @@ from coupling.paper.linear_step import linear_step
 from coupling.paper.staggered import staggered_step
 from coupling.paper.two_pass import two_pass
 from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.run import begin
 from coupling.run.run import schedule_piercings
 from coupling.step import stepping
 from coupling.step.newton import solve
@@ -48,8 +49,10 @@ from tests.thread.threads import (
 )
 from tests.tissue.wounds import wounded_organ
 from thread.ends import Clamped, Fixed, Pulled
+from thread.placed import through_holes
 
 DT, STEPS, WIDTH = 2e-3, 9, 1e-3
+FITTED = 1e-2  # what the packets of knots are made for, which are others after another way
 START, END = hairpin(RADIUS, LENGTH)(np.array([0.0, LENGTH]))
 # The end is drawn across the wound and up, harder on one side of it, so that a part of the lips meets.
 DRAWN = (Fixed(START), Pulled(np.array([-0.1, 0.02, 0.3]), STEPS * DT))
@@ -72,13 +75,13 @@ SCENES = {
 
 
 @cache
-def scene(name: str, contact: bool = True) -> tuple[System, State]:
+def scene(name: str, contact: bool = True, points: int = 40) -> tuple[System, State]:
     inertia, element, width = SCENES[name]
     options: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} | ({"rayleigh": (3.0, 1e-4)} if inertia else {})
     h = 1e-2 if element == "P2" else 3e-3
     special = "clamped" in name
     organ = wounded_organ(inertia, element, width, h, contact=contact, subgrid=special, **options)
-    system = hairpin_system(organ, CLAMPED if special else DRAWN, 40, gravity=-9.81 * Z)
+    system = hairpin_system(organ, CLAMPED if special else DRAWN, points, gravity=-9.81 * Z)
     system = replace(system, piercings=HANDS) if "drawn" in name else system
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
 
@@ -214,8 +217,9 @@ def run_by(take: Any, system: System, state: State, count: int = STEPS) -> list[
 @pytest.mark.parametrize("take", [stepping.bdf2_step, two_pass, staggered_step], ids=["bdf2", "two-pass", "staggered"])
 @pytest.mark.parametrize("name", ["slit dynamic P1", "open quasi-static P1"])
 def test_the_law_of_contact_by_every_scheme(name: str, take: Any) -> None:
-    """Independent check: the same law under BDF2, friction in two passes, and with the organ after the thread."""
-    system, start = scene(name)
+    """Independent check: the same law under BDF2, friction in two passes, and with the organ after the thread, of a
+    thread that is fine enough to be drawn on through its holes."""
+    system, start = scene(name, points=80)
     if take is two_pass:
         holes = tuple(replace(hole, friction=Friction(0.1, 0.1)) for hole in system.piercings)
         system = replace(system, piercings=holes)
@@ -230,8 +234,12 @@ def test_the_law_of_contact_by_every_scheme(name: str, take: Any) -> None:
 
 @pytest.mark.parametrize("name", ["slit quasi-static P1", "open quasi-static P1"])
 def test_equilibrium_is_where_the_motion_comes_to_rest(name: str) -> None:
-    """Consistency check: load steps of statics and a long quasi-static run end with the same lips."""
-    system, start = scene(name)
+    """Consistency check: load steps of statics and a long quasi-static run end with the same lips, of a thread whose
+    knots travel, to which a hole is no lattice with equilibria of its own."""
+    system, _ = scene(name)
+    spline = through_holes(LENGTH, np.array(ABSCISSAE), bool(system.rows[0, 3]), LENGTH / 37)
+    system = replace(system, thread=replace(system.thread, spline=spline))
+    start = laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
     state, energies = start, initial_energies(system, start)
     for k in range(1, 6):
         for step in load_step(system, state, k / 5, STEPS * DT):
@@ -239,10 +247,12 @@ def test_equilibrium_is_where_the_motion_comes_to_rest(name: str) -> None:
             assert assert_lips(system, state) >= 0
     assert abs(energies.balance_error) <= RESIDUAL * abs(energies.external_work)
     moved = replace(system, thread=replace(system.thread, damping=100.0))
-    rest = run_by(try_step, moved, steps(name)[-1].new, 60)[-1]
-    lips, still = (observe_contact(system, x) for x in (state, rest))
+    run = begin(moved, start, try_step)
+    for _ in range(STEPS + 60):
+        run = run.step(DT)
+    lips, still = observe_contact(system.at(state), state), observe_contact(run.system, run.state)
     assert lips.pressed == still.pressed > 0
-    assert np.abs(lips.force - still.force).max() <= 1e-4 * lips.force.max()
+    assert np.abs(lips.force - still.force).max() <= FITTED * lips.force.max()
 
 
 @pytest.mark.parametrize("inertia", [True, False])

@@ -179,7 +179,7 @@ def test_a_lock_is_of_the_file_that_is_there(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(fcntl, "flock", ending)
     with locked(tmp_path):
-        assert len(taken) == 2 and (tmp_path / LOCK).exists()
+        assert len(taken) > 1 and (tmp_path / LOCK).exists()
         with pytest.raises(ScenarioError, match="another run is at work"), locked(tmp_path):
             pass
     with locked(tmp_path):

@@ -390,7 +390,7 @@ def test_a_damaged_folder_is_refused(
 METHODS = {
     "euler": ("solve.integrator=euler",),
     "bdf2": ("solve.integrator=bdf2",),
-    "staggered": ("solve.coupling=staggered",),
+    "staggered": ("solve.coupling=staggered", "thread.control_points=60"),
     "quasi-static": ("tissue.inertia=false",),
     "reduced": ("tissue.reduction={ blocks = 1 }",),
     "static": ("solve.kind=static", "piercing.exit.from=0.0", "piercing.entry.until=1.0", "solve.load_steps=8"),
