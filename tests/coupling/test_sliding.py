@@ -433,7 +433,7 @@ def test_a_thread_that_slides_far_at_rest_is_found_downhill(monkeypatch: pytest.
         last = [step for step, _ in simulation.advance()][-1]
         assert abs(last.piercings[1].slip) > 0.015
         assert len(asked) <= 150
-        tensions.append(last.piercings[0].tension_after)
+        tensions.append(last.piercings[0].tension_before)
     assert tensions[1] - tensions[0] == pytest.approx(0.01, rel=0.1)
 
 
