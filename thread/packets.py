@@ -206,11 +206,15 @@ def travelling(
     places = np.array([at for at, _ in stops])
     if np.any(np.diff(places) <= 1e-9 * length):
         raise ThreadError("holes: two are at one abscissa, or one at an end or a cut of the thread; put them apart")
+    room = SHARE / (1.0 + GROWTH) * np.diff(places)  # for the first span of a packet of RIGID ones
+    nearest = zip(stops[1:-1], np.minimum(room[:-1], room[1:]).tolist(), strict=True)
+    # The same on both sides of a hole: else S at its knot would be another abscissa than the hole's.
+    alike = {at: min(hold.first, longest, most) for (at, hold), most in nearest if hold}
     rows, between, limits, breaks = [np.zeros(total + 1)], [], [], [0] * ORDERS
     at, rigid, bent = np.zeros(total, dtype=np.intp), np.zeros(len(places) - 1), np.zeros(len(places) - 1, dtype=bool)
     strands = [-1]
     for k, ((low, left), (high, right)) in enumerate(pairwise(stops)):
-        packets = left.first if left else first_at.get(low), right.first if right else first_at.get(high)
+        packets = alike.get(low, first_at.get(low)), alike.get(high, first_at.get(high))
         strand = strand_of(high - low, longest, *packets, bends.between(low, high))
         rigid[k], bent[k] = strand.rigid, strand.bent
         strands += [k if i in strand.middle else -1 for i in range(len(strand.share))]

@@ -35,7 +35,6 @@ from studies.arrays import Array
 from studies.figure import COLOURS, Item, band, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import assemble
-from studies.simulation.remarks import coarse_spans
 from studies.study import Study, StudyError, Table, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import bent_ratio, second_stitch_by_law, tensions_by_law
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, unrest
@@ -546,7 +545,6 @@ def limits(rows: Sequence[Row]) -> list[str]:
     out = []
     for name, of in grouped(rows, lambda row: f"{row.kind}, {row.organ}").items():
         out += not_settled(name, max(row.settled for row in of), 1.0)
-        out += [f"{name}: TOO COARSE, {said.message}" for said in coarse_spans(max(row.spans for row in of))]
         hardest = max(of, key=lambda row: row.press / (row.diameter * row.youngs_modulus))
         out += beyond_linear(name, max(row.moved for row in of), FOOTPRINT)
         out += beyond_bearing(name, hardest.press, hardest.diameter, THICKNESS, hardest.youngs_modulus)

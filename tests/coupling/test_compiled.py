@@ -92,7 +92,6 @@ LED = {  # scenes whose abscissae are led downhill on the way
     "rings",
     "taut on long spans",
     "limp",
-    "pulled",
     "rings at rest",
     "organ at rest",
     "friction at rest",

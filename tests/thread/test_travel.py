@@ -170,3 +170,13 @@ def test_point_masses_are_where_the_ends_are(thread: Thread) -> None:
     total = thread.section.rhoA * LENGTH + sum(thread.point_masses)
     for placed in (thread, thread.placed(S0 + 1e-3)):
         assert placed.mass_matrix.sum() == pytest.approx(total, rel=IDENTITY)
+
+
+def test_a_hole_is_at_its_knot_whatever_its_strands() -> None:
+    """Identity: S at the knot of a hole is the hole's abscissa, though one of its strands is much shorter than the
+    other and leaves less room for a packet, for holes that impose a direction and for others."""
+    s = np.array([0.002, 0.03, 0.0335, 0.05])
+    for directed in (True, False):
+        holds = [Hold(k, x, directed, 1.2e-3) for k, x in enumerate(s)]
+        travel = travelling(LENGTH, holds, len(s), 4e-3, (None, None))
+        assert np.allclose(Placed(travel.knots, travel.places(s), travel).breaks[travel.at], s, rtol=IDENTITY)
