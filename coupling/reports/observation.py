@@ -337,7 +337,9 @@ def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:
     """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
-    bending."""
+    bending, and where knots travel, which fit that length."""
+    if system.thread.travels:
+        return 0.0
     here, spline = holds_in_force(system, state), system.thread.spline
     layers = lengths_bent_over(system, state.s, state.N, state.present)[here]
     spans = np.diff(spline.breaks)[spline.spans_of(state.s[here])]

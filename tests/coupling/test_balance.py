@@ -107,7 +107,8 @@ def trapezium(force: Array, way: Array) -> float:
 def test_the_hands_work_is_stored_or_rubbed_away(rough: Friction | None) -> None:
     """Independent check (the force is the slope of the energy): the hand's work, by differences of its place and the
     force recorded there, is what thread and organ store, and F₀ + μN times the stretched length drawn where the holes
-    are rough. The difference is that of the trapezoidal rule: it falls with the square of the step."""
+    are rough. The difference is that of the trapezoidal rule, of forces that swing where a knot that stays passes a
+    hole: it falls faster than the step, without such knots with its square."""
     open_ = []
     for parts in (24, 48):
         system, states = drawn_slowly(rough, parts)
@@ -122,4 +123,4 @@ def test_the_hands_work_is_stored_or_rubbed_away(rough: Friction | None) -> None
         open_.append(abs(work - (stored[1] - stored[0]) - rubbed) / work)
     assert (rubbed > 0.05 * work) == (rough is not None)
     assert open_[1] < 1e-3
-    assert np.log2(open_[0] / open_[1]) > 2.0 - ORDER
+    assert np.log2(open_[0] / open_[1]) > 1.0 + ORDER

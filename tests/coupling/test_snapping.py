@@ -98,7 +98,7 @@ def test_the_arch_hangs_where_newton_finds_it_from_below() -> None:
         answer = after
     point = answer.point
     assert np.abs(point.U - state.U).max() <= TWO_SOLVERS * np.abs(state.U).max()
-    assert np.abs(point.r - organ.map.Z.T @ state.f_y[: organ.map.Z.shape[0]]).max() <= 10.0 * RESIDUAL * point.scale
+    assert np.abs(point.r - organ.map.Z.T @ state.f_y[: organ.map.Z.shape[0]]).max() <= 100.0 * RESIDUAL * point.scale
 
 
 def test_newton_does_not_jump_without_a_word() -> None:

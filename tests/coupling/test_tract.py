@@ -213,7 +213,8 @@ end = {{ kind = "driven", waypoints = [[0, {TIP}, 0, -0.006], [1, {TIP + 1e-3}, 
 """
     _, now = at_rest(text)
     (tract,) = step_record(now).tracts
-    assert [(event.kind, event.piercing) for event in now.events] == [("slips", "in-out")]
+    events = [(event.kind, event.piercing) for event in now.events if event.kind != "halved"]
+    assert events == [("slips", "in-out")]
     assert tract.slipping == len(tract.balls)
     some = replace(now.state, sigma=np.where(np.arange(now.system.holds) == 3, 0.0, now.state.sigma))
     stuck = now.system, now.state, some, times_at_end(now.state, some)
