@@ -193,7 +193,7 @@ def test_events_between_are_those_of_single_steps(monkeypatch: pytest.MonkeyPatc
 
 def test_a_thread_that_is_drawn_out_of_a_hole_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: the steps stop before the one in which its end passes the hole, and go on without it."""
-    scene = slow(drawn(start={"kind": "free"}, end={"kind": "driven", "waypoints": OUT}), 5e-4)
+    scene = slow(drawn(knots="fixed", start={"kind": "free"}, end={"kind": "driven", "waypoints": OUT}), 5e-4)
     found = both(begun(scene), scene.solve.dt, 3 * STEPS, monkeypatch)
     assert "leaves" in {event.kind for event in found.events}
     agree(found, speed=(OUT[1][3] - OUT[0][3]) / OUT[1][0])
