@@ -79,7 +79,7 @@ SCENES = {
     "figure 1": (lambda: load("paper_figure_1", [f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")]), 10),
     "organ": (lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]), 8),
     "rough holes": (lambda: drawn({"channel": 5e-3}), 8),
-    "rings": (lambda: drawn({"direction": "free"}), 3),
+    "rings": (lambda: drawn({"direction": "free"}, knots="fixed"), 6),
     "taut on long spans": (lambda: drawn(suture="8-0 nylon"), 6),
     "limp": (lambda: drawn({"friction": None}, bending=False, control_points=60), 4),
     "pulled": (pulled_through, 8),
@@ -145,7 +145,7 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
         assert by_loops.iterations == by_numpy.iterations or by_numpy.iterations > LONG
         for unknown, scale in scales(problem, by_numpy).items():
             one, other = getattr(by_loops.iterate, unknown), getattr(by_numpy.iterate, unknown)
-            rounded = newton.rounded_force(problem) if unknown == "N" else 0.0
+            rounded = newton.rounded_force(problem) if unknown in {"N", "lam"} else 0.0
             assert np.abs(one - other).max(initial=0.0) <= RESIDUAL * scale + rounded, unknown
         assert np.array_equal(by_loops.iterate.sigma, by_numpy.iterate.sigma)
         assert newton.is_converged(problem, by_loops.iterate, by_loops.residual)
