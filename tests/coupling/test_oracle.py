@@ -23,10 +23,11 @@ FIRM = ("tissue.youngs_modulus=6e5", "piercing.entry.footprint=2e-3", "piercing.
 FEW = ("thread.tolerance=1e-3", "thread.control_points=20")
 POINTS = 80
 ROUGH = tuple(f"piercing.{name}.friction={{static=0.12,kinetic=0.1,grip=2e-3}}" for name in ("entry", "exit"))
+DRAWN = "thread.end.waypoints=[[0, 0.02, 0, 0.02], [0.5, 0.036, 0, 0.03]]"  # to the end of the last load step
 WAYS = {
     "statics": ("solve.kind='static'",),
-    "motion": ("solve.integrator='euler'", "solve.dt=5e-3", "solve.duration=0.7"),  # the hand rests from 0.5 s on
-    "rough": ("solve.kind='static'", *ROUGH),
+    "motion": ("solve.integrator='euler'", "solve.dt=5e-3", "solve.duration=0.7"),  # the hand rests from 0.4 s on
+    "rough": ("solve.kind='static'", *ROUGH, DRAWN),
     "firm": (
         "solve.kind='static'",
         "solve.load_steps=5",
