@@ -319,7 +319,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     return draw(
         [
             panel("kind of scenario", "cases [-]", *bars, title="how they ended", legend=small),
-            panel("demand [footprints]", "span over √(EI/T) [-]", places, log="xy", title="where they ended"),
+            panel("demand [footprints]", "span over √(EI/T) [-]", places, log="x", title="where they ended"),
         ]
     )
 
