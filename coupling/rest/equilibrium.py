@@ -224,7 +224,7 @@ def relax_ties(
                 break
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
-        fit = fitted(system, new)[1] if system.thread.travels else new
+        fit = fitted(system, new)[1]
         if tie == 0.0:
             if refits and fit is not new:
                 now, answer, refits = fit, solution.problem.answer, refits - 1

@@ -129,8 +129,8 @@ class Run(Generic[Body]):
         """Return the run `dt` [s] further, at the `time` [s], before what is scheduled. Raises as `step` does."""
         run = self if self.fresh else self._fitted()
         watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
-        take, depth = fitting(run.take) if run.system.thread.travels else run.take, HALVINGS - run.halvings
-        taken = advance(run.system, run.state, dt, take, depth, watch, run.tolerance)
+        depth = HALVINGS - run.halvings
+        taken = advance(run.system, run.state, dt, fitting(run.take), depth, watch, run.tolerance)
         taken = [*taken[:-1], replace(taken[-1], new=replace(taken[-1].new, time=time))]
         return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
@@ -300,8 +300,6 @@ class Run(Generic[Body]):
 
     def _fitted(self) -> "Run[Body]":
         """Return the run on packets that fit its state; itself where they do, and where knots stand still."""
-        if not self.system.thread.travels:
-            return self
         system, state = fitted(self.system, self.state)
         if state is self.state:
             return self

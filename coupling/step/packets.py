@@ -109,9 +109,9 @@ def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[
 
 
 def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
-    """Return system and state on packets that fit, the same ones where they do."""
+    """Return system and state on packets that fit, the same ones where they do, and where knots stand still."""
     system = system.at(state)
-    if fits(system, state):
+    if not system.thread.travels or fits(system, state):
         return system, state
     return put_on_knots(system, state, due(system, state, bent_over(system, state)))
 
