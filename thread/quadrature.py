@@ -1,6 +1,7 @@
 """Gauss–Legendre points on the spans of a spline."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -18,9 +19,12 @@ class GaussRule:
     b: Array
 
 
+legendre = cache(np.polynomial.legendre.leggauss)
+
+
 def gauss_rule(spline: Spline, points: int) -> GaussRule:
     """Return the Gauss–Legendre rule with `points` points on each span, in the parameter of its knots."""
-    x, w = np.polynomial.legendre.leggauss(points)
+    x, w = legendre(points)
     left, right = spline.parameters[:-1, None], spline.parameters[1:, None]
     return rule_at(spline, 0.5 * (left + right) + 0.5 * (right - left) * x, 0.5 * (right - left) * w)
 

@@ -153,6 +153,17 @@ def ride(
     return np.pad(F, ((0, 0), (0, q.shape[1] - 3))), out
 
 
+def with_tie(thread: Thread, how: Ride, q: Array, tie: float, ridden: Ridden) -> Ridden:
+    """Return what a potential owes to the abscissae with that of a tie besides, ½ tie ∫ρA |P(S) − P₀(S)|² dS, where the
+    thread is at P₀, its control values `q` (n, c) [m]; `tie` [1/s²]."""
+    assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
+    out, place = empty_ridden(thread.spline), plain(q[:, :3])
+    here, none = field_of(thread.spline, place), field_of(thread.spline, np.zeros((thread.n, 3)))
+    weightless = how._replace(gravity=np.zeros_like(how.gravity))
+    inertia_of(thread.axial.curve, weightless, (here, none), float(tie), place, np.zeros((thread.n, 3)), out)
+    return ridden._replace(by_qs=ridden.by_qs + out.by_qs, by_ss=ridden.by_ss + out.by_ss)
+
+
 def carried(spline: Placed, how: Ride, q: Array, rates: Array, dt: float) -> Array:
     """Return how control values `q` (n, c) [m] move in `dt` [s] with holes that run at `rates` (m,) [m/s] along a
     thread that stays where it is, shape `(n, c)` [m]."""

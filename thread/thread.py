@@ -33,7 +33,7 @@ from thread.frames import (
     untwisted_frame,
 )
 from thread.placed import Placed
-from thread.quadrature import GaussRule, gauss_rule, rule_at
+from thread.quadrature import GaussRule, gauss_rule, legendre, rule_at
 from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
@@ -84,7 +84,7 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
         at_end = np.where((repeats[:-1] > 1)[:, None], np.hstack([left, middle]), np.hstack([middle, right]))
         points = np.where(two, at_end, middle)
     else:
-        gauss = 0.5 * (left + right) + 0.5 * (right - left) * np.polynomial.legendre.leggauss(2)[0]
+        gauss = 0.5 * (left + right) + 0.5 * (right - left) * legendre(2)[0]
         points = np.where(two, gauss, 0.5 * (left + right))
     return points, np.hstack([np.ones_like(two), two])
 

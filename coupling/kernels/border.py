@@ -16,8 +16,6 @@ G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
 AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
 OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
 NINE, OWN, BORDER = 9, 6, 15
-FLAT = 1e-3  # of the largest stiffness along the thread: a smaller one is taken for this
-TINY = 2.2250738585072014e-308
 LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
 
 
@@ -242,11 +240,10 @@ def numbers_in_use(C: Array, r_y: Array, joints: Joints) -> tuple[Indices, int]:
 
 @owning
 def solve_holds(
-    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, reach: Array, dz: Array
+    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, dz: Array
 ) -> bool:
     """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
-    (9m, 1 + 9m) is w. The abscissae are led by `reach` (m,) [m], unless there is none, `(0,)`. False where the matrix
-    is singular."""
+    (9m, 1 + 9m) is w. False where the matrix is singular."""
     m, (at, size) = len(r), numbers_in_use(C, r_y, joints)
     M, GE = np.zeros((size, size + 1)), thread_by_holds(border.E, G, at, size)
     for k in range(m):
@@ -257,7 +254,7 @@ def solve_holds(
     if size > OWN * m:
         add_site_equations(border, C, G, GE, r_y, joints, at, M)
     join_laws(joints, sigma, r, at, M)
-    if not (own_downhill(M, at, reach) if len(reach) else solve_dense(M)):
+    if not solve_dense(M):
         return False
     for k in range(m):
         for j in range(BORDER):
@@ -282,92 +279,6 @@ def join_laws(joints: Joints, sigma: Array, r: Array, at: Indices, M: Array) -> 
         M[other, last] -= r[first, LAW]
         M[one, last] = -r[first, LAW]
         M[one, one] = M[one, other] = 1.0
-
-
-@owning
-def own_downhill(M: Array, at: Indices, reach: Array) -> bool:
-    """Solve the border's own system with the abscissae led, its solution in place of the last column of `M`
-    (k, k + 1): none goes further than `reach` (m,) [m], and none uphill. False where a matrix is singular.
-
-    All else is eliminated first, so that the laws of sliding read H ds = f: f (d,) [N] the force that drives the thread
-    along itself, H (d, d) [N/m] the stiffness against it, the second derivative of the potential along the way that all
-    else follows. Where H is not positive, Newton's way leads up to a saddle, and the sizes of its eigenvalues make one
-    that leads down (Nocedal & Wright, Numerical Optimization, 2006, §3.4). Laws with abscissae alone, of strands that
-    stick or are tied, stay as they are.
-    """
-    size, driven = len(M), driven_holds(M, at, len(reach))
-    d = len(driven)
-    whole, H = np.zeros((size, size + 1 + d)), np.zeros((d, d + 1))
-    for i in range(size):
-        for c in range(size + 1):
-            whole[i, c] = M[i, c]
-    for j in range(d):
-        s = at[BORDER * driven[j]]
-        row = whole[s]
-        for c in range(size + 1):
-            row[c] = 0.0
-        row[s] = row[size + 1 + j] = 1.0
-    if not solve_dense(whole):
-        return False
-    for i in range(d):
-        law = M[at[BORDER * driven[i]]]
-        H[i, d] = -law[size]
-        for c in range(size):
-            H[i, d] += law[c] * whole[c, size]
-            for j in range(d):
-                H[i, j] -= law[c] * whole[c, size + 1 + j]
-    if d > 0 and not step_downhill(H):
-        return False
-    share = 1.0
-    for j in range(d):
-        share = min(share, reach[driven[j]] / max(abs(H[j, d]), TINY))
-    for i in range(size):
-        M[i, size] = whole[i, size]
-        for j in range(d):
-            M[i, size] += whole[i, size + 1 + j] * share * H[j, d]
-    return True
-
-
-@owning
-def driven_holds(M: Array, at: Indices, m: int) -> Indices:
-    """Return the holds whose law of sliding has other unknowns than abscissae."""
-    found, count = np.zeros(m, np.int64), 0
-    for k in range(m):
-        driven = False
-        for i in range(len(at)):
-            driven |= i % BORDER != S and at[i] >= 0 and M[at[BORDER * k], at[i]] != 0.0
-        if driven:
-            found[count] = k
-            count += 1
-    return found[:count]
-
-
-@owning
-def step_downhill(H: Array) -> bool:
-    """Solve H ds = f, or with the sizes of the eigenvalues where one is not positive, for ds in place of f, the last
-    column of `H` (d, d + 1). False where H is singular."""
-    d = len(H)
-    even = np.zeros((d, d))
-    for i in range(d):
-        for j in range(d):
-            even[i, j] = 0.5 * (H[i, j] + H[j, i])
-            if not abs(even[i, j]) < LARGEST:
-                return False
-    sizes, axes = np.linalg.eigh(even)
-    if sizes[0] > 0.0:
-        return solve_dense(H)
-    least = max(FLAT * max(abs(sizes[0]), abs(sizes[d - 1])), TINY)
-    ds = np.zeros(d)
-    for j in range(d):
-        along = 0.0
-        for i in range(d):
-            along += axes[i, j] * H[i, d]
-        along /= max(abs(sizes[j]), least)
-        for i in range(d):
-            ds[i] += axes[i, j] * along
-    for i in range(d):
-        H[i, d] = ds[i]
-    return True
 
 
 @owning

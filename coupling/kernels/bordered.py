@@ -21,7 +21,7 @@ S, LAM, MU_V = 0, slice(1, 4), 5  # columns of s, of λ and of μ_v
 PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
 OF_X = slice(0, 3)  # x among the nine numbers of y
 NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp), 1.0)
-FREE = np.zeros(0)  # abscissae that are not led
+NO_SET = np.zeros(0)  # of stick and slip
 RIDING = 6  # row of Vᵀ that has H_qs where knots travel
 
 
@@ -95,15 +95,13 @@ def newton_direction(
     C: Array,
     thread: Passage,
     residuals: tuple[Array, Array, Array],
-    joined: tuple[Joints, Array] = (NO_JOINTS, FREE),
-    reach: Array = FREE,
+    joined: tuple[Joints, Array] = (NO_JOINTS, NO_SET),
 ) -> tuple[Array, Array]:
     """Solve for the Newton direction dq (n, c) and dz (m, 15).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
     identity; `C` (9m, 9m) organ compliance; `residuals` of the thread (n, c), of the holds (m, 6) and of y (m, 9);
-    strands of ties, `joined` where the active set (m,) says so. With `reach` (m,) [m] the abscissae go downhill and no
-    further than that, and all else with them (`coupling.kernels.border.own_downhill`). Raises `SingularError`.
+    strands of ties, `joined` where the active set (m,) says so. Raises `SingularError`.
     """
     r_q, r, r_y = residuals
     (n, c), m = r_q.shape, len(r)
@@ -114,7 +112,7 @@ def newton_direction(
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
     G, dz = np.ascontiguousarray(values_at_holds(thread, X.reshape(n, c, -1))), np.zeros((m, BORDER))
-    solved = solve_border(border, np.ascontiguousarray(C), G, r, r_y, *joined, reach, dz)
+    solved = solve_border(border, np.ascontiguousarray(C), G, r, r_y, *joined, dz)
     if not (solved and np.isfinite(dz).all()):
         raise SingularError(SINGULAR_HOLDS)
     push = np.matvec(border.E, dz).ravel()

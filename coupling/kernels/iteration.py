@@ -51,7 +51,6 @@ from thread.kernels.travel import (
     on_span,
     place_curve,
     place_knots,
-    strand_end,
 )
 from thread.kernels.vectors import Vector, add_row, dot, sum_of
 
@@ -100,8 +99,8 @@ class Given(NamedTuple):
 class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
     the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
-    between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; `spans`
-    that a correction moves an abscissa at most, downhill, zero where it is not led; whether the thread `floats`."""
+    between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; whether
+    the thread `floats`."""
 
     force: float
     rounded: float
@@ -114,7 +113,6 @@ class Bounds(NamedTuple):
     iterations: int
     sets: int
     returns: int
-    spans: float
     floats: bool
 
 
@@ -411,10 +409,9 @@ def add_at_hold(A: Array, balance: Array, K: Array, push: Array, b: Array, first
 
 @owning
 def newton_direction(
-    A: Array, border: Border, law: Law, sigma: Array, given: Given, r: Found, reach: Array, dq: Array, dz: Array
+    A: Array, border: Border, law: Law, sigma: Array, given: Given, r: Found, dq: Array, dz: Array
 ) -> int:
-    """Solve for the direction `dq` (n, 3), `dz` (m, 15), led by `reach` as in `solve_holds`; returns SOLVED or which
-    matrix is singular."""
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15); returns SOLVED or which matrix is singular."""
     n, m, rides = len(r.balance), len(r.holds), given.ride.on
     orders = 2 if rides else 3
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
@@ -437,7 +434,7 @@ def newton_direction(
         values_at_hold(r.first[k], r.b[k], orders, X, G, NINE * k)
         if rides:
             values_riding(k, r.ridden.by_qs, X, G, NINE * k)
-    if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, reach, dz):
+    if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, dz):
         return SINGULAR_HOLDS
     return SOLVED if thread_direction(border.E, dz, X, dq) else SINGULAR_HOLDS
 
@@ -514,21 +511,6 @@ def add_correction(
             z.y[k, j] += share * dz[k, 6 + j]
 
 
-@loop
-def reach_in_strands(ride: Ride, spans: float, length: float, s: Array, reach: Array) -> None:
-    """Write how far holes at `s` (m,) [m] go in a correction [m], as far as so many `spans` of strands in which knots
-    stand still, of four spans at least, would let them: knots that travel have no spans at holes to cross."""
-    for k in range(len(s)):
-        reach[k] = length
-    for e in range(len(ride.between)):
-        left, right = ride.between[e, 0], ride.between[e, 1]
-        strand = strand_end(ride.between, ride.limits, s, e, 1) - strand_end(ride.between, ride.limits, s, e, 0)
-        if left >= 0:
-            reach[left] = min(reach[left], 0.25 * spans * strand)
-        if right >= 0:
-            reach[right] = min(reach[right], 0.25 * spans * strand)
-
-
 @owning
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
@@ -536,8 +518,7 @@ def solve_set(
     """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and the
     largest force [N] at the last iterate, where the residual is."""
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
-    reach, lever = np.zeros(len(z.s) if bounds.spans > 0.0 else 0), np.ones(3)
-    made = r.trail.made
+    lever, made = np.ones(3), r.trail.made
     while True:
         scale = max(evaluate(curve, knots, law, given, z, r), bounds.least)
         if made[OF_SET] == bounds.iterations:
@@ -550,12 +531,7 @@ def solve_set(
         if given.stiffen:
             add_constraint_stiffness(A, border, given, r)
         hold_still(A, given.held)
-        if given.ride.on and len(reach) > 0:
-            reach_in_strands(given.ride, bounds.spans, r.ridden.S[-1], z.s, reach)
-        for k in range(0 if given.ride.on else len(reach)):
-            span = span_of(knots.breaks, z.s[k], given.spans[k, 0], given.spans[k, 1])
-            reach[k] = bounds.spans * (knots.breaks[span + 1] - knots.breaks[span])
-        ending = newton_direction(A, border, law, z.sigma, given, r, reach, dq, dz)
+        ending = newton_direction(A, border, law, z.sigma, given, r, dq, dz)
         if ending != SOLVED:
             return ending, scale
         add_correction(bounds, knots.spacing, lever, given.ride, r.ridden.S, z, dq, dz)
@@ -645,5 +621,5 @@ def solve_of(digest: int) -> Any:
 
 
 solve = solve_of(sources(__file__))
-strand_reach, share_between = entry(reach_in_strands), entry(share_between_holes)
+share_between = entry(share_between_holes)
 share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # as Python calls them

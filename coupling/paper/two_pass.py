@@ -29,7 +29,8 @@ from coupling.interfaces import Body
 from coupling.kernels.constraints import passage
 from coupling.step.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
 from coupling.step.sliding import Law, prescribed, ruled
-from coupling.step.stepping import Step, conclude, dynamic_problem, find_solution, organ_answer, predict
+from coupling.step.solver import find
+from coupling.step.stepping import Step, conclude, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
 
 PASSES = 2  # the paper's
@@ -58,16 +59,14 @@ def two_pass(system: System[Body], state: State[Body], dt: float, passes: int = 
 def solve_passes(problem: Problem[Body], guess: Iterate, verdict: Verdict, passes: int) -> Solution[Body]:
     """Solve the passes, which end early once the verdict stands, and return the last. Its problem is that of the true
     law."""
-    solution = find_solution(with_verdict(problem, verdict), guess)
+    solution = find(with_verdict(problem, verdict), guess)
     iterations = solution.iterations
     for number in range(1, passes):
         new = judge(problem.law, verdict, solution, frictionless=number == 1)
         if is_settled(verdict, new, solution):
             break
         verdict = new
-        solution = find_solution(
-            with_verdict(problem, verdict), guess
-        )  # not from the pass before, which may have snapped
+        solution = find(with_verdict(problem, verdict), guess)  # not from the pass before, which may have snapped
         iterations += solution.iterations
     z = replace(solution.iterate, sigma=motion(problem.law, verdict, solution.iterate))
     answered = replace(problem, answer=solution.problem.answer)

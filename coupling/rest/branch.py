@@ -176,14 +176,12 @@ class Branch(Generic[Body]):
         return Way(new.q - old.q, z, (new.time - old.time) / self.duration, scale)
 
 
-def reach(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool = False
-) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch; `loose` as for
-    `coupling.rest.equilibrium.settle`. Raises as `coupling.rest.equilibrium.load_steps` does."""
+def reach(system: System[Body], state: State[Body], share: float, duration: float) -> list[Step[Body]]:
+    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch. Raises as
+    `coupling.rest.equilibrium.load_steps` does."""
     taken: list[Step[Body]] = []
     try:
-        for step in load_steps(system, state, share, duration, loose):
+        for step in load_steps(system, state, share, duration):
             taken.append(step)
     except OutError:  # no branch leads beyond
         raise

@@ -33,14 +33,13 @@ from coupling.errors import (
 )
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
-from coupling.joins.contact import first_sets
 from coupling.kernels.bordered import SingularError
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
-from coupling.step.newton import Iterate, Problem, Solution, correct, evaluate, force_tolerance
+from coupling.step.newton import Iterate, Problem, Solution, correct, force_tolerance
 from coupling.step.packets import fitted
-from coupling.step.sliding import admissible_sigma, law_of, prescribed, ruled
-from coupling.step.solver import solve
+from coupling.step.sliding import law_of
+from coupling.step.solver import find, solve
 from coupling.step.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
 from coupling.step.stepping import (
     Step,
@@ -54,7 +53,7 @@ from coupling.step.stepping import (
     release,
     riding,
     tie_gaps,
-    with_ends,
+    where_it_is,
     with_sense,
 )
 from coupling.step.tension import pull_at, stretches_at
@@ -77,14 +76,10 @@ ATTEMPTS = 60
 FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
 MOST_FAILURES = 15  # with a linear one: the load step is halved sooner
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
-LOOSER = 0.7  # friction that is let down falls to this part of itself at a time
-FIRMEST = 0.99  # of itself: friction that cannot fall to this has come to where the thread runs through
 DROPPED = 0.3  # of the softest mode: the tie that is dropped first; where that leads astray, a weaker one is
 REFITS = 4  # equilibria at most, further ones, until the packets of knots that travel fit
 REFUSALS = 3  # drops at most that lead astray: a thread that would not stay under its last tie either is told
 SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
-A_SPAN = 1.0  # the most that a correction of a tied thread moves an abscissa: the curve beyond is another polynomial
-PATIENCE = 2  # times the corrections of a plain solve: what LONGEST_MOVE takes along half of the thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 DEEPEST = 4  # halves of halves of a load step
@@ -153,25 +148,12 @@ def settle(
     duration: float,
     given: Answer[Body] | None = None,
     began: float | None = None,
-    loose: bool = False,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
     `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
-    Raises `EquilibriumError`.
-
-    Rough holes hold the thread while it is tied; where it has a long way to slide, they let it slide on the way too. A
-    load step that comes after one that was found so is sought so first (`loose`).
-    """
+    Raises `EquilibriumError`."""
     began = state.time if began is None else began
-    rough = bool(system.rough.any())
-    loose = loose and rough
-    try:
-        step = relax_ties(system, state, share, duration, not loose, given, began)
-    except EquilibriumError:
-        if not rough:
-            raise
-        step, loose = relax_ties(system, state, share, duration, loose, given, began), not loose
-    return replace(stand_firm(step), loose=loose)
+    return stand_firm(relax_ties(system, state, share, duration, given, began))
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -182,7 +164,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
         return step
     try:
         aside = downhill(given_a_little(step.solution), z)
-        solution = let_lie(settle_stretch(let_go(problem, aside), let_go))
+        solution = let_lie(settle_stretch(find(problem, aside), find))
     except StepError as error:
         log.debug("the thread would not stay, and goes nowhere else: %s", error)
         return step
@@ -196,13 +178,12 @@ def relax_ties(
     state: State[Body],
     share: float,
     duration: float,
-    hold: bool,
     given: Answer[Body] | None,
     began: float,
 ) -> Step[Body]:
-    """Reach equilibrium by ties that are weakened and dropped; `hold`: the rough holes hold the thread meanwhile, else
-    it slides in them, and friction opposes the way of each tie; `given` is the organ's answer, None: that at rest;
-    `began` as for `settle`."""
+    """Reach equilibrium by ties that are weakened and dropped, the first load step from the first tie on, others
+    without one unless that fails. On the way friction opposes the way of each tie, without a tie that from `state`.
+    Arguments as for `settle`."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
     firm, weaker, now = first_tie(system), WEAKER, state
     tie = firm if state.time == 0.0 else 0.0
@@ -212,15 +193,14 @@ def relax_ties(
     for _ in range(ATTEMPTS):
         problem = static_problem(system, now, share, duration, tie, answer, state, began)
         try:
-            if tie == 0.0 and refits < REFITS:
-                solution = drop_tie(problem, now, False)
+            if tie:
+                solution = find(rubbing_from(problem, now.s), guess(problem, now, now.sigma))
             else:
-                find = find_tied if tie > 0.0 else find_loose
-                solution = find(problem, now, state, hold)
+                solution = drop_tie(problem, now, lately=refits == REFITS)
             new = equilibrium_state(now, solution)
         except (StepError, InversionError) as error:
             failed, failures = error, failures - 1
-            if failures == 0 or (tie == 0.0 and hold and now is not state):
+            if failures == 0:
                 break
             tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
             continue
@@ -251,31 +231,9 @@ def leads_astray(solution: Solution[Body], new: State[Body]) -> bool:
     return bool(thread.EI) and not thread.spline.cuts.size and not would_stay(solution, new)
 
 
-def find_tied(problem: Problem[Body], now: State[Body], state: State[Body], hold: bool) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied to where it is `now`; the others as for `relax_ties`. Raises
-    `StepError`."""
-    if hold:
-        problem = replace(problem, law=prescribed(problem.law, problem.law.rough, np.zeros_like(now.s)))
-        return follow_ties(problem, guess(problem, now, state.sigma), state)
-    return follow_ties(rubbing_from(problem, now.s), guess(problem, now, now.sigma), state)
-
-
-def find_loose(problem: Problem[Body], now: State[Body], state: State[Body], hold: bool) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that nothing ties, from where it is `now`; the others as for `relax_ties`.
-    Raises `StepError`."""
-    if now is state:
-        return find_rest(problem, guess(problem, now, state.sigma), solve)
-    if hold:
-        return find_rest(problem, guess(problem, now, state.sigma), let_go)
-    return drop_tie(problem, now, True)
-
-
-def find_rest(
-    problem: Problem[Body], first: Iterate, find: Callable[[Problem[Body], Iterate], Solution[Body]]
-) -> Solution[Body]:
-    """Find the equilibrium of a thread that nothing ties, with its own stretch at its holes; `find` finds it with a
-    given one. Raises `StepError`."""
-    return let_lie(settle_stretch(corrected(find(problem, first)), let_go))
+def find_rest(problem: Problem[Body], first: Iterate) -> Solution[Body]:
+    """Find the equilibrium of a thread that nothing ties, with its own stretch at its holes. Raises `StepError`."""
+    return let_lie(settle_stretch(corrected(find(problem, first)), find))
 
 
 def settle_stretch(
@@ -320,11 +278,11 @@ def drop_tie(problem: Problem[Body], now: State[Body], lately: bool) -> Solution
     only the last of it, and what friction takes of the whole way is then an estimate by the forces at the end.
     """
     try:
-        return find_rest(problem, guess(problem, now, sense_of(problem, now)), solve)
+        return find_rest(problem, guess(problem, now, sense_of(problem, now)))
     except StepError:
         if not lately:
             raise
-        solution = find_rest(rubbing_from(problem, now.s), guess(problem, now, now.sigma), solve)
+        solution = find_rest(rubbing_from(problem, now.s), guess(problem, now, now.sigma))
     law = replace(problem.law, stretch=solution.problem.law.stretch)
     return replace(solution, problem=replace(solution.problem, law=law))
 
@@ -353,29 +311,6 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
         raise LeavingError(old.time, new.time - old.time, "the thread runs out of a hole", gone=gone)
 
 
-def follow_ties(problem: Problem[Body], first: Iterate, state: State[Body]) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that is tied; where it may slide through holes that its spans resolve in
-    the `state` before, its abscissae are led downhill. Raises `StepError`.
-
-    A tie holds the points and no abscissa: where the thread has a long way to slide, plain Newton throws the abscissae
-    over many spans and back, and ends at a saddle or nowhere. On spans that are too coarse the potential has a trap
-    between two knots, in which a thread that is led would stay. In later load steps the thread may have to bend at its
-    holes anew, by forces that would throw it along: it is held in them meanwhile.
-    """
-    if not problem.law.may_slide.any() or not is_resolved(problem, state):
-        return solve(problem, first)
-    if state.time > 0.0:
-        held = solve(held_in_place(problem, first.s), first)
-        first = replace(held.iterate, sigma=first.sigma)
-    return solve(problem, first, A_SPAN, PATIENCE)
-
-
-def held_in_place(problem: Problem[Body], s: Array) -> Problem[Body]:
-    """Return the problem with the thread held in all its holes at the abscissae `s` (m,) [m]."""
-    law = replace(problem.law, may_slide=np.zeros_like(problem.law.may_slide), s_held=s)
-    return replace(problem, law=law)
-
-
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
     """Solve again with the pieces of a cut thread tied to where they are now, so that a piece whose place is told by
     what holds it bears nothing of that tie. Raises `StepError`."""
@@ -388,15 +323,6 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
     return replace(again, iterations=solution.iterations + again.iterations)
 
 
-def is_resolved(problem: Problem[Body], state: State[Body]) -> bool:
-    """Tell whether no span at a hole is longer than √(EI/F), F the largest force that draws on the thread."""
-    if problem.system.thread.travels:
-        return True
-    thread, force = problem.system.thread, drawing_force(problem, state)
-    spans = np.diff(thread.spline.breaks)[thread.spline.spans_of(state.s)]
-    return bool((force * spans**2 <= thread.EI).all())
-
-
 def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     """Return the largest force that draws on the thread [N]: of dead loads, of hands at holes and ties, and the tension
     that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
@@ -404,52 +330,6 @@ def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
     dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
     pull = pull_at(problem.system.at(state), state.s, state.N, problem.rows[:, 0])
     return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.max(initial=0.0)))
-
-
-def let_go(problem: Problem[Body], held: Iterate) -> Solution[Body]:
-    """Solve for the equilibrium with friction near one in which the rough holes hold, at once if Newton finds it.
-    Raises `StepError`."""
-    try:
-        return solve(problem, held)
-    except StepError:
-        return let_down_friction(problem, held)
-
-
-def let_down_friction(problem: Problem[Body], held: Iterate) -> Solution[Body]:
-    """Reach the equilibrium with friction from one in which the rough holes hold. Raises `StepError`.
-
-    All friction is enlarged until it holds them, then let down to its own, so that the thread slides no further at a
-    time than Newton follows. Friction opposes the way of each stage, for a hole may turn back on the way. What friction
-    takes of the whole way is then no more than an estimate by the forces at the end.
-    """
-    z, ratio = replace(held, sigma=admissible_sigma(problem.law, np.zeros_like(held.s))), LOOSER
-    at, law = evaluate(problem, z).passage, problem.law
-    now = ruled(law, z.sigma, at, z.s, z.lam, z.y)
-    pull, bound = np.abs(now.f), now.static
-    firm = float(np.max(pull / np.maximum(bound, np.finfo(float).tiny), where=law.rough, initial=1.0))
-    iterations, failed = 0, StepError(problem.time - problem.dt, problem.dt, "the friction could not be let down")
-    if firm > LOOSER**-ATTEMPTS:  # a hole that nothing presses on rubs by no factor
-        raise failed
-    for _ in range(ATTEMPTS):
-        factor = max(1.0, ratio * firm)
-        try:
-            solution = solve(with_friction(rubbing_from(problem, z.s), factor), z)
-        except StepError as error:
-            failed, ratio = error, np.sqrt(ratio)
-            if ratio > FIRMEST:
-                break
-            continue
-        z, firm, ratio = solution.iterate, factor, max(LOOSER, ratio**2)
-        iterations += solution.iterations
-        if factor == 1.0:
-            answered = replace(problem, answer=solution.problem.answer)
-            return replace(solution, problem=answered, iterations=iterations)
-    raise failed
-
-
-def with_friction(problem: Problem[Body], factor: float) -> Problem[Body]:
-    """Return the problem with all friction multiplied."""
-    return replace(problem, law=replace(problem.law, factor=factor))
 
 
 def first_tie(system: System[Body]) -> float:
@@ -483,9 +363,7 @@ def last_tie(problem: Problem[Body], state: State[Body]) -> float:
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
     """Return the last equilibrium with the prescribed ends moved on, where Newton starts."""
-    q = with_ends(state.q, problem.system, problem.time)
-    pressed, rubbing = first_sets(problem.contact, problem.system, state)
-    return Iterate(q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed, rubbing=rubbing)
+    return replace(where_it_is(problem, state), sigma=sigma)
 
 
 def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:
@@ -578,14 +456,12 @@ def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
     return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 
 
-def settle_or_snap(
-    system: System[Body], state: State[Body], share: float, duration: float, loose: bool, snap: bool
-) -> Step[Body]:
+def settle_or_snap(system: System[Body], state: State[Body], share: float, duration: float, snap: bool) -> Step[Body]:
     """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
     for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
     organ = system.organ
     try:
-        step = settle(system, state, share, duration, loose=loose)
+        step = settle(system, state, share, duration)
     except EquilibriumError:
         if not (snap and isinstance(organ, Creeping)):
             raise
@@ -624,10 +500,9 @@ def load_steps(
     state: State[Body],
     share: float,
     duration: float,
-    loose: bool = False,
 ) -> Iterator[Step[Body]]:
-    """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made; `loose`
-    as for `settle`. Without a `duration` all loads are those at t = 0, and begin with none. Raises as `go_on` does, and
+    """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made.
+    Without a `duration` all loads are those at t = 0, and begin with none. Raises as `go_on` does, and
     `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
@@ -636,7 +511,7 @@ def load_steps(
             raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
 
     with asked_before_corrections(count):
-        yield from go_on(system, state, share, duration, loose, state.time / duration if duration else 0.0)
+        yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)
 
 
 def go_on(
@@ -644,7 +519,6 @@ def go_on(
     state: State[Body],
     share: float,
     duration: float,
-    loose: bool,
     begun: float,
     depth: int = 0,
 ) -> Iterator[Step[Body]]:
@@ -653,7 +527,7 @@ def go_on(
     branch does; yield the steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the
     thread out."""
     try:
-        step = settle_or_snap(system, state, share, duration, loose, depth >= SNAPS)
+        step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
@@ -661,14 +535,14 @@ def go_on(
         if depth == DEEPEST or share <= begun:  # after a cut the loads stay what they are
             raise without_equilibrium(error, share) from error
         for part in (0.5 * (begun + share), share):
-            for step in go_on(system, state, part, duration, loose, begun, depth=depth + 1):
+            for step in go_on(system, state, part, duration, begun, depth=depth + 1):
                 yield step
-            state, loose, begun = step.new, step.loose, part
+            state, begun = step.new, part
         return
     if gone.any():
         left = release(state, gone)
         refuse_loose(system, left, share, duration)
-        yield from go_on(system, left, share, duration, loose, begun, depth=depth)
+        yield from go_on(system, left, share, duration, begun, depth=depth)
         return
     yield from [step, *pair_lips(system, step, share, duration)]
 
@@ -741,7 +615,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     out = [step]
     while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
         given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
-        out.append(settle(system, out[-1].new, share, duration, given, step.old.time, out[-1].loose))
+        out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"

@@ -20,7 +20,7 @@ from coupling.interfaces import Body
 from coupling.joins.contact import solve_contact
 from coupling.step.newton import Iterate, Problem
 from coupling.step.sliding import law_of, prescribed
-from coupling.step.solver import solve
+from coupling.step.solver import find
 from coupling.step.stepping import sense, with_ends
 from coupling.system import State, System
 from thread.placed import Placed
@@ -37,16 +37,9 @@ BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a ho
 ON_PATH = 1e2
 SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
 UNSTRAINED = 1e-6
-# Axial stiffness and patience of each attempt, and the stiffnesses after it; where the path bends back within a few
-# spans, the thread may fold into a span and be locked there, and one that is softer at first comes round the bend. If
-# a hole that imposes a direction is a few spans from the first ball of a tract, it comes there by small stages alone.
-GENTLY = 3e1, 1e2, 3e2
-ATTEMPTS = (
-    (ON_PATH, 1, SETTLING),
-    (ON_PATH, 4, SETTLING),
-    (0.1 * ON_PATH, 4, SETTLING),
-    (0.1 * ON_PATH, 4, (*GENTLY, *SETTLING)),
-)
+# Stiffness of each attempt at first, and the stages after it: where the path bends back within a few spans, a thread
+# that is softer at first comes round the bend.
+ATTEMPTS = (ON_PATH, SETTLING), (0.1 * ON_PATH, (3e1, 1e2, 3e2, *SETTLING))
 STRAINED = 0.02  # a thread that is laid under more strain than this is laid anew, more gently
 FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
 
@@ -103,14 +96,13 @@ class Laying(Generic[Body]):
 def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
     """Lay the thread: its control points (n, 3) [m] and abscissae (m,) [m]. Raises `StepError`.
 
-    Where it cannot be laid, or lies folded within a span or strained, it is laid with more patience, and softer at
-    first.
+    Where it cannot be laid, or lies folded within a span or strained, it is laid softer at first.
     """
     laid: list[tuple[Array, Array, float]] = []
     errors: list[StepError] = []
-    for axial, patience, stages in ATTEMPTS:
+    for axial, stages in ATTEMPTS:
         try:
-            laid.append(lay_or_slide(system, laying, s, axial, patience, stages))
+            laid.append(lay_or_slide(system, laying, s, axial, stages))
         except StepError as error:
             errors.append(error)
             continue
@@ -123,7 +115,7 @@ def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Ar
 
 
 def lay_or_slide(
-    system: System[Body], laying: Laying[Body], s: Array, axial: float, patience: int, stages: Sequence[float]
+    system: System[Body], laying: Laying[Body], s: Array, axial: float, stages: Sequence[float]
 ) -> tuple[Array, Array, float]:
     """Lay the thread, at first of the stiffness `axial`, then of those of the `stages`; returns q, s and its largest
     strain. Raises `StepError`.
@@ -131,10 +123,10 @@ def lay_or_slide(
     Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
     slides in its holes until one does; what is strained then is held so by its ends and anchors.
     """
-    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, patience, stages)
+    held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, stages)
     if held[2] < UNSTRAINED or not system.may_slide.any():
         return held
-    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start, axial, patience, stages)
+    loose = lay_on_bed(system, laying, s, system.may_slide & system.from_start, axial, stages)
     return min(held, loose, key=lambda result: result[2])
 
 
@@ -144,11 +136,10 @@ def lay_on_bed(
     s: Array,
     loose: Flags,
     axial: float,
-    patience: int,
     stages: Sequence[float],
 ) -> tuple[Array, Array, float]:
     """Lay the thread with the holds `loose` sliding, of the stiffness `axial` at first and then, stage after stage, as
-    stiff as Newton allows; returns q, s and its largest strain."""
+    stiff as it can be; returns q, s and its largest strain."""
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, axial)
     on_path = project_path(first, laying.path)
@@ -156,11 +147,11 @@ def lay_on_bed(
     q = with_ends(on_path, soft, 0.0)
     y = all_holds(system, laying.answer.y_free)
     z = Iterate(q, np.zeros_like(first.axial.s), abscissae, np.zeros((m, 5)), y, np.zeros(m))
-    z = solve(bed_problem(soft, on_path, laying.answer, z.s, none), z, patience=patience).iterate
+    z = find(bed_problem(soft, on_path, laying.answer, z.s, none), z).iterate
     for stiffer in stages:
         problem = bed_problem(with_laid_thread(system, laying, stiffer), z.q, laying.answer, z.s, loose)
         try:
-            z = solve(problem, replace(z, sigma=loose.astype(float)), patience=patience).iterate
+            z = find(problem, replace(z, sigma=loose.astype(float))).iterate
         except StepError:
             break
     strain = float(np.abs(first.placed(z.s).points(z.q).strain).max())

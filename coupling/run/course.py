@@ -134,7 +134,7 @@ def make_fixture(
 ) -> Fixture:
     """Return a new fixture; the arguments are those of `fixture_of`."""
     problem = dynamic_problem(system, state, scheme.dt, answer, scheme)
-    tables, bounds = tables_of(system.thread), bounds_of(problem, 0.0, 1)
+    tables, bounds = tables_of(system.thread), bounds_of(problem)
     curve = own_curve(tables.curve) if system.thread.travels else tables.curve
     law = with_own(problem.law.table, "s_old", "s_held", "s_free", "stretch")
     given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
@@ -258,7 +258,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
     the thread's `strands`."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
-    by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
         along=with_own(along_of(system), "breaks", "axial", "greville", "share"),
@@ -270,7 +269,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         strength=strength,
         damping=float(thread.damping),
         epsilon=float(system.epsilon),
-        round_off=float(newton.ROUND_OFF * by_place),
+        round_off=float(newton.ROUND_OFF * newton.rounded_by_place(problem)),
         rounded=float(newton.ROUND_OFF * thread.EA),
         borne=float(borne_pressure(thread, factor) / thread.EA),
         create=CREATED,

@@ -30,7 +30,8 @@ from coupling.step.diagnosis import refuse_faults
 from coupling.step.newton import Iterate, Problem
 from coupling.step.packets import with_holes
 from coupling.step.sliding import law_of
-from coupling.step.stepping import accept_organ, find_solution, riding, sense, tie_gaps
+from coupling.step.solver import find
+from coupling.step.stepping import accept_organ, riding, sense, tie_gaps
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
 
@@ -148,7 +149,7 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
         pressed, rubbing = first_sets(problem.contact, system, state)
         guess = Iterate(state.q, state.N, state.s, state.lam, state.y, sigma, pressed=pressed, rubbing=rubbing)
         try:
-            solution = find_solution(problem, guess)
+            solution = find(problem, guess)
             break
         except StepError as error:
             cause = f"the thread cannot be drawn in ({error})"

@@ -55,9 +55,9 @@ class Run(Generic[Body]):
     `given` (p,) [m], the abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works`
     (t,) [J], of the hands on each tie so far; `taut` (k + 1,), which strands of the thread are, between its k holds and
     cuts (`coupling.run.tautness`).
-    `fresh` is a thread under no tension yet that packets could go by. Of the last step: whether it was sought `loose`,
-    as the next one then is first (`coupling.rest.equilibrium.settle`), the steps `taken` (several where it was halved,
-    none where it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and the `events`.
+    `fresh` is a thread under no tension yet that packets could go by. Of the last step: the steps `taken` (several if
+    it was halved, none if it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and
+    the `events`.
     `seen`: what the loops saw of the thread at its end.
     """
 
@@ -75,7 +75,6 @@ class Run(Generic[Body]):
     cuts: tuple[Cut, ...] = ()
     number: int = 0
     fresh: bool = True
-    loose: bool = False
     at_once: int = 0
     taken: tuple[Step[Body], ...] = ()
     events: Sequence[Event] = ()
@@ -187,7 +186,6 @@ class Run(Generic[Body]):
         """Return the run after so many steps `made` by the loops, with the fields that these leave at the `end`."""
         left: dict[str, Any] = {
             "fresh": False,
-            "loose": False,
             "taken": (),
             "events": (),
             "seen": None,
@@ -267,7 +265,7 @@ class Run(Generic[Body]):
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
         """Return the run at the equilibrium under a part of the loads. Raises as `load` does."""
-        return self._audited(reach(self.system, self.state, share, duration, self.loose))
+        return self._audited(reach(self.system, self.state, share, duration))
 
     @property
     def fallen(self) -> float | None:
@@ -292,7 +290,6 @@ class Run(Generic[Body]):
             state=taken[-1].new,
             energies=energies,
             tie_works=self.tie_works + sum(closing_works(step) + drawing_works(step) for step in taken),
-            loose=any(step.loose for step in taken),
             taut=taut,
             taken=self.taken + tuple(taken),
             events=(*self.events, *found),

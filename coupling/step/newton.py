@@ -37,9 +37,9 @@ from coupling.joins.contact import (
 )
 from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
-from coupling.kernels.bordered import FREE, PHI, S, SingularError, Y, linearise, newton_direction
+from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_direction
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import holds_solved, share, share_between, strand_reach
+from coupling.kernels.iteration import holds_solved, share, share_between
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
@@ -47,7 +47,7 @@ from thread.errors import ThreadError
 from thread.frames import Frame
 from thread.kernels.travel import Field, Ride
 from thread.placed import Placed
-from thread.riding import field_of, ride, ride_of, with_riding_force
+from thread.riding import field_of, ride, ride_of, with_riding_force, with_tie
 from thread.spline import Spline
 from thread.thread import Points
 from tissue.errors import OrganError
@@ -61,7 +61,7 @@ FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
-REACH = 0.25  # of a span; the most that a correction downhill moves an abscissa
+NEAR = 10.0  # shortest spans from the origin within which a strain has the digits of ROUND_OFF
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
 # In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
@@ -84,7 +84,7 @@ class Problem(Generic[Body]):
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
     all of it or on each control point (n,), which is then no part of `load`; `by_turns`: a correction turns no tangent
-    by more than LARGEST_TURN (`coupling.step.continuation.solve_held`); `along` makes a correction where the loads are
+    by more than LARGEST_TURN ; `along` makes a correction where the loads are
     unknown too, and returns the problem under others with it, None where they are given (`coupling.rest.branch`).
     """
 
@@ -303,12 +303,17 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
 
 
 def rounded_force(problem: Problem[Body]) -> float:
-    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, which has fewer digits
-    where the thread is further from the origin than it is long."""
-    thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
-    by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
-    far = max(1.0, place / (thread.spline.end - thread.spline.start))
-    return ROUND_OFF * float(thread.EA * far + by_place * place)
+    """Return the round-off of forces that cancel [N]."""
+    place = np.abs(problem.q_ref[:, :3]).max()
+    return ROUND_OFF * float(problem.system.thread.EA + place * rounded_by_place(problem))
+
+
+def rounded_by_place(problem: Problem[Body]) -> float:
+    """Return the stiffness by which the distance of the thread from the origin is rounded to a force [N/m]: against
+    bending, by inertia, and against stretch, since a strain is a difference of places over the shortest span."""
+    thread = problem.system.thread
+    stretching = thread.EA / (NEAR * thread.spline.spacing.min())
+    return float(stretching + thread.largest_bending + problem.mass_factor * thread.largest_mass)
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
@@ -375,6 +380,15 @@ def allowed_share(problem: Problem[Body], dq: Array) -> float:
     )
 
 
+def applied_share(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> float:
+    """Return the same of a correction with the holes' part `dz` (m, 15), which leaves a part of each strand between two
+    holes."""
+    part, spline = allowed_share(problem, dq), r.configuration.thread.spline
+    if not isinstance(spline, Placed):
+        return part
+    return float(min(part, share_between(problem.ride, np.ascontiguousarray(spline.places), np.ascontiguousarray(dz))))
+
+
 def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     """Return the thread's own matrix, banded: inertia and stiffness."""
     thread = r.configuration.thread
@@ -383,15 +397,19 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     return A
 
 
-def direction(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> tuple[Array, Array]:
-    """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it; `reach` as for
-    `coupling.kernels.bordered.newton_direction`. Raises `SingularError`."""
-    border = border_of(problem, z, r.passage)
+def direction(problem: Problem[Body], z: Iterate, r: Residual, tie: float = 0.0) -> tuple[Array, Array]:
+    """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it, with the material points of the
+    thread tied to where they are by a mass times `tie` [1/s²]. Raises `SingularError`."""
+    thread, at = r.configuration.thread, r.passage
     A, r_q = thread_matrix(problem, z, r), r.thread
+    if tie:
+        A += tie * thread.mass_band
+        at = at if at.ridden is None else replace(at, ridden=with_tie(thread, problem.ride, z.q, tie, at.ridden))
+    border = border_of(problem, z, at)
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)
-    return newton_direction(A, problem.system.held, border, problem.C, r.passage, (r_q, r.holds, r.site), joined, reach)
+    return newton_direction(A, problem.system.held, border, problem.C, at, (r_q, r.holds, r.site), joined)
 
 
 def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
@@ -414,26 +432,11 @@ def next_axial_force(problem: Problem[Body], r: Residual, dq: Array, dz: Array) 
     return with_riding_force(thread, problem.ride, r.points, dz, N) if thread.travels else N
 
 
-def correct(problem: Problem[Body], z: Iterate, r: Residual, reach: Array = FREE) -> Iterate:
-    """Make one Newton correction; `reach` as for `coupling.kernels.bordered.newton_direction`. Raises
-    `SingularError`."""
-    dq, dz = direction(problem, z, r, reach)
-    share, spline = allowed_share(problem, dq), r.configuration.thread.spline
-    if isinstance(spline, Placed):
-        share = min(share, share_between(problem.ride, np.ascontiguousarray(spline.places), np.ascontiguousarray(dz)))
-    return moved(problem, z, r, share * dq, share * dz)
-
-
-def correct_downhill(problem: Problem[Body], z: Iterate, r: Residual, spans: float = REACH) -> Iterate:
-    """Make one Newton correction in which no abscissa goes uphill, nor further than so many of its span. Raises
-    `SingularError`."""
-    thread = problem.system.thread
-    spline = thread.spline
-    if thread.travels:
-        reach = np.empty(len(z.s))
-        strand_reach(problem.ride, float(spans), float(spline.end), np.ascontiguousarray(z.s), reach)
-        return correct(problem, z, r, reach)
-    return correct(problem, z, r, spans * np.diff(spline.breaks)[spline.spans_of(z.s, problem.law.s_old)])
+def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+    """Make one Newton correction. Raises `SingularError`."""
+    dq, dz = direction(problem, z, r)
+    part = applied_share(problem, r, dq, dz)
+    return moved(problem, z, r, part * dq, part * dz)
 
 
 Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]

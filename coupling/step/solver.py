@@ -1,8 +1,8 @@
 """A step solved by the compiled iteration (`coupling.kernels.iteration`) where the system asks for it and it covers
 the problem, else by the same kernels called from Python (`coupling.step.newton`)."""
 
+import logging
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ from coupling.interfaces import Body, Certified
 from coupling.kernels.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.step import newton
 from coupling.step.configuration import evaluate_thread
+from coupling.step.descent import descend
 from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 from thread.errors import ThreadError
@@ -21,22 +22,34 @@ if TYPE_CHECKING:
     from coupling.step.tables import Ended
 
 
-def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
-    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`. Raises `StepError`.
+log = logging.getLogger(__name__)
 
-    No abscissa goes uphill, nor further than so many `spans` in a correction, where they are given; there may be
-    `patience` times the corrections of a plain solve. What an organ answered in a space too narrow for the forces that
-    are found is solved again with the answer that holds under them, from the same start: a step may have several
-    solutions, and what another organ came to may lead to another one. Where no solution is found, nor is one with the
-    answer that holds under all forces."""
+
+def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None) -> Solution[Body]:
+    """Solve a problem near a guess or, if Newton's method does not converge from there, downhill from where it is to
+    `begin`, the guess unless it is given (`coupling.step.descent`). Raises `StepError`."""
     try:
-        solution = solve_once(problem, start, spans, patience)
+        return solve(problem, guess)
+    except StepError as error:
+        log.debug("downhill, since %s", error)
+        return solve(problem, guess if begin is None else begin, downhill=True)
+
+
+def solve(problem: Problem[Body], start: Iterate, downhill: bool = False) -> Solution[Body]:
+    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
+    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`; if it is to be
+    `downhill`, by `coupling.step.descent`. Raises `StepError`.
+
+    What an organ answered in a space too narrow for the forces that are found is solved again with the answer that
+    holds under them, from the same start: a step may have several solutions, and what another organ came to may lead to
+    another one. Where no solution is found, nor is one with the answer that holds under all forces."""
+    try:
+        solution = solve_once(problem, start, downhill)
     except StepError:
         faithful = problem.answer.faithful() if isinstance(problem.answer, Certified) else problem.answer
         if faithful is problem.answer:
             raise
-        return solve(replace(problem, answer=faithful), start, spans, patience)
+        return solve(replace(problem, answer=faithful), start, downhill)
     answer = solution.problem.answer
     if not isinstance(answer, Certified):
         return solution
@@ -44,19 +57,20 @@ def solve(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: 
     certified = answer.certified(solution.residual.f_y[:sites].ravel())
     if certified is answer:
         return solution
-    again = solve(replace(problem, answer=certified), start, spans, patience)
+    again = solve(replace(problem, answer=certified), start, downhill)
     return replace(again, iterations=solution.iterations + again.iterations)
 
 
-def solve_once(problem: Problem[Body], start: Iterate, spans: float, patience: int) -> Solution[Body]:
+def solve_once(problem: Problem[Body], start: Iterate, downhill: bool) -> Solution[Body]:
     """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
+    if downhill:
+        return descend(problem, start)
     if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
         try:
-            return solve_compiled(problem, start, spans, patience)
+            return solve_compiled(problem, start)
         except ThreadError as error:
             raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
-    correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
-    return newton.solve(problem, start, correct, patience)
+    return newton.solve(problem, start)
 
 
 def are_kept() -> bool:
@@ -80,21 +94,21 @@ def is_covered(problem: Problem[Body]) -> bool:
     return problem.answer.linear and problem.contact is None and covers(problem.system)
 
 
-def solve_compiled(problem: Problem[Body], start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution[Body]:
+def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Solve by the loops, as `solve` says. Raises `StepError`, where they end as `coupling.step.newton` does."""
     from coupling.step.tables import run, tables_of
 
     ask_before_correction()
-    ended = run(tables_of(problem.system.thread), problem, start, spans, patience)
+    ended = run(tables_of(problem.system.thread), problem, start)
     for _ in range(ended.corrections - 1):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
-    cause = cause_of(ended, patience)
+    cause = cause_of(ended)
     if cause:
         raise newton.failure(problem, ended.found.holds, cause)
     return Solution(problem, ended.z, residual_of(problem, ended), ended.corrections)
 
 
-def cause_of(ended: "Ended", patience: int) -> str:
+def cause_of(ended: "Ended") -> str:
     """Return why the loops found no solution, in the words of `coupling.step.newton`; empty where they found one."""
     from coupling.kernels import iteration
 
@@ -103,7 +117,7 @@ def cause_of(ended: "Ended", patience: int) -> str:
     causes = {
         iteration.SINGULAR_THREAD: SINGULAR_THREAD,
         iteration.SINGULAR_HOLDS: SINGULAR_HOLDS,
-        iteration.NOT_CONVERGED: newton.too_many(patience * newton.MAX_ITERATIONS),
+        iteration.NOT_CONVERGED: newton.too_many(newton.MAX_ITERATIONS),
         iteration.ALTERNATES: newton.STICK_OR_SLIP,
     }
     if not np.isfinite(ended.found.balance).all():  # no number compares, and what has one in it may pass for singular

@@ -16,12 +16,11 @@ from coupling.interfaces import Answer, Body
 from coupling.joins.contact import first_sets
 from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
-from coupling.step.continuation import solve_downhill, solve_held
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.step.sliding import law_of
-from coupling.step.solver import solve
+from coupling.step.solver import find, solve
 from coupling.step.stability import go_aside
 from coupling.step.tension import stretches_at
 from coupling.system import State, System, forgetful, solved_curve
@@ -44,10 +43,9 @@ GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends a
 @dataclass(frozen=True)
 class Step(Generic[Body]):
     """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
-    whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found with rough holes
-    that let the thread slide while it was tied (`loose`), or `along` its branch (`coupling.rest.branch`); where the
-    thread would have been `beyond` the holes that it left in it, one state for each time that the step was taken
-    again."""
+    whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found `along` its
+    branch (`coupling.rest.branch`); where the thread would have been `beyond` the holes that it left in it, one state
+    for each time that the step was taken again."""
 
     old: State[Body]
     new: State[Body]
@@ -55,7 +53,6 @@ class Step(Generic[Body]):
     solution: Solution[Body]
     end: Configuration
     snapped: bool = False
-    loose: bool = False
     along: bool = False
     beyond: tuple[State[Body], ...] = ()
 
@@ -213,10 +210,33 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     q, spline = state.q + problem.dt * state.v, problem.system.thread.spline
     if isinstance(spline, Placed):
         q = q + carried(spline, problem.ride, state.q, state.s_dot, problem.dt)
-    q = with_ends(q, problem.system, problem.time)
-    s = state.s + problem.dt * state.s_dot
+    return replace(
+        where_it_is(problem, state),
+        q=with_ends(q, problem.system, problem.time),
+        s=state.s + problem.dt * state.s_dot,
+    )
+
+
+def where_it_is(problem: Problem[Body], state: State[Body]) -> Iterate:
+    """Return the iterate in which the thread stays where it is, but for its prescribed ends and the strands that they
+    take along."""
+    q = state.q + taken_along(problem.system, state, with_ends(state.q, problem.system, problem.time) - state.q)
     pressed, rubbing = first_sets(problem.contact, problem.system, state)
-    return Iterate(q, state.N, s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
+    return Iterate(q, state.N, state.s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
+
+
+def taken_along(system: System[Body], state: State[Body], moves: Array) -> Array:
+    """Return how control points move that prescribed ends, which make the `moves` (n, c), take along: the less, the
+    nearer they are to the next hole or the other end of their piece. A strand is then strained by a part of what its
+    last span would be."""
+    spline, out = system.thread.spline, np.zeros_like(moves)
+    stops = np.concatenate([state.s[state.present], spline.piece_ends])
+    for point, end, stop in (
+        (0, spline.start, stops[stops > spline.start].min()),
+        (-1, spline.end, stops[stops < spline.end].max()),
+    ):
+        out += np.clip((spline.greville - stop) / (end - stop), 0.0, 1.0)[:, None] * moves[point]
+    return out
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
@@ -224,8 +244,8 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     `InversionError`; the state is not touched."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    solution = find_solution(problem, predict(problem, state))
-    return conclude(state, scheme, go_aside(solution, find_solution))
+    solution = find(problem, predict(problem, state), where_it_is(problem, state))
+    return conclude(state, scheme, go_aside(solution, find))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -287,16 +307,6 @@ def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     """Return ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
     rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
     return np.where(z.sigma == 0.0, 0.0, rate)
-
-
-def find_solution(problem: Problem[Body], guess: Iterate) -> Solution[Body]:
-    """Solve a step near the guess, or where the sliding thread comes to rest downhill from there, one that is held by
-    small turns. Raises `StepError`."""
-    try:
-        return solve(problem, guess)
-    except StepError:
-        downhill = solve_downhill if problem.law.may_slide.any() else solve_held
-    return downhill(problem, guess)
 
 
 def reactions(system: System[Body], residual: Array, load: Array) -> Array:
@@ -497,7 +507,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        solution = go_aside(solve(problem, predict(problem, state)), find_solution)
+        solution = go_aside(solve(problem, predict(problem, state)), find)
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)

@@ -118,7 +118,7 @@ def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
     return ends[piece] - np.arange(2), spline.piece_ends[piece]
 
 
-def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
+def bounds_of(problem: Problem) -> Bounds:
     """Return what counts as solved, and how far a correction goes."""
     thread, spline = problem.system.thread, problem.system.thread.spline
     return Bounds(
@@ -130,10 +130,9 @@ def bounds_of(problem: Problem, spans: float, patience: int) -> Bounds:
         newton.LONGEST_MOVE * (spline.end - spline.start),
         problem.largest_turn,
         newton.MARGIN,
-        patience * newton.MAX_ITERATIONS,
+        newton.MAX_ITERATIONS,
         newton.MAX_SETS,
         newton.RETURNS,
-        spans,
         problem.floats,
     )
 
@@ -220,9 +219,9 @@ def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
     log.info("compiled %s in %.0f s", what, perf_counter() - began, extra=OVER)
 
 
-def run(tables: Tables, problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Ended:
+def run(tables: Tables, problem: Problem, start: Iterate) -> Ended:
     """Run the loops from an iterate."""
-    given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem, spans, patience)
+    given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem)
     arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
     z = Iterate(*arrays)
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)

@@ -27,12 +27,13 @@ SETTLING = 0.1  # [s] of a run after its load has grown
 
 @dataclass(frozen=True)
 class Case:
-    """One scenario as tables, with its `number`, its `kind` and its `demand` [-]."""
+    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and what else it asks for, `ask`."""
 
     number: int
     kind: str
     demand: float
     tables: dict[str, Any]
+    ask: str = "motion"
 
     @property
     def gentle(self) -> bool:

@@ -30,7 +30,8 @@ from coupling.reports.audit import audit_step, is_of_bdf2
 from coupling.reports.observation import span_ratio
 from coupling.run.watch import CREATED, CREATED_BDF2, given_back
 from coupling.step.diagnosis import frame_areas
-from studies.campaign.generator import KINDS, Case, cases
+from studies.campaign.asks import ASKS, asked
+from studies.campaign.generator import KINDS, Case
 from studies.campaign.quarter import PARTS, forces_apart, lengths_apart, with_shorter_steps
 from studies.figure import COLOURS, Item, draw, panel, series
 from studies.output.records import Ending, Extremes, nothing_met
@@ -73,6 +74,7 @@ class Row:
 
     number: int = measured("", lambda at: at.case.number)
     kind: str = measured("", lambda at: at.case.kind)
+    ask: str = measured("", lambda at: at.case.ask)
     suture: str = measured("", lambda at: at.case.tables["thread"]["suture"])
     holes: int = measured("", lambda at: len(at.case.tables["piercing"]))
     youngs_modulus: float = measured("Pa", lambda at: at.case.tables["tissue"]["youngs_modulus"])
@@ -156,7 +158,7 @@ def made_by(now: OrganRun, new: OrganRun) -> Iterator[tuple[bool, float]]:
 def main(seed: int = 1, first: int = 0, count: int = 300, most: int = 20_000, quarter: int = 11) -> Iterator[Row]:
     """Run the cases of a seed, each until it ends or has taken `most` corrections; the first `quarter` of those again
     in steps a quarter as long where they complete."""
-    given = enumerate(cases(seed, count, first))
+    given = enumerate(asked(seed, count, first))
     yield from each([partial(run, case, most, number < quarter) for number, case in given])
 
 
@@ -247,8 +249,9 @@ COLUMNS: Columns = (
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line a kind of scenario, then the gentle ones and all of them."""
+    """Make one line a kind of scenario and one for what else it asks for, then the gentle ones and all of them."""
     groups = {kind: [row for row in rows if row.kind == kind] for kind in KINDS}
+    groups |= {ask: [row for row in rows if row.ask == ask] for ask in ASKS}
     return Table.of(COLUMNS, [*groups.items(), ("gentle", [row for row in rows if row.gentle]), ("all", rows)])
 
 
@@ -260,7 +263,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out.append(makes("backward Euler", rows, [row.created for row in rows], CREATED))
     out.append(makes("BDF2", rows, [row.created_bdf2 for row in rows], CREATED_BDF2))
     return [*out, *agreement(rows)] + [
-        f"case {row.number} ({row.kind}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
+        f"case {row.number} ({row.kind}, {row.ask}, {row.suture}, demand {row.demand:.2g}): {row.cause} at "
         f"{row.time:.4g} of {row.duration:.4g} s, spans over layer {row.span_ratio:.2g}"
         for row in rows
         if not row.completed

@@ -32,7 +32,6 @@ def memory_of(now: OrganRun) -> Arrays:
         "knots": now.system.thread.spline.knots,
     }
     own |= {"tie_works": now.tie_works} if now.system.ties else {}
-    own |= {"loose": np.array(now.loose)} if now.system.rough.any() else {}
     state = {name: value for name, value in pack(now.state, "state").items() if name not in REMADE}
     return own | state | pack(now.energies, "energies")
 
@@ -50,7 +49,6 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works
-        loose = bool(memory["loose"]) if system.rough.any() else beginning.loose
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
@@ -71,5 +69,4 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         tie_works=tie_works,
         number=number,
         fresh=number == 0 and beginning.fresh,
-        loose=loose,
     )

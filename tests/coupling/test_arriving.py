@@ -9,11 +9,9 @@ from scipy.optimize import brentq
 
 from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
 from coupling.integrators import BackwardEuler
-from coupling.kernels.border import NINE, OWN, solve_border
-from coupling.kernels.bordered import FREE, NO_JOINTS, empty_border
 from coupling.rest import branch, equilibrium
 from coupling.run.run import begin
-from coupling.step.continuation import solve_downhill
+from coupling.step.descent import descend
 from coupling.step.motion import what_it_does
 from coupling.step.newton import LARGEST_TURN, LONGEST_MOVE, allowed_share, solve
 from coupling.step.stepping import (
@@ -26,6 +24,7 @@ from coupling.step.stepping import (
     organ_answer,
     predict,
     try_step,
+    where_it_is,
 )
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import parse
@@ -149,48 +148,14 @@ def test_a_thread_that_runs_through_a_hole_says_so() -> None:
     assert "snaps through it at 2 m/s" in words and piercing == "hole"
 
 
-def holds_of(stiffness: float, drive: float) -> tuple[Array, Array]:
-    """Two holds without a thread: the first slides under `drive` [N] against `stiffness` [N/m], in part by way of its
-    λ, which follows s; the second sticks."""
-    matrix, rhs = np.eye(2 * OWN), np.arange(2.0 * OWN)
-    matrix[1, 0] = -0.3 * stiffness  # λ_x = 0.3 k s + 1
-    matrix[0, :2] = -1.3 * stiffness, 1.0  # λ_x − 1.3 k s = 1 − drive
-    rhs[0], rhs[1] = 1.0 - drive, 1.0
-    return matrix, rhs
-
-
-def solved_alone(matrix: Array, rhs: Array, reach: Array) -> Array:
-    """Return the solution of the equations of two holds without thread and organ, led by `reach`."""
-    border, dz, no_thread = empty_border(2), np.zeros((2, 15)), np.zeros((2 * NINE, 1 + 2 * NINE))
-    border.D[:, :, :OWN] = matrix.reshape(2, OWN, 2, OWN)[np.arange(2), :, np.arange(2)]
-    C, r_y = np.zeros((2 * NINE, 2 * NINE)), np.zeros((2, NINE))
-    assert solve_border(border, C, no_thread, -rhs.reshape(2, OWN), r_y, NO_JOINTS, np.ones(2), reach, dz)
-    assert not dz[:, OWN:].any()
-    return dz[:, :OWN].ravel()
-
-
-@pytest.mark.parametrize("drive", [2.0, -2.0])
-def test_corrections_downhill_follow_the_force(drive: float) -> None:
-    """Independent check: where the thread is held against its way, the correction is Newton's; where it snaps it goes
-    as far, but the way that the force drives it and not up to the saddle; never beyond its reach; and all other rows
-    hold."""
-    for stiffness, reach in ((4.0, 1.0), (-4.0, 1.0), (4.0, 0.1), (-4.0, 0.1)):
-        matrix, rhs = holds_of(stiffness, drive)
-        newton, led = (solved_alone(matrix, rhs, reach) for reach in (FREE, np.full(2, reach)))
-        expected = min(abs(drive / stiffness), reach) * np.sign(drive)
-        assert abs(newton[0] - drive / stiffness) <= IDENTITY
-        assert abs(led[0] - expected) <= IDENTITY
-        assert np.abs((matrix @ led - rhs)[1:]).max() <= IDENTITY * np.abs(rhs).max()
-
-
 def test_a_step_downhill_ends_where_newton_does() -> None:
-    """Consistency check: of a step in which a part of a span runs through a hole, the solve that holds the thread
-    first and lets it go finds what Newton's method finds at once."""
+    """Consistency check: of a step in which a part of a span runs through a hole, the way downhill from where the
+    thread is leads to what Newton's method finds from where its motion would bring it."""
     hand = Driven(np.array([[0.0, *(LENGTH * X)], [1.0, *(2.0 * LENGTH * X)]]))
     system, state = through_a_hole((Pulled(-0.1 * X), hand))
     dt = 1e-2
     problem = dynamic_problem(system, state, dt, organ_answer(system, BackwardEuler(dt), state))
-    plain, led = (way(problem, predict(problem, state)).iterate for way in (solve, solve_downhill))
+    plain, led = solve(problem, predict(problem, state)).iterate, descend(problem, where_it_is(problem, state)).iterate
     moved = plain.s - state.s
     assert abs(moved[0]) > 0.1 * LENGTH / 21
     assert np.abs(led.s - plain.s).max() <= TWO_SOLVERS * np.abs(moved).max()
@@ -259,26 +224,6 @@ def test_what_two_rough_holes_bear_is_told_before_the_first_step(force: float, r
         equilibrium.refuse_unbalanced(system, state, 1.0)
 
 
-@pytest.mark.parametrize("who", ["dead load", "hand at a hole", "tension"])
-def test_every_force_that_draws_on_the_thread_says_whether_spans_resolve_it(who: str) -> None:
-    """Independent check: √(EI/F) with F of a dead load, of a hand at the hole, or of the thread itself, which a driven
-    end has drawn taut; at either side of the span at the hole."""
-    span = LENGTH / 21
-    for share, resolved in ((0.99, True), (1.01, False)):
-        force = share * PP.EI / span**2
-        pull = np.array([[0.0, 0.0], [1.0, force]]) if who == "hand at a hole" else None
-        end = Pulled(force * X) if who == "dead load" else Driven(np.array([[0.0, *(LENGTH * X)]]))
-        system = without_organ(
-            uniform(LENGTH, 24), (Fixed(ORIGIN), end), (Piercing("hole", pull=pull),), ((0.5 * LENGTH * X, X),)
-        )
-        state = laid(system, [0.5 * LENGTH], line(ORIGIN, X))
-        if who == "tension":
-            state = replace(state, N=np.full_like(state.N, force))
-        answer = organ_answer(system, BackwardEuler(1.0), state)
-        problem = equilibrium.static_problem(system, state, 1.0, 1.0, 1.0, answer, state, 0.0)
-        assert equilibrium.is_resolved(problem, state) == resolved
-
-
 def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: an equilibrium behind a flip is looked for again in halves of the load step."""
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
@@ -293,31 +238,6 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(equilibrium, "settle", flipping)
     steps = load_step(system, state, 1.0, 1.0)
     assert shares == [1.0, 0.5, 1.0] and abs(steps[-1].new.reaction[0] @ X / -0.2 - 1.0) <= IDENTITY**0.5
-
-
-@pytest.mark.parametrize(
-    ("fails", "loose", "ways"), [(True, False, [True, False]), (False, True, [False, True]), (None, True, [False])]
-)
-def test_what_was_found_sliding_is_sought_so_first_on_other_knots(
-    monkeypatch: pytest.MonkeyPatch, fails: bool | None, loose: bool, ways: list[bool]
-) -> None:
-    """Independent check: where the thread cannot be let go from rough holes that hold it, it slides on the way; the
-    same load step on other knots begins so, and falls back on holes that hold. Without friction there is one way."""
-    rough, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)), Friction(0.1, 0.1))
-    smooth, _ = through_a_hole(rough.ends)
-    found, tried = equilibrium.relax_ties(smooth, state, 0.5, 1.0, True, None, 0.0), list[bool]()
-
-    def relax(system: System, state: State, share: float, duration: float, hold: bool, *given: object) -> Step:
-        tried.append(hold)
-        if hold == fails:
-            raise EquilibriumError(0.0, 0.5, "no convergence", "hole", share)
-        return found
-
-    monkeypatch.setattr(equilibrium, "relax_ties", relax)
-    assert equilibrium.settle(rough, state, 0.5, 1.0, loose=loose).loose == (not ways[-1])
-    assert tried == ways
-    if fails is None:
-        assert not equilibrium.settle(smooth, state, 0.5, 1.0, loose=True).loose and tried == [*ways, True]
 
 
 def test_a_thread_is_tied_alike_on_all_knots() -> None:

@@ -3,21 +3,18 @@
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-import coupling.rest.equilibrium
-import coupling.step.continuation
-import coupling.step.stepping
 from coupling.calls import asked_before_corrections
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.kernels import iteration
 from coupling.step import newton, solver, tables
+from coupling.step.descent import descend
 from coupling.step.newton import Iterate, Problem, Solution
 from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.step.tables import tables_of
@@ -89,14 +86,6 @@ SCENES = {
     "friction at rest": (lambda: load("paper_figure_1", [*AT_REST, f"piercing.exit.{ROUGH}", "solve.load_steps=1"]), 1),
 }
 LONG = 20  # corrections, over which a difference in the last bit may change how many there are
-LED = {  # scenes whose abscissae are led downhill on the way
-    "rings",
-    "taut on long spans",
-    "limp",
-    "rings at rest",
-    "organ at rest",
-    "friction at rest",
-}
 
 
 @dataclass(frozen=True)
@@ -105,8 +94,6 @@ class Asked:
 
     problem: Problem
     start: Iterate
-    spans: float
-    patience: int
     found: Solution
 
 
@@ -115,15 +102,14 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
     """All that is asked of the solver, in its order."""
     asked: list[Asked] = []
 
-    def solve(problem: Problem, start: Iterate, spans: float = 0.0, patience: int = 1) -> Solution:
-        correct = partial(newton.correct_downhill, spans=spans) if spans else newton.correct
-        found = newton.solve(problem, start, correct, patience)
-        asked.append(Asked(problem, start, spans, patience, found))
+    def solve_once(problem: Problem, start: Iterate, downhill: bool) -> Solution:
+        if downhill:
+            return descend(problem, start)
+        found = newton.solve(problem, start)
+        asked.append(Asked(problem, start, found))
         return found
 
-    monkeypatch.setattr(coupling.step.stepping, "solve", solve)
-    monkeypatch.setattr(coupling.step.continuation, "solve", solve)
-    monkeypatch.setattr(coupling.rest.equilibrium, "solve", solve)
+    monkeypatch.setattr(solver, "solve_once", solve_once)
     yield asked
 
 
@@ -137,11 +123,10 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
     for _ in range(steps):
         now = ready.next(now)
     assert len(solved) >= steps
-    assert any(asked.spans for asked in solved) == (name in LED)
     for asked in solved:
         problem, by_numpy = asked.problem, asked.found
         assert solver.is_covered(problem)
-        by_loops = solver.solve_compiled(problem, asked.start, asked.spans, asked.patience)
+        by_loops = solver.solve_compiled(problem, asked.start)
         assert by_loops.iterations == by_numpy.iterations or by_numpy.iterations > LONG
         for unknown, scale in scales(problem, by_numpy).items():
             one, other = getattr(by_loops.iterate, unknown), getattr(by_numpy.iterate, unknown)

@@ -19,6 +19,7 @@ from coupling.errors import (
     UphillError,
 )
 from studies.campaign import study
+from studies.campaign.asks import ASKS, asked
 from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
 from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
 from studies.campaign.study import (
@@ -59,6 +60,14 @@ def test_every_case_is_a_scenario_and_the_gentle_ones_load_slowly() -> None:
         assert case.gentle == (case.kind != "sudden" and case.demand < GENTLE)
 
 
+def test_everything_that_a_scenario_may_ask_for_is_asked() -> None:
+    """Independent check: each question is drawn, and each scenario is read without a refusal."""
+    many = list(asked(5, 60))
+    assert {case.ask for case in many} == set(ASKS)
+    for case in many:
+        parse(case.tables)
+
+
 @pytest.mark.parametrize(
     ("error", "ratio", "turned", "cause"),
     [
@@ -97,7 +106,7 @@ def test_the_workers_of_a_study_do_the_cases() -> None:
         assert list(study.main(seed=3, first=2, count=4)) == []
     finally:
         AT_WORK.reset(token)
-    assert [item.args[0] for item in items] == list(cases(3, 4, 2))
+    assert [item.args[0] for item in items] == list(asked(3, 4, 2))
 
 
 def test_a_thread_that_slides_as_its_swinging_is_damped_is_told() -> None:

@@ -201,8 +201,8 @@ def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, o
 
 
 @loop
-def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector]:
-    """Return an earlier curve and its derivative by S at an abscissa; the search begins at the span `near`."""
+def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector, Vector]:
+    """Return an earlier curve and its derivatives by S at an abscissa; the search begins at the span `near`."""
     last = len(field.first) - 1
     e = min(near, last)
     while e > 0 and s < field.at[e]:
@@ -222,12 +222,16 @@ def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector]:
         x -= miss / rate
         if abs(miss) <= CLOSE * span:
             break
-    P, slope = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    P, slope, bend, turn = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
     for i in range(4):
         q = (field.c[first + i, 0], field.c[first + i, 1], field.c[first + i, 2])
+        by_x = p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i])
+        twice = 2.0 * p[2, i] + 6.0 * x * p[3, i]
         P = sum_of(1.0, P, p[0, i] + x * (p[1, i] + x * (p[2, i] + x * p[3, i])), q)
-        slope = sum_of(1.0, slope, (p[1, i] + x * (2.0 * p[2, i] + x * 3.0 * p[3, i])) / rate, q)
-    return P, slope
+        slope = sum_of(1.0, slope, by_x / rate, q)
+        bend = sum_of(1.0, bend, twice / rate**2, q)
+        turn += field.S[first + i] * twice / rate**2
+    return P, slope, sum_of(1.0, bend, -turn, slope)
 
 
 @loop
@@ -243,10 +247,10 @@ def add_inertia(
             s, S1 = on_span(b, out.S, first), on_span(ride.mass_slope[e, g], out.S, first)
             P, rho = along_span(b, q, first), ride.rhoA * ride.mass_w[e, g]
             gravity = vector(ride.gravity[e], FIRST)
-            was, way = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            was, way, bend = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             if factor != 0.0:
                 one, other = read_field(fields[0], s, e), read_field(fields[1], s, e)
-                was, way = plus(one[0], other[0]), plus(one[1], other[1])
+                was, way, bend = plus(one[0], other[0]), plus(one[1], other[1]), plus(one[2], other[2])
             R = minus(P, was)
             force = sum_of(factor, R, -1.0, gravity)
             for i in range(4):
@@ -259,7 +263,7 @@ def add_inertia(
                 add_mixed(-factor * rho * S1 * b[i], way, ride, e, moves, first + i, out)
             by_rate = rho * (0.5 * factor * dot(R, R) - dot(gravity, P))
             by_move, by_both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
-            twice = factor * rho * S1 * dot(way, way)
+            twice = factor * rho * S1 * (dot(way, way) - dot(R, bend))
             for side in range(2):
                 k = ride.between[e, side]
                 if k >= 0:

@@ -173,7 +173,7 @@ def put_on(ride: Ride, field: Field, S: Array, mass: Array, out: Array) -> None:
         first = field.first[e]
         for g in range(ride.mass_w.shape[1]):
             b = ride.value[e, g]
-            P, _ = read_field(field, on_span(b, S, first), e)
+            P = read_field(field, on_span(b, S, first), e)[0]
             w = ride.rhoA * ride.mass_w[e, g] * on_span(ride.mass_slope[e, g], S, first)
             for i in range(4):
                 out[first + i, 0] += w * b[i] * P[0]

@@ -1,0 +1,217 @@
+"""A step whose solution is not near: Newton's method led downhill, from where the step begins.
+
+With the constraints of the holes eliminated, an implicit step without friction is a minimum: of the potential of the
+thread, its inertia and its loads, and ½ fᵀC f of an organ whose sites are y = y_free + C f under forces f. Corrections
+stay on the constraints, which are linear in the control points next to a hole: these are moved the shortest way. Along
+a correction the work of all residuals,
+
+    W = r_q·dq + (f − Φ_yᵀλ)·dy − r_s ds,
+
+is the slope of that potential. Friction is in it as the force that it is there. The way leads downhill, since
+
+- W < 0 where a correction starts. There dᵀH d = −W, so that W shows whether the curvature along it is positive (Chiang
+  & Zavala, SIAM J. Optim. 26, 2016). If it is not, the material points of the thread are tied to where they are by a
+  stiffness like a mass, more firmly until it is (Levenberg, Q. Appl. Math. 2, 1944).
+- W where a correction ends is at most ENOUGH of that size against the motion: the correction is shortened until then
+  (Matthies & Strang, Int. J. Numer. Meth. Eng. 14, 1979).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+
+from coupling.arrays import Array
+from coupling.interfaces import Body
+from coupling.kernels.border import Border
+from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
+from coupling.kernels.constraints import LOCAL, Passage, phi
+from coupling.step import newton
+from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_share, border_of, evaluate, moved
+
+PATIENCE = 4  # times the corrections of a plain solve
+ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
+SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
+LENGTHS = 9  # of a correction at most
+FIRMER = 10.0  # by which the tie grows where a correction would lead uphill, and falls after one that does not
+SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first tie, and the last
+PUT = 3  # times that control points are put on the constraints at most: those of two holes may be the same
+
+
+def descend(problem: Problem[Body], start: Iterate) -> Solution[Body]:
+    """Solve a step downhill from `start`. Raises `StepError`."""
+    return newton.solve(problem, start, Descent[Body](), PATIENCE)
+
+
+@dataclass
+class Descent(Generic[Body]):
+    """Corrections that go downhill: where the last one led, None before the first, and its `tie` [1/s²]."""
+
+    there: "Place[Body] | None" = None
+    tie: float = 0.0
+
+    def __call__(self, problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+        """Make one correction, as `coupling.step.newton.correct` does. Raises `SingularError`."""
+        start = self.start(problem, z, r)
+        way = self.downhill(start)
+        share, down = way.allowed, abs(way.slope)
+        for _ in range(LENGTHS):
+            there, slope = way.after(share)
+            if slope <= ENOUGH * down:
+                break
+            share = shortened(share, slope, down)
+        self.there = there if share == 1.0 else there.with_own_force()
+        return self.there.z
+
+    def start(self, problem: Problem[Body], z: Iterate, r: Residual) -> "Place[Body]":
+        """Return the place of an iterate: that which the last correction led to, unless something changed since."""
+        if self.there is None:
+            return consistent(problem, z, r.f_y)
+        if self.there.z is z and self.there.problem.answer is problem.answer:
+            return Place(problem, z, r, self.there.f)
+        return consistent(problem, z, self.there.f)
+
+    def downhill(self, start: "Place[Body]") -> "Way[Body]":
+        """Return a correction that leads downhill at its start; Newton's own if no tie makes one, as at the last
+        digits. Raises `SingularError`."""
+        thread = start.r.configuration.thread
+        whole = float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
+        tie, firmer, plain = 0.0, max(self.tie / FIRMER, SOFTEST * whole), None
+        while tie <= FIRMEST * whole:
+            way = correction(start, tie)
+            if way is not None and way.slope <= 0.0:
+                self.tie = tie
+                return way
+            plain, tie, firmer = way if tie == 0.0 else plain, firmer, FIRMER * firmer
+        if plain is None:
+            raise SingularError(SINGULAR_HOLDS)
+        return plain
+
+
+def correction(start: "Place[Body]", tie: float) -> "Way[Body] | None":
+    """Return the correction of a thread that is tied to where it is, None if its matrix is singular."""
+    try:
+        return Way(start, *newton.direction(start.problem, start.z, start.r, tie))
+    except SingularError:
+        return None
+
+
+def shortened(share: float, slope: float, down: float) -> float:
+    """Return a shorter share of a correction whose slope is `down` at its start and `slope` after a `share` of it:
+    where the slope is zero if it rises like the third power, by which a turn strains a thread."""
+    ratio = np.cbrt(down / slope) if np.isfinite(slope) else 0.0
+    return share * float(np.clip(ratio, SHORTEST, LONGEST))
+
+
+@dataclass(frozen=True)
+class Place(Generic[Body]):
+    """An iterate `z` of a `problem` that holds to its constraints, its residual `r`, and the forces `f` (m, 9) that
+    hold the sites where they are."""
+
+    problem: Problem[Body]
+    z: Iterate
+    r: Residual
+    f: Array
+
+    @cached_property
+    def border(self) -> Border:
+        """The linearised holds."""
+        return border_of(self.problem, self.z, self.r.passage)
+
+    def with_own_force(self) -> "Place[Body]":
+        """Return the place with the axial forces of its strains."""
+        return replace(self, z=replace(self.z, N=self.r.configuration.thread.EA * self.r.points.strain))
+
+
+@dataclass(frozen=True)
+class Way(Generic[Body]):
+    """A correction `dq` (n, c), `dz` (m, 15) from where it `starts`."""
+
+    starts: Place[Body]
+    dq: Array
+    dz: Array
+
+    @cached_property
+    def allowed(self) -> float:
+        """The part of it that goes no further than a correction may."""
+        return applied_share(self.starts.problem, self.starts.r, self.dq, self.dz)
+
+    @cached_property
+    def slope(self) -> float:
+        """The work of the residuals along it at its start [J]."""
+        return self.work(self.starts)
+
+    @cached_property
+    def df(self) -> Array:
+        """What it changes of the forces that hold the sites, shape `(m, 9)`."""
+        at = self.starts
+        by_thread = at.r.passage.b[:, :3] @ self.dq[at.r.passage.first[:, None] + LOCAL, :3]
+        of_holds = np.matvec(at.border.F, self.dz) + np.matvec(at.border.R, by_thread.reshape(-1, 9))
+        return np.asarray(at.r.f_y + of_holds - at.f)
+
+    def after(self, share: float) -> tuple[Place[Body], float]:
+        """Return where a `share` of it leads, on the constraints, and the work along it there [J]."""
+        at = self.starts
+        z = moved(at.problem, at.z, at.r, share * self.dq, share * self.dz)
+        there = put_on_constraints(at.problem, z, at.f + share * self.df)
+        return there, self.work(there)
+
+    def work(self, at: Place[Body]) -> float:
+        """Return the work of the residuals at a place along this correction, made to lead along the constraints there
+        [J]; infinite where a residual is no number."""
+        (problem, z, r), border = (at.problem, at.z, at.r), at.border
+        rows = local_rows(problem, r.passage, border)
+        off = np.matvec(rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(len(rows), -1))
+        off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
+        along = self.dq - put_back(problem, r.passage, rows, off)
+        residual = r.thread.copy()
+        residual.ravel()[problem.system.held] = 0.0
+        given, law = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
+        law[given.pairs[:, 0][z.sigma[given.pairs[:, 0]] != 0.0]] = 0.0  # which says that both keep their sum
+        of_sites = at.f - r.f_y
+        of_sites[given.strands] = -r.f_y[given.strands]
+        W = float(np.vdot(residual, along) - law @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
+        return W if np.isfinite(W) else np.inf
+
+
+def local_rows(problem: Problem[Body], passage: Passage, border: Border) -> Array:
+    """Return Φ_q of every hold over its four local control points, zero where it is not in force or these are held,
+    shape `(m, 5, 12)`."""
+    rows = np.einsum("mcox,moi->mcix", border.Phi_q.reshape(-1, 5, 3, 3), passage.b[:, :3])
+    free = ~problem.system.held_flags[passage.first[:, None] + LOCAL, :3]
+    return np.asarray((rows * free[:, None] * problem.rows[:, :, None, None]).reshape(-1, 5, 12))
+
+
+def put_back(problem: Problem[Body], passage: Passage, rows: Array, off: Array) -> Array:
+    """Return the shortest move (n, c) [m] of control points that changes Φ by what it is `off` (m, 5)."""
+    out = np.zeros_like(problem.q_ref)
+    local = np.matvec(np.linalg.pinv(rows, rcond=1e-12), off * problem.rows).reshape(-1, 4, 3)
+    np.add.at(out[:, :3], passage.first[:, None] + LOCAL, local)
+    return out
+
+
+def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
+    """Return the place of an iterate with its control points moved onto the constraints."""
+    for _ in range(PUT):
+        passage = problem.system.passage(z.q, z.s, problem.law.s_old)
+        off = phi(passage, z.lam, z.y) * problem.rows
+        if np.abs(off).max(initial=0.0) <= newton.DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
+            break
+        rows = local_rows(problem, passage, border_of(problem, z, passage))
+        z = replace(z, q=z.q - put_back(problem, passage, rows, off))
+    return Place(problem, z, evaluate(problem, z), f)
+
+
+def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
+    """Return the place of an iterate whose sites are put where the forces `f` (m, 9) hold them, whose abscissae are
+    where they are held, on the constraints."""
+    law, y = problem.law, problem.y_free + (problem.C @ f.ravel()).reshape(f.shape)
+    s, strands = np.where(z.sigma == 0.0, law.s_held, z.s), law.strands
+    middle = 0.5 * z.y[strands].sum(axis=1, keepdims=True)
+    half = np.pad(0.5 * problem.gaps[: len(strands)], ((0, 0), (0, 6)))[:, None]
+    y[strands] = middle + half * [[[1.0], [-1.0]]]
+    one, other = law.pairs[z.sigma[law.pairs[:, 0]] != 0.0].T
+    over = 0.5 * (s[one] - law.s_old[one] + s[other] - law.s_old[other])
+    s[one], s[other] = s[one] - over, s[other] - over
+    return put_on_constraints(problem, replace(z, y=y, s=s), f)
