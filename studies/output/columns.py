@@ -103,7 +103,7 @@ NAME: Column[PiercingRecord] = text("piercing", "name of the piercing", lambda h
 PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", lambda hole: hole.x, parts=AXES)
 STATE: Column[PiercingRecord] = text(
     "state",
-    "`stick`, `slip`, `anchored`, or `left`: the thread is not in the hole, no longer or not yet",
+    "`stick`, `slip`, `anchored`, or `left` (the thread is not in the hole)",
     lambda hole: hole.state,
 )
 HOLE: tuple[Column[PiercingRecord], ...] = (
@@ -113,62 +113,58 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     Column(
         "slip",
         "m",
-        "length of thread drawn through towards the thread's end since the start, or since the piercing began",
+        "length drawn through towards the end of the thread since the piercing began",
         lambda hole: hole.slip,
     ),
     PLACE,
-    vector("displacement", "m", "of the hole from its place in the reference shape", lambda hole: hole.displacement),
-    vector("force", "N", "of the hole on the thread", lambda hole: hole.force),
+    vector("displacement", "m", "displacement of the hole from the reference shape", lambda hole: hole.displacement),
+    vector("force", "N", "force of the hole on the thread", lambda hole: hole.force),
     Column(
         "normal_force",
         "N",
-        "force that presses the thread on the hole, across the thread: of `force` alone, or the sum over the two ends "
-        "of a channel, which take the couple too",
+        "force across the thread: of `force`, or summed over both ends of a channel, with the couple",
         lambda hole: hole.normal_force,
     ),
     Column(
         "tangential_force",
         "N",
-        "part of `force` along `tangent`: friction, and the configurational force where a direction is imposed",
+        "part of `force` along `tangent`: friction and the configurational force",
         lambda hole: hole.tangential_force,
     ),
-    vector(
-        "couple", "N m", "of the hole on the thread: the reaction to the imposed direction", lambda hole: hole.couple
-    ),
+    vector("couple", "N m", "couple of the hole on the thread, by its imposed direction", lambda hole: hole.couple),
     Column(
         "tension_before",
         "N",
-        "axial force of the thread at lower `s`, beyond its bend at the hole; positive in tension",
+        "axial force of the strand at lower `s`; positive in tension",
         lambda hole: hole.tension_before,
     ),
     Column("tension_after", "N", "the same at higher `s`", lambda hole: hole.tension_after),
     STATE,
-    vector("tangent", "-", "unit vector along the thread in the hole, towards rising `s`", lambda hole: hole.tangent),
+    vector("tangent", "-", "unit tangent of the thread in the hole, towards rising `s`", lambda hole: hole.tangent),
     Column(
         "cone_residual",
         "N",
-        "by how much the force along the thread breaks Coulomb's law",
+        "violation of Coulomb's law",
         lambda hole: hole.cone_residual,
     ),
     Column(
         "mean_strain",
         "-",
-        "largest principal strain of the tissue across the hole's direction, in magnitude, averaged over the footprint",
+        "largest principal strain of the tissue across the hole, in magnitude, averaged over the footprint",
         lambda hole: hole.mean_strain,
     ),
-    Column("turn", "rad", "by which the tissue's frame at the hole is rotated", lambda hole: hole.turn),
+    Column("turn", "rad", "rotation of the tissue at the hole", lambda hole: hole.turn),
     Column(
         "bearing_pressure",
         "Pa",
-        "length of `force` over the thread's diameter and the length on which it bears: the channel's, else two "
-        "footprints, over which the model spreads the force, else ten diameters",
+        "`force` over thread diameter and bearing length: the channel, else two footprints, else ten diameters",
         lambda hole: hole.bearing_pressure,
     ),
 )
 CHANNEL: Column[PiercingRecord] = Column(
     "channel",
     "m",
-    "length of the channel on whose two ends the couple presses; null without friction or direction",
+    "length of the channel; null without friction or direction",
     lambda hole: hole.channel,
 )
 HOLE_SUMMARY = (*HOLE, CHANNEL)
@@ -179,56 +175,53 @@ HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
     count(
         "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
     ),
-    vector("u", "-", "first vector across the hole's direction, as it moves with the tissue", lambda hole: hole.u),
-    vector("v", "-", "second vector across the hole's direction", lambda hole: hole.v),
+    vector("u", "-", "first vector across the hole, moving with the tissue", lambda hole: hole.u),
+    vector("v", "-", "second vector across the hole", lambda hole: hole.v),
 )
 PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)), *HOLE_ARRAYS)
 
 EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
-        "`begins`, `ends`, `leaves`, `slips`, `sticks` of a piercing, `tears` where the tissue's strength is exceeded; "
-        "`taut`, `slack` of a strand; "
-        "`closes`, `tied`, `slips`, `sticks`, `unties` of a tie; `slips`, `sticks` of surfaces in contact, and "
-        "along a tract, as a whole or no more; `cut`: the thread was; `halved`: the step was; "
-        "`snaps`: the tissue, or a thread that buckles, went to an equilibrium that was not near; "
-        "`branch`: load steps failed, and the equilibrium was followed along its branch by arc length",
+        "piercing: `begins`, `ends`, `leaves`, `slips`, `sticks`, `tears`; strand: `taut`, `slack`; tie: "
+        "`closes`, `tied`, `slips`, `sticks`, `unties`; contact or tract as a whole: `slips`, `sticks`; "
+        "thread: `cut`; step: `halved`; `snaps`: jump to a distant equilibrium; `branch`: equilibrium found "
+        "by arc length",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie, tract or pair of surfaces, of a strand those of what it lies between, as in "
-        "`entry-exit`, `start-entry`, `exit-end`; empty for `cut`, `halved`, `snaps`, `branch`",
+        "name of the piercing, tie, tract, pair of surfaces, or strand (`start-entry`, `entry-exit`); else empty",
         lambda event: event.piercing,
     ),
     Column(
         "s",
         "m",
-        "abscissa of the thread in the hole, of the cut, or in the middle of the strand",
+        "abscissa of the hole, the cut, or the middle of the strand",
         lambda event: event.s,
     ),
-    Column("energy", "J", "change of kinetic and elastic energy: `work` less `loss`", lambda event: event.energy),
-    Column("work", "J", "done in drawing the thread into a hole that begins", lambda event: event.work),
+    Column("energy", "J", "change of kinetic and elastic energy: `work` minus `loss`", lambda event: event.energy),
+    Column("work", "J", "work to draw the thread into a hole that begins", lambda event: event.work),
     Column(
         "loss",
         "J",
-        "of energy, by the impulse when a hole begins or by a cut",
+        "energy lost by the impulse of a hole that begins, or by a cut",
         lambda event: event.loss,
     ),
     Column(
         "gap",
         "m",
-        "between thread and hole, closed when it begins, or left between the strands of a tie that closes",
+        "distance of thread and hole before the hole begins, or of the strands of a tie",
         lambda event: event.gap,
     ),
-    Column("angle", "rad", "between thread and the hole's direction, closed when it begins", lambda event: event.angle),
+    Column("angle", "rad", "angle of thread and direction before the hole begins", lambda event: event.angle),
     vector(
         "impulse",
         "N s",
-        "of the hole on the thread when it begins; for `cut` the change of the thread's momentum",
+        "impulse of a hole that begins on the thread, or change of momentum by a cut",
         lambda event: event.impulse,
     ),
-    count("control_points", "after a cut, else empty", lambda event: event.control_points or None),
+    count("control_points", "number after a cut, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
@@ -236,39 +229,44 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column(
         "elastic_thread",
         "J",
-        "elastic energy of the thread; in row 0 that of the bends in which it was laid",
+        "elastic energy of the thread; in row 0 of the bends of its path",
         lambda energy: energy.elastic_thread,
     ),
     Column("elastic_tissue", "J", "elastic energy of the organ", lambda energy: energy.elastic_tissue),
     Column(
         "prestretch",
         "J",
-        "the part of `elastic_tissue` that `tissue.prestretch` had stored at the start, what was cut open having gaped",
+        "the part of `elastic_tissue` that `tissue.prestretch` stored at the start",
         lambda energy: energy.prestretch,
     ),
     Column(
         "external_work",
         "J",
-        "of loads, gravity, holders and hands since the start, with the forces at the end of each step",
+        "work of loads, gravity, holders and hands since the start",
         lambda energy: energy.external_work,
     ),
     Column(
         "friction_dissipation",
         "J",
-        "by friction in the holes, and of surfaces that press on one another, since the start",
+        "energy dissipated by friction in holes and contacts since the start",
         lambda energy: energy.friction_dissipation,
     ),
-    Column("viscous_dissipation", "J", "by damping since the start", lambda energy: energy.viscous_dissipation),
+    Column(
+        "viscous_dissipation",
+        "J",
+        "energy dissipated by damping since the start",
+        lambda energy: energy.viscous_dissipation,
+    ),
     Column(
         "numerical_dissipation",
         "J",
-        "by the integrator, contact included, since the start; negative: the scheme has created energy",
+        "energy dissipated by the integrator and contact since the start; negative: energy was created",
         lambda energy: energy.numerical_dissipation,
     ),
     Column(
         "balance_error",
         "J",
-        "external work less the three dissipations and the change of kinetic and elastic energy: round-off",
+        "external work minus dissipation and change of energy: round-off",
         lambda energy: energy.balance_error,
     ),
 )
@@ -279,34 +277,33 @@ MAX_STRAIN: Column[StepRecord] = Column(
 SPAN_RATIO: Column[StepRecord] = Column(
     "span_ratio",
     "-",
-    "longest span at a hole over the length that the thread bends over there; ⅓ is fine, above ½ too coarse",
+    "longest span at a hole over the bending length √(EI/T); ⅓ is fine, above ½ is too coarse",
     lambda step: step.span_ratio,
 )
 SPANS_BETWEEN: Column[StepRecord] = Column(
     "spans_between",
     "-",
-    "spans between the two holes nearest to one another along the thread, null with fewer than two; 3 is fine, below 2 "
-    "too coarse",
+    "fewest spans between two neighbouring holes, null with fewer than two holes; 3 is fine, below 2 is too coarse",
     lambda step: step.spans_between,
 )
 ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
     "start": (
         vector(
-            "start_reaction", "N", "force of the holder of the start on the thread", lambda step: step.start_reaction
+            "start_reaction", "N", "force of the holder on the start of the thread", lambda step: step.start_reaction
         ),
         Column(
             "start_torque",
             "N m",
-            "of the holder of the start about the tangent; with `thread.twist`",
+            "torque of the holder on the start, about the tangent; with `thread.twist`",
             lambda step: step.torques and step.torques[0],
         ),
     ),
     "end": (
-        vector("end_reaction", "N", "force of the holder of the end on the thread", lambda step: step.end_reaction),
+        vector("end_reaction", "N", "force of the holder on the end of the thread", lambda step: step.end_reaction),
         Column(
             "end_torque",
             "N m",
-            "of the holder of the end about the tangent; with `thread.twist`",
+            "torque of the holder on the end, about the tangent; with `thread.twist`",
             lambda step: step.torques and step.torques[1],
         ),
     ),
@@ -314,15 +311,15 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
 GROWS: Column[PulledEnd] = Column(
     "grows_within",
     "s",
-    "time in which the dead load on it grows from zero, 0: at once; where it is pulled",
+    "ramp time of the dead load on this end, 0: at once; for a pulled end",
     lambda end: end.ramp,
 )
 SOLVED: tuple[Column[StepRecord], ...] = (
-    count("newton_iterations", "of this step", lambda step: step.newton_iterations),
+    count("newton_iterations", "Newton iterations of this step", lambda step: step.newton_iterations),
     Column(
         "constraint_max",
         "m",
-        "largest distance between a hole and the thread in it, which the solve leaves open",
+        "largest distance between a hole and its thread",
         lambda step: step.constraint_max,
     ),
     MAX_STRAIN,
@@ -332,150 +329,150 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column(
         "seconds",
         "s",
-        "wall-clock time of this step, compiling its loops left out; of steps made at once their mean",
+        "wall-clock time of the step without compilation; the mean of steps made in one call",
         lambda step: step.seconds,
     ),
 )
 
 PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
 CONTACT: tuple[Column[ContactRecord], ...] = (
-    count("pairs", "nodes of one that may meet the other", lambda lips: lips.pairs),
-    count("pressed", "of them, under a force", lambda lips: lips.pressed),
+    count("pairs", "number of node pairs", lambda lips: lips.pairs),
+    count("pressed", "pairs under a force", lambda lips: lips.pressed),
     Column(
         "smallest_gap",
         "m",
-        "of all pairs, along the normal of the surface; of a wound's lips along that of its plane",
+        "smallest gap of a pair along the normal; for wound lips the normal of the wound plane",
         lambda lips: lips.smallest_gap,
     ),
     Column(
         "largest_gap",
         "m",
-        "of the pairs that face one another: where most leaks; zero where none does",
+        "largest gap of pairs that face each other; zero without such pairs",
         lambda lips: lips.largest_gap,
     ),
     Column(
         "open_area",
         "m²",
-        f"of the pairs that face one another, where they are more than {APART:g} m apart: shares of the nodes",
+        f"area of facing pairs more than {APART:g} m apart",
         lambda lips: lips.open_area,
     ),
     Column(
         "gap_volume",
         "m³",
-        "between them: the integral of the gap; over the length of a leak's way it is the mean area of its passage",
+        "volume between the surfaces: the integral of the gap",
         lambda lips: lips.gap_volume,
     ),
-    Column("slide", "m", "largest, of a pair past one another along the surfaces", lambda lips: lips.slide),
-    Column("largest_pressure", "Pa", "of all pairs", lambda lips: lips.largest_pressure),
-    Column("area", "m²", "under pressure: shares of the nodes", lambda lips: lips.area),
-    Column("force", "N", "that pushes the two apart, in all: the sum of its magnitudes", lambda lips: lips.force),
+    Column("slide", "m", "largest sliding distance of a pair", lambda lips: lips.slide),
+    Column("largest_pressure", "Pa", "largest pressure of a pair", lambda lips: lips.largest_pressure),
+    Column("area", "m²", "area under pressure", lambda lips: lips.area),
+    Column("force", "N", "sum of the contact forces' magnitudes", lambda lips: lips.force),
     Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
     count(
         "slipping",
-        "pressed nodes that slip with friction; the others stick where there is any",
+        "pressed pairs that slip; the others stick",
         lambda lips: lips.slipping,
     ),
     Column(
         "friction",
         "N",
-        "of the two on one another along the surfaces: the magnitude of its resultant",
+        "magnitude of the friction resultant",
         lambda lips: lips.friction,
     ),
     Column(
         "approximation",
         "-",
-        f"share of the area where the two touch: are no more than {APART:g} m apart, nor as far through one another",
+        f"share of the area with a gap below {APART:g} m in magnitude",
         lambda lips: lips.approximation,
     ),
     Column(
         "closure_force",
         "N",
-        "that the thread draws the two together with across them: the mean of what it draws either by",
+        "force of the thread that closes the wound: the mean of both sides",
         lambda lips: lips.closure_force,
     ),
     Column(
         "eversion",
         "rad",
-        "by how much the outer surface on both sides rises towards the edges where the stitches are, together and in "
-        "the mean along them; negative: it is turned in; empty where they have no edge there",
+        "mean angle by which the edges at the stitches turn outwards, both sides together; negative: inwards; "
+        "empty without edges",
         lambda lips: lips.eversion,
     ),
 )
 
-STITCH_NAME: Column[StitchRecord] = text("stitch", "its tie, its tract or its only hole", lambda stitch: stitch.stitch)
-STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces that it draws together", lambda s: s.pair)
+STITCH_NAME: Column[StitchRecord] = text(
+    "stitch", "name of the tie, the tract or the single hole", lambda stitch: stitch.stitch
+)
+STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces", lambda s: s.pair)
 STITCH: tuple[Column[StitchRecord], ...] = (
     Column(
         "left_force",
         "N",
-        "of the thread on the tissue on one side of them, towards the other side, across the surfaces as they were at "
-        "first",
+        "closing force of the thread on one side, across the undeformed surfaces",
         lambda stitch: stitch.left_force,
     ),
-    Column("right_force", "N", "likewise on the other side", lambda stitch: stitch.right_force),
+    Column("right_force", "N", "closing force on the other side", lambda stitch: stitch.right_force),
     Column(
         "load_share",
         "-",
-        "of what all stitches draw the two surfaces by; empty where that is nothing",
+        "share of the stitch in the force of all stitches; empty if that is zero",
         lambda stitch: stitch.load_share,
     ),
 )
 
 GAP_PROFILE: tuple[Column[GapRecord], ...] = (
     text("pair", "names of the two surfaces", lambda gap: gap.pair),
-    Column("way", "m", "along the rim in the shape at rest", lambda gap: gap.way),
-    Column("x", "m", "place", lambda gap: gap.x, parts=AXES),
-    Column("edge_gap", "m", "of the rim; empty where it faces nothing", lambda gap: gap.edge_gap),
+    Column("way", "m", "length along the rim in the reference shape", lambda gap: gap.way),
+    Column("x", "m", "place on the rim", lambda gap: gap.x, parts=AXES),
+    Column("edge_gap", "m", "gap at the rim; empty if it faces nothing", lambda gap: gap.edge_gap),
     Column(
         "largest_gap",
         "m",
-        "of the part of the surface that is nearest to this place of its rim; empty where it faces nothing",
+        "largest gap of the surface nearest to this place; empty if it faces nothing",
         lambda gap: gap.largest_gap,
     ),
-    Column("largest_pressure", "Pa", "of that part", lambda gap: gap.largest_pressure),
+    Column("largest_pressure", "Pa", "largest pressure of the same part", lambda gap: gap.largest_pressure),
 )
 
-TRACT_NAME: Column[TractRecord] = text("tract", "names of the two holes it is between", lambda tract: tract.tract)
+TRACT_NAME: Column[TractRecord] = text("tract", "names of its two holes", lambda tract: tract.tract)
 TRACT: tuple[Column[TractRecord], ...] = (
-    count("balls", "of tissue in a row along the thread's path", lambda tract: len(tract.balls)),
-    Column("length", "m", "of the path on which the thread bears: deep enough in the tissue", lambda t: t.length),
-    Column("spacing", "m", "of the balls along it, at most", lambda tract: tract.spacing),
-    vector("force", "N", "of the tissue on the thread along the tract, in all", lambda tract: tract.force),
-    Column("normal_force", "N", "sum over the balls of the forces across the thread", lambda tract: tract.normal_force),
+    count("balls", "number of tissue balls along the path", lambda tract: len(tract.balls)),
+    Column("length", "m", "length of path on which the thread bears", lambda t: t.length),
+    Column("spacing", "m", "largest distance between balls", lambda tract: tract.spacing),
+    vector("force", "N", "total force of the tissue on the thread", lambda tract: tract.force),
+    Column("normal_force", "N", "sum of the forces across the thread", lambda tract: tract.normal_force),
     Column("friction", "N", "sum of the forces along the thread, towards rising `s`", lambda tract: tract.friction),
-    Column("bearing", "N/m", "largest force across the thread per length of it", lambda tract: tract.bearing),
+    Column("bearing", "N/m", "largest force across the thread per length", lambda tract: tract.bearing),
     Column(
         "bearing_pressure",
         "Pa",
-        "largest force on a ball over the thread's diameter and the length that the ball stands for",
+        "largest force on a ball over thread diameter and ball length",
         lambda tract: tract.bearing_pressure,
     ),
-    Column("displacement", "m", "largest, of a ball from its place in the reference shape", lambda t: t.displacement),
-    Column("tension_before", "N", "of the thread before the first ball", lambda tract: tract.balls[0].tension_before),
-    Column("tension_after", "N", "of the thread after the last ball", lambda tract: tract.balls[-1].tension_after),
-    count("slipping", "balls along which the thread slips", lambda tract: tract.slipping),
+    Column("displacement", "m", "largest displacement of a ball", lambda t: t.displacement),
+    Column("tension_before", "N", "tension before the first ball", lambda tract: tract.balls[0].tension_before),
+    Column("tension_after", "N", "tension after the last ball", lambda tract: tract.balls[-1].tension_after),
+    count("slipping", "number of balls at which the thread slips", lambda tract: tract.slipping),
 )
 
 LOAD: tuple[Column[LoadRecord], ...] = (
-    text("boundary", "name of the boundary that it acts on", lambda load: load.boundary),
-    Column("share", "-", "of the load, that acts now", lambda load: load.share),
-    Column("area", "m²", "of the boundary in the reference shape", lambda load: load.area),
-    vector("force", "N", "on the organ, in all", lambda load: load.force),
+    text("boundary", "name of the loaded boundary", lambda load: load.boundary),
+    Column("share", "-", "share of the load that acts now", lambda load: load.share),
+    Column("area", "m²", "area of the boundary in the reference shape", lambda load: load.area),
+    vector("force", "N", "total force on the organ", lambda load: load.force),
 )
 
 TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.name)
 TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", lambda tie: tie.x, parts=AXES)
 TIE_STATE: Column[TieRecord] = text(
     "state",
-    "`open`: not closed yet, or undone; `held` together at rest until it is `drawn` by hands; `tied`; `slips`: above "
-    "what it holds",
+    "`open`: not closed, or undone; `held` in statics before it is `drawn` by hands; `tied`; `slips`: above `hold`",
     lambda tie: tie.state,
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
-    Column("force", "N", "tension of the strands where the tie holds them", lambda tie: tie.force),
-    Column("length", "m", "of the thread in the loop, unstrained; none of a loop that is cut", lambda tie: tie.length),
-    Column("gap", "m", "left between the strands, which hands bring together", lambda tie: tie.gap),
-    Column("work", "J", "of the hands on the tie", lambda tie: tie.work),
+    Column("force", "N", "tension of the strands at the tie", lambda tie: tie.force),
+    Column("length", "m", "unstrained length of the loop; empty if it is cut", lambda tie: tie.length),
+    Column("gap", "m", "distance of the strands, which the hands bring together", lambda tie: tie.gap),
+    Column("work", "J", "work of the hands", lambda tie: tie.work),
     Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
     Column("s_second", "m", "abscissa of the other strand", lambda tie: tie.s_second),
 )
@@ -486,86 +483,95 @@ TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
 )
 
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
-    vector("displacement", "m", "from the reference shape, in which the points are", lambda organ: organ.displacement),
+    vector(
+        "displacement",
+        "m",
+        "displacement from the reference shape, in which the points are",
+        lambda organ: organ.displacement,
+    ),
     Column(
         "stress",
         "Pa",
-        "recovered at the nodes: xx, yy, zz, xy, yz, xz",
+        "stress recovered at the nodes: xx, yy, zz, xy, yz, xz",
         lambda organ: organ.stress,
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
-    Column("von_mises", "Pa", "equivalent of that stress", lambda organ: organ.von_mises),
+    Column("von_mises", "Pa", "von Mises stress", lambda organ: organ.von_mises),
     Column(
         "principal_stress",
         "Pa",
-        "principal values of that stress, falling; a push is negative",
+        "principal stresses in falling order; compression is negative",
         lambda organ: organ.principal_stress,
         parts=("stress_first", "stress_second", "stress_third"),
     ),
-    vector("first_direction", "-", "unit vector of the first of them, of either sense", lambda o: o.first_direction),
-    vector("third_direction", "-", "unit vector of the third, of either sense", lambda o: o.third_direction),
+    vector("first_direction", "-", "direction of the first, of either sign", lambda o: o.first_direction),
+    vector("third_direction", "-", "direction of the third, of either sign", lambda o: o.third_direction),
     Column(
         "nodal_volume_ratio",
         "-",
-        "J averaged at the vertices by their hat functions, as nearly incompressible tissue is held to it; midway "
-        "along edges the mean of both ends",
+        "J averaged at the vertices, as used for nearly incompressible tissue",
         lambda organ: organ.nodal_volume_ratio,
     ),
     Column(
         "contact_pressure",
         "Pa",
-        "on surfaces that may touch, zero off them; with contact",
+        "pressure on contact surfaces, else zero; with contact",
         lambda organ: organ.contact_pressure,
     ),
-    Column("lip_gap", "m", "between them, not a number off them; with contact", lambda organ: organ.lip_gap),
+    Column("lip_gap", "m", "gap of contact surfaces, else not a number; with contact", lambda organ: organ.lip_gap),
 )
 ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
     Column(
         "strain",
         "-",
-        "largest principal strain in the cell, in magnitude, of the mesh alone",
+        "largest principal strain of the cell, in magnitude; without sub-grid parts",
         lambda organ: organ.strain,
     ),
-    Column("rotation", "rad", "largest rotation in the cell, half the length of curl U", lambda organ: organ.rotation),
+    Column("rotation", "rad", "largest rotation of the cell, half the length of curl U", lambda organ: organ.rotation),
     Column(
         "energy_density",
         "Pa",
-        "strain energy per volume, on the mean of the cell; times the volumes it adds up to that of the mesh",
+        "mean strain energy per volume",
         lambda organ: organ.energy_density,
     ),
     Column(
         "volume_ratio",
         "-",
-        "J: volume between the corners of the cell over that before, 1 where tissue keeps its volume",
+        "J: volume of the cell over that in the reference shape",
         lambda organ: organ.volume_ratio,
     ),
     Column(
         "principal_stretch",
         "-",
-        "principal stretches of the mean of the cell, falling; at finite strain",
+        "mean principal stretches in falling order; at finite strain",
         lambda organ: organ.principal_stretch,
         parts=("stretch_first", "stretch_second", "stretch_third"),
     ),
     vector(
         "first_stretch",
         "-",
-        "unit vector of the first of them as tissue lies; at finite strain",
+        "direction of the first in the deformed shape; at finite strain",
         lambda o: o.first_stretch,
     ),
-    vector("third_stretch", "-", "unit vector of the third, likewise", lambda o: o.third_stretch),
+    vector("third_stretch", "-", "direction of the third, likewise", lambda o: o.third_stretch),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
-    Column("tension", "N", "axial force; a push is negative", lambda thread: thread.tension),
-    Column("curvature", "1/m", "of the thread's axis", lambda thread: thread.curvature),
+    Column("tension", "N", "axial force; compression is negative", lambda thread: thread.tension),
+    Column("curvature", "1/m", "curvature of the axis", lambda thread: thread.curvature),
     Column(
-        "radius", "m", "of the thread, for the Tube filter", lambda thread: np.full(len(thread.points), thread.radius)
+        "radius",
+        "m",
+        "radius of the thread, for the Tube filter",
+        lambda thread: np.full(len(thread.points), thread.radius),
     ),
-    Column("torque", "N m", "about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque),
+    Column(
+        "torque", "N m", "torque about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque
+    ),
     vector(
         "bearing",
         "N/m",
-        "force of the tissue along tracts on the thread, per length; zero elsewhere; with `tract`",
+        "force of tracts on the thread per length, else zero; with `tract`",
         lambda thread: thread.bearing,
     ),
 )
@@ -578,19 +584,19 @@ RANGE: tuple[Column[Extremes], ...] = (
     Column(
         "strained_share",
         "-",
-        f"largest share of the organ's strain energy in cells strained by more than {remarks.SMALL_STRAIN:g}",
+        f"largest share of strain energy in cells strained above {remarks.SMALL_STRAIN:g}",
         lambda met: met.strained,
     ),
     Column(
         "rotated_share",
         "-",
-        f"the same in cells rotated by more than {remarks.SMALL_ROTATION:g} rad",
+        f"the same for cells rotated above {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
     ),
     Column(
         "pressed_turn",
         "rad",
-        "largest angle by which a surface under a pressure turned, over all frames",
+        "largest turn of a surface under pressure, over all frames",
         lambda met: met.pressed_turn,
     ),
 )
@@ -601,32 +607,31 @@ HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
     Column(
         "cell_strain",
         "-",
-        "largest `strain` of the cells on which the hole bears, over all frames; at finite strain the stretch that is "
-        "farthest from one, less one",
+        "largest `strain` of the cells at the hole, over all frames; at finite strain the stretch farthest "
+        "from one, minus one",
         lambda met: met[3],
     ),
-    Column("cell_energy", "Pa", "largest `energy_density` of them, over all frames", lambda met: met[4]),
+    Column("cell_energy", "Pa", "largest `energy_density` of these cells, over all frames", lambda met: met[4]),
 )
 
-REDUCTION: Column[ReductionRecord] = count("vectors", "of the basis", lambda small: small.vectors)
+REDUCTION: Column[ReductionRecord] = count("vectors", "number of vectors of the basis", lambda small: small.vectors)
 HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
     Column(
         "difference",
         "m",
-        "largest distance between the hole and its place in a basis with one block more: the error but for what that "
-        "basis, too, leaves open",
+        "largest distance of the hole from its place in a basis with one block more: an error estimate",
         lambda small: small[0],
     ),
     Column(
         "bound",
         "m",
-        "largest bound of the distance to the hole's place in the whole organ under the same forces",
+        "largest bound of the distance from the hole's place in the whole organ",
         lambda small: small[1],
     ),
     Column(
         "force_difference",
         "N",
-        "`difference` times the hole's largest static stiffness: the force that makes up for it",
+        "`difference` times the hole's largest static stiffness",
         lambda small: small[0] * small[2],
     ),
     Column("force_bound", "N", "`bound` times that stiffness", lambda small: small[1] * small[2]),
@@ -635,39 +640,38 @@ HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
 KRYLOV: tuple[Column[tuple[int, float]], ...] = (
     count(
         "vectors",
-        "of the space in which the organ is solved; 0 where it no longer follows the motion, and the organ is solved "
-        "whole",
+        "number of vectors of the Krylov space; 0 once all unknowns are solved",
         lambda known: known[0],
     ),
     Column(
         "residual",
         "-",
-        "largest residual of the equations of motion of all unknowns, over the largest forces of the tissue so far",
+        "largest residual of the equations of motion over the largest tissue force",
         lambda known: known[1],
     ),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
     text("status", "`completed`, `failed` or `interrupted`", lambda run: run.status),
-    text("error", "what ended a run that was not completed; else empty", lambda run: run.error),
+    text("error", "reason of a run that was not completed, else empty", lambda run: run.error),
     Column("time", "s", "time reached", lambda run: run.last.time if run.last else 0.0),
     count("steps", "steps taken", lambda run: run.last.step if run.last else 0),
-    count("newton_iterations", "of all steps", lambda run: run.newton_iterations),
+    count("newton_iterations", "Newton iterations of all steps", lambda run: run.newton_iterations),
     Column(
         "constraint_max",
         "m",
-        "largest distance between a hole and the thread in it, which the solve leaves open, over all steps",
+        "largest distance between a hole and its thread, over all steps",
         lambda run: run.constraint_max,
     ),
     Column(
         "seconds_per_step",
         "s",
-        "wall-clock time of a step on average, compiling its loops left out; null before the first",
+        "mean wall-clock time of a step without compilation; null before the first",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
     count(
         "tissue_dofs",
-        "unknowns of the organ that are not held, with those of the springs at its holes",
+        "free unknowns of the organ, with those of sub-grid springs",
         lambda run: run.tissue_dofs,
     ),
 )
@@ -708,7 +712,7 @@ def _part_column(place: int, column: Column[Any]) -> Column[Any]:
 EVENT_TIME: Column[Event] = Column(
     "time",
     "s",
-    "when it happened; of what only the ends of a step tell, the end of that step or of a part of it",
+    "time of the event, or the end of its step",
     lambda event: event.time,
 )
 

@@ -42,7 +42,7 @@ COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of remark: `bound`, beyond which it is said, and `reason`, both for the manual."""
+    """A kind of remark; `bound` is the condition for it and `reason` its explanation, both for the manual."""
 
     code: str
     severity: Severity
@@ -52,7 +52,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Remark:
-    """What is said of a run: `where` names a piercing, a key, or a part of the run."""
+    """A remark on a run; `where` names a piercing, a key, or a part of the run."""
 
     code: str
     severity: Severity
@@ -78,325 +78,314 @@ KINDS = (
     Kind(
         "demand",
         "unsupported",
-        f"at the start, a pull that would draw a hole of a linear organ by {SMALL_STRAIN:g} footprints and more",
-        "0.6 F/(E a²) is how far a half-space gives way; the tissue at the hole is then strained by about as much",
+        f"predicted displacement of a hole in a linear organ of {SMALL_STRAIN:g} footprints or more",
+        "a half-space yields by 0.6 F/(E a²); the strain at the hole is about as large",
     ),
     Kind(
         "stiff-thread",
         "unsupported",
-        "before the first step, a couple 2 sin(θ/2) √(EI T) of a taut thread, or 1.6 EI θ/ℓ of one bent within the way "
-        f"ℓ to the next hole or hand, above {SMALL_ROTATION:g} E a³ at a hole of a linear organ that imposes a "
-        "direction; θ is the angle from the path there to the next hole or load",
-        "E a³ is about the couple that turns a footprint on a half-space by a radian",
+        f"predicted couple above {SMALL_ROTATION:g} E a³ at a directed hole of a linear organ: 2 sin(θ/2) √(EI "
+        "T) of a taut thread, or 1.6 EI θ/ℓ of one bent over the distance ℓ to the next hole or hand; θ is "
+        "the turn",
+        "E a³ turns a footprint on a half-space by about a radian",
     ),
     Kind(
         "pull-strength",
         "unsupported",
-        "before the first step, a pull above the least knot-pull strength of `suture catalogue`, where that is known, "
-        f"or above what stretches the thread by {THREAD_STRAIN:g}",
-        "a suture of that size may break there, and none does in a run; its law is linear, and sutures are so at small "
-        "strains alone",
+        "load on the thread above the smallest knot-pull strength of `suture catalogue`, or above a strain of "
+        f"{THREAD_STRAIN:g}",
+        "a real suture may break there; the model's thread does not, and its law is linear",
     ),
     Kind(
         "hole-strain",
         "unsupported",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
-        "the second-order part of the strain, which linear elasticity leaves out, is then a tenth of it",
+        "the second-order strain that linear elasticity neglects is a tenth of it",
     ),
     Kind(
         "hole-rotation",
         "unsupported",
         f"turn of a hole above {SMALL_ROTATION:g} rad",
-        "a rotation alone strains a linear body by 1 − cos θ, which is 0.02 there",
+        "a rotation θ alone strains a linear body by 1 − cos θ = 0.02",
     ),
     Kind(
         "subgrid-strain",
         "unsupported",
-        f"sub-grid springs at a hole at finite strain drawn out by {SMALL_STRAIN:g} footprints, or so far that tissue "
-        f"which stiffens makes them {RESOLVED_SHARE:.0%} of the hole's compliance too soft",
-        "springs that make up for coarse cells are linear: where the tissue they stand for is not, they are a model",
+        f"at finite strain, sub-grid springs drawn out by {SMALL_STRAIN:g} footprints, or too soft by "
+        f"{RESOLVED_SHARE:.0%} of the hole's compliance",
+        "the springs are linear, but the tissue that they replace is not",
     ),
     Kind(
         "tissue-strain",
         "unsupported",
-        f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the organ's strain energy",
-        "as at a hole; so much of the energy decides forces",
+        f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the strain energy",
+        "as at a hole; so much energy affects the forces",
     ),
     Kind(
         "tissue-rotation",
         "unsupported",
-        f"rotation above {SMALL_ROTATION:g} rad in cells with more than {SHARE:.0%} of the organ's strain energy",
+        f"rotation above {SMALL_ROTATION:g} rad in cells with more than {SHARE:.0%} of the strain energy",
         "as at a hole",
     ),
     Kind(
         "local-strain",
         "note",
-        f"strain above {SMALL_STRAIN:g} in cells with less of it",
-        "at an edge, a clamp or a wound's tip strain has no limit under refinement: stress there means nothing",
+        f"strain above {SMALL_STRAIN:g} in cells with less energy",
+        "strain has no limit under refinement at an edge, a clamp or a wound's tip",
     ),
     Kind(
         "tears",
         "unsupported",
-        "bearing pressure at a hole above tissue.strength, where that is given",
-        "the tissue may tear there; none tears in a run",
+        "bearing pressure at a hole above `tissue.strength`",
+        "real tissue may tear there; the model does not",
     ),
     Kind(
         "pressure-turn",
         "unsupported",
-        f"surface of a linear organ under a pressure turned by more than {SMALL_ROTATION:g} rad",
-        "there the pressure acts along the normals of the reference shape, and does not follow the surface",
+        f"turn of a pressed surface of a linear organ above {SMALL_ROTATION:g} rad",
+        "the pressure keeps the direction of the reference shape",
     ),
     Kind(
         "lips-cross",
         "unsupported",
-        f"lips of a wound more than {CROSSED:g} of their extent through one another",
-        "without `tissue.contact` they do not press on one another: what closes them meets no resistance any more",
+        f"overlap of wound lips above {CROSSED:g} of their extent",
+        "without `tissue.contact` the lips do not resist",
     ),
     Kind(
         "thread-strength",
         "unsupported",
-        "tension above the least knot-pull strength of `suture catalogue`, where that is known",
-        "a suture of that size may break there; no thread breaks in a run",
+        "tension above the smallest knot-pull strength of `suture catalogue`",
+        "a real suture may break there; the model's thread does not",
     ),
     Kind(
         "thread-strain",
         "unsupported",
         f"axial strain of the thread above {THREAD_STRAIN:g}",
-        "its law is linear, and sutures are so at small strains alone",
+        "the model is linear; sutures are linear at small strain only",
     ),
     Kind(
         "channel",
         "note",
-        f"a rough hole that imposes a direction and names no `channel`, where what presses is above {RULES:g} of the "
-        f"force across the thread, and friction over half and over twice the channel differs by {UNSURE:.0%} of the "
-        "tension, at the end of the run",
-        "the couple presses on the ends of the channel with itself over its length; the path tells how deep the bite "
-        "is, and not over how much of it the tissue guides the thread",
+        f"rough, directed hole without a given `channel`, at the end: normal force above {RULES:g} of the "
+        f"force across, and friction that differs by {UNSURE:.0%} of the tension between half and twice the "
+        "channel",
+        "the couple presses with m/ℓ, and the path does not say over which length ℓ the tissue guides the thread",
     ),
     Kind(
         "spans",
         "unsupported",
         "`thread.span_ratio` above 0.5 at the end",
-        "forces along the thread are then off by several per cent, and at a single moment the friction of a hole that "
-        "gives the thread its direction by a tenth to two fifths, by a fifth to one and a half times where the thread "
-        "bends there and back",
+        "forces along the thread are several per cent off; momentary friction in a directed hole 10 to 40 %, "
+        "or 20 to 150 % if the thread bends back",
     ),
     Kind(
         "spans-between",
         "unsupported",
         "`thread.spans_between` below 2 at the end",
-        "on so few spans the thread does not bend between them as it would",
+        "so few spans cannot bend as the thread would",
     ),
     Kind(
         "energy-created",
         "unsupported",
         f"numerical dissipation below −{CREATED:g} of the run's energy at any time",
-        "a scheme that creates energy drives the motion itself",
+        "created energy drives the motion",
     ),
     Kind(
         "numerical-dissipation",
         "note",
-        f"above {DISSIPATED:.0%} of the run's energy at the end, where friction acts or forces still swing "
-        "(`forces-swing`); or above what friction took, where a thread slid through a hole by more than its diameter",
-        "what moves has been damped by the steps in time, and friction keeps what the way there did, and how far a "
-        "thread slid; what has come to rest without it does not know how",
+        f"numerical dissipation at the end above {DISSIPATED:.0%} of the run's energy, with friction or "
+        "`forces-swing`; or above the dissipation of friction, if the thread slid by more than its diameter",
+        "the time steps damped the motion, and with friction the final state depends on the motion",
     ),
     Kind(
         "slides-freely",
         "unsupported",
-        "a run at rest of a thread that slides without friction in all its holes, with no end of it held",
-        "under the same pull at both ends it slides as a whole at no cost: the slip of each hole depends on the load "
-        "steps; forces, places and what is drawn between two holes do not",
+        "static run of a thread without friction in its holes and without a held end",
+        "the thread can slide as a whole: `slip` depends on the load steps; forces, places and lengths "
+        "between holes do not",
     ),
     Kind(
         "not-held",
         "note",
-        "a run in time of an organ without a clamp, a roller or a surface that touches another",
-        "thread and loads move it as a whole, by what its mass allows",
+        "dynamic run of an organ without clamp, roller or contact",
+        "thread and loads accelerate the whole organ",
     ),
     Kind(
         "would-not-stay",
         "unsupported",
-        "at the end of a run at rest, or of one in time that came to rest, a motion of the thread in its holes that "
-        "lowers its potential",
-        "Newton's method follows equilibria beyond the point where a thread buckles, snaps or rolls over; it would "
-        "leave this one at the least disturbance, and none that holds was found downhill",
+        "unstable equilibrium at the end: a motion of the thread lowers its potential",
+        "Newton's method can follow equilibria beyond buckling; no stable one was found from here",
     ),
     Kind(
         "branch",
         "note",
-        "load steps failed, and the equilibrium was followed along its branch by arc length",
-        "each equilibrium on the way is one, but whether it holds is not asked on the way",
+        "load steps failed, and the branch was followed by arc length",
+        "the stability of equilibria along the branch is not checked",
     ),
     Kind(
         "limit-point",
         "unsupported",
-        f"on a branch that was followed by arc length the loads fell by more than {FALLEN:g} of the full loads",
-        "beyond a limit point the branch goes on under less load: under loads that only rise, thread or tissue jump "
-        "there, and may come to rest on another branch",
+        f"loads fell along the branch by more than {FALLEN:g} of the full loads",
+        "under rising loads thread or tissue jump at a limit point, perhaps to another branch",
     ),
     Kind(
         "not-at-rest",
         "note",
-        "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or thread that would slide by more "
-        "than its diameter in as long again",
-        "the last numbers are of a moment, not of an equilibrium",
+        "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or a thread that would slide "
+        "by more than its diameter in another such run",
+        "the final numbers are momentary, not of an equilibrium",
     ),
     Kind(
         "forces-swing",
         "note",
-        f"at the end of a dynamic run, the force of a hole over the last {SEEN} steps more than {SWUNG:.0%} of the "
-        "largest off a straight course",
-        "what swings within so few steps is late and damped by them, and shorter ones have it elsewhere at that time",
+        f"at the end of a dynamic run, the force of a hole deviates from a straight line over {SEEN} steps by "
+        f"more than {SWUNG:.0%} of the largest",
+        "so few steps delay and damp the oscillation; use a smaller `solve.dt`",
     ),
     Kind(
         "chatter",
         "note",
-        f"in a dynamic run, a hole that changes between stick and slip {SWITCHES} times within {SEEN} steps",
-        "when it slips and when it sticks is then a matter of the steps, and so are the times of these events; shorter "
-        "steps tell of more of them, or of fewer",
+        f"in a dynamic run, {SWITCHES} changes between stick and slip at a hole within {SEEN} steps",
+        "the number and times of these events depend on the time step",
     ),
     Kind(
         "subgrid",
         "unsupported",
-        "no patch of the cells around a hole makes up for their coarseness",
-        "nothing is added there: the hole is as stiff as its cells",
+        "no sub-grid patch corrects the coarse cells around a hole",
+        "nothing is added: the hole is as stiff as its cells",
     ),
     Kind(
         "cells",
         "unsupported",
         f"without `piercing.subgrid`, cells above {COARSE['P1']:g} (P1) or {COARSE['P2']:g} (P2) of the footprint",
-        "the mesh is then too stiff at the hole by more than some 8 %",
+        "the mesh is more than about 8 % too stiff at the hole",
     ),
     Kind(
         "accuracy",
         "unsupported",
-        "a hole whose compliance is estimated to be less accurate than `tissue.mesh.accuracy`",
-        "the refinement ended after its last round, or before one for which there is no memory",
+        "estimated error of a hole's compliance above `tissue.mesh.accuracy`",
+        "the refinement ended after its last round, or for want of memory",
     ),
     Kind(
         "bare-point",
         "unsupported",
-        "a footprint of zero in an organ",
+        "footprint of zero in an organ",
         "the displacement of a point has no limit under refinement",
     ),
     Kind(
         "holes-near",
         "note",
-        f"two holes within {NEAR:g} times their footprints together, centre to centre",
-        "each then moves the other by a quarter of its own way, and more",
+        f"distance of two holes below {NEAR:g} times the sum of their footprints",
+        "each hole moves the other by a quarter of its displacement or more",
     ),
     Kind(
         "off-path",
         "note",
-        f"a piercing more than {OFF_PATH:g} diameters from `thread.path`",
-        "the thread is bent to it at the start, and the energy of that goes where the damping takes it",
+        f"piercing more than {OFF_PATH:g} diameters from `thread.path`",
+        "the thread is bent to it at the start, and that energy sets it in motion",
     ),
     Kind(
         "kinked",
         "note",
-        f"a thread laid in a bend whose radius is less than {KINKED:g} of its diameters",
-        "no suture bends so and stays elastic; at the start it swings back from there",
+        f"bend radius of the path below {KINKED:g} thread diameter",
+        "no suture stays elastic there; it springs back at the start",
     ),
     Kind(
         "after-end",
         "note",
-        "a cut, a tie or a piercing that begins, after `solve.duration`",
-        "it does not happen in this run; it may in one that goes on from it",
+        "cut, tie or beginning piercing after `solve.duration`",
+        "the event does not happen in this run",
     ),
     Kind(
         "rest-unloaded",
         "note",
-        'with `solve.start = "rest"`, a dead load on an end of the thread that grows within a `ramp` of its own',
-        "there is none of it at t = 0: the rest that the run starts from is without it, and slack that it takes up is "
-        "taken up in time",
+        '`solve.start = "rest"` and a dead load with its own `ramp`',
+        "the load is zero at t = 0, so its slack is taken up during the run",
     ),
     Kind(
         "moved",
         "note",
-        f"a piercing with `near` farther from it than {MOVED:g} times its footprint",
-        "a path, a box or a neighbour that was placed by `near` may no longer fit the hole",
+        f"piercing farther from `near` than {MOVED:g} footprints",
+        "a path or box placed by `near` may no longer fit the hole",
     ),
     Kind(
         "no-tract",
         "note",
-        "thread more than its diameter deep in the organ between two holes without a `[[tract]]`, at the start",
-        "it bears on the tissue at the two holes alone, so that the depth of a bite changes nothing",
+        "thread in tissue, deeper than its diameter, between two holes without a `[[tract]]`",
+        "the thread bears on the tissue at the holes only, so the depth of a bite has no effect",
     ),
     Kind(
         "no-hole",
         "unsupported",
-        "thread more than its diameter deep in the organ, at the start, on a strand that crosses the surface without a "
-        "hole: between two holes, or from an end to the first or the last; not the free tail of an anchored hole",
-        "thread and organ touch at the holes alone, and it passes through all other tissue",
+        "thread in tissue, deeper than its diameter, on a strand that crosses the surface without a hole; "
+        "except the free tail of an anchored hole",
+        "the thread passes through tissue without a force",
     ),
     Kind(
         "tract-bare",
         "note",
-        f"more than {BARE:g} radii of a tract's path outside the organ or nearer to a surface than its radius, besides "
-        "what leads across a wound or from one surface in contact to the other",
-        "no ball of tissue has room there, and the thread bears on none",
+        f"more than {BARE:g} radii of a tract's path outside the organ or within a radius of its surface, "
+        "except across wounds and contacts",
+        "no tissue ball fits there, so the thread does not bear there",
     ),
     Kind(
         "tract-stiff",
         "note",
-        f"EI times the turn of the thread from one ball of a tract to the next above {STIFF:g} T r², at the end of the "
-        f"run, and that turn above {SLIGHT:g} rad; T is its tension, r the balls' radius",
-        "where the thread's stiffness presses on the tissue as its pull does, half the spacing changes what a bite "
-        "closes by more than 2 %, and the force on a ball at a sharp bend has no limit",
+        f"EI times the turn of the thread per ball above {STIFF:g} T r² at the end, and that turn above "
+        f"{SLIGHT:g} rad; T is the tension, r the radius",
+        "half the spacing changes the closing effect by more than 2 %, and the force on a ball at a sharp "
+        "bend has no limit",
     ),
     Kind(
         "contact-rough",
         "note",
-        f"a `[[contact]]` with a coefficient of friction above {STEEP:g}",
-        "with much friction surfaces may stick or slip under the very same loads, or have no answer at all (Klarbring, "
-        "Ingenieur-Archiv 60, 1990): what is found is one answer, and depends on the steps",
+        f"coefficient of friction of a `[[contact]]` above {STEEP:g}",
+        "high friction may allow several solutions or none (Klarbring, Ingenieur-Archiv 60, 1990); the one "
+        "found depends on the steps",
     ),
     Kind(
         "handed-over",
         "note",
-        "a stiffness, a law of friction or a strain energy that was handed over from Python",
-        "the scenario in the folder does not say it, and run anew it is another run",
+        "stiffness, law of friction or strain energy from Python",
+        "the scenario in the folder does not contain it, so it does not reproduce the run",
     ),
     Kind(
         "stress-of-e-nu",
         "unsupported",
-        "a stiffness that was handed over from Python",
-        "stress, its principal values and the energy of cells are recovered with E and ν, which it need not have",
+        "stiffness from Python",
+        "stress and energy of cells are computed with E and ν, which may not match",
     ),
     Kind(
         "units",
         "unsupported",
-        "a length, modulus or density that no organ or suture has",
-        "numbers in mm, kPa or g/cm³ look like that",
+        "implausible length, modulus or density",
+        "the number may be in mm, kPa or g/cm³",
     ),
     Kind(
         "reduction",
         "unsupported",
-        f"hole of an organ in a small basis further than {REDUCED:.0%} of the largest way of a hole from its place in "
-        "a basis with one block more",
-        "that difference is nearly the error of the basis: the motion is too fast for it",
+        f"in a small basis, `difference` of a hole above {REDUCED:.0%} of the largest displacement of a hole",
+        "the difference is nearly the error: the motion is too fast for the basis",
     ),
     Kind(
         "reduction-bound",
         "note",
-        f"the bound of the distance to the whole organ above {REDUCED:.0%} of that way",
-        "the bound adds up over the run what might be missed; the error is most often far below it, and nearer to the "
-        "difference",
+        f"in a small basis, `bound` above {REDUCED:.0%} of that displacement",
+        "the bound grows over the run; the error is usually far smaller and near the difference",
     ),
     Kind(
         "frames-missing",
         "note",
-        "at a resume, frames that `results.pvd` names and that are not there",
-        "they are left out of it",
+        "at a resume, missing frames of `results.pvd`",
+        "they are removed from the list",
     ),
     Kind(
         "remedy",
         "note",
-        "a run that failed: what helped on a copy of it, or that nothing did",
-        "shorter steps, a finer thread and the like are tried before they are named; `--no-remedies` leaves that out",
+        "failed run: the remedy that helped on a copy, or none",
+        "remedies are tried before they are named; `--no-remedies` omits the search",
     ),
-    Kind("no-picture", "note", "a picture that could not be drawn", "the message has the cause"),
+    Kind("no-picture", "note", "picture that could not be drawn", "the message has the cause"),
 )
 CATALOGUE = {kind.code: kind for kind in KINDS}
 
@@ -413,6 +402,6 @@ def any_unsupported(remarks: Iterable[Remark]) -> bool:
 
 def markdown() -> str:
     """Make the table of the manual."""
-    lines = ["| code | severity | said of | because |", "|---|---|---|---|"]
+    lines = ["| code | severity | condition | reason |", "|---|---|---|---|"]
     lines += [f"| `{kind.code}` | {kind.severity} | {kind.bound} | {kind.reason} |" for kind in KINDS]
     return "\n".join(lines) + "\n"
