@@ -87,7 +87,7 @@ def _carry_out(options: argparse.Namespace) -> int:
     except FactorError as error:
         return complain(error, FAILED)
     except MemoryError as error:
-        reason = f"there is not enough memory ({error}); take fewer control points or a coarser mesh"
+        reason = f"there is not enough memory ({error}); use fewer control points or a coarser mesh"
         return complain(reason, REFUSED)
     return status
 
@@ -106,7 +106,7 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
     """Simulate into a folder that may be written, and draw the last frame."""
     begun = begin(simulation, options.out, options.resume)
     if begun is None:
-        _say(options, f"the run in {options.out} is completed; nothing is left to do")
+        _say(options, f"the run in {options.out} is complete; nothing is left to do")
         return _doubt(options, [Remark(**record) for record in open_run(options.out).remarks])
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
@@ -226,7 +226,9 @@ def print_catalogue(options: argparse.Namespace) -> int:
             f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
         )
     brands = ", ".join(f"{brand} ({of})" for brand, of, _ in BRANDS)
-    print_lines([f"brands  {brands}", f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, least average  {KNOT_PULL}"])
+    print_lines(
+        [f"brands  {brands}", f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, minimum average  {KNOT_PULL}"]
+    )
     return 0
 
 
@@ -310,7 +312,7 @@ def _simulate(
             status, outcome, text = 0, "completed", ""
         except KeyboardInterrupt:
             status, outcome = SIGNALLED + (received or [signal.SIGINT])[0], "interrupted"
-            text = "interrupted; --resume goes on from the last checkpoint"
+            text = "interrupted; --resume continues from the last checkpoint"
         except FAILURES as error:
             status, outcome, text = FAILED, "failed", _where(recorder, error)
             failure = error if isinstance(error, CouplingError) else None
@@ -321,7 +323,7 @@ def _simulate(
             progress.close()
     if text:
         log.write(text)
-        complain(f"{text}; what was computed is in {recorder.folder}", status)
+        complain(f"{text}; the results so far are in {recorder.folder}", status)
     return status, outcome, failure
 
 
@@ -381,7 +383,7 @@ def close_output() -> None:
 def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
     """Say why a study ended early, and where what it has done is."""
     progress.close()
-    kept = f"; the rows that were done are in {folder / 'runs.csv'}" if progress.rows else ""
+    kept = f"; the completed rows are in {folder / 'runs.csv'}" if progress.rows else ""
     return complain(f"{cause}{kept}", status)
 
 

@@ -28,7 +28,7 @@ def new(options: argparse.Namespace) -> int:
     """``suture new``: a scenario with a comment to every key, to be changed."""
     path = options.name if options.name.suffix == ".toml" else options.name.with_name(f"{options.name.name}.toml")
     if path.exists():
-        raise ScenarioError(f"{path} is refused: it is there already; give another name")
+        raise ScenarioError(f"{path} is refused: it exists already; give another name")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(TEMPLATE.read_text(encoding="utf-8"), encoding="utf-8")
     folder = Path("results") / path.stem
@@ -115,7 +115,7 @@ def find_gl() -> Finding:
     with TemporaryDirectory() as folder:
         drawn = draw_picture(Snapshot(0.0, thread, ()), None, Path(folder) / "picture.png")
     said, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
-    needed = "pictures in three dimensions; without, they are sections"
+    needed = "3-D pictures; without it, pictures are sections"
     return Finding("GL", there, said.partition("; ")[2].partition(", for the")[0] if not there else said, needed, GL)
 
 
@@ -135,15 +135,15 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_memory,
     find_gmsh,
     find_gl,
-    finder("CHOLMOD", "cvxopt", "organs factorised ten times as fast", "fast"),
+    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast", "fast"),
     finder("Pardiso", "pypardiso", "the least fill on large organs", "fast"),
-    finder("pandas", "pandas", "tables of open_run as data frames", "tables"),
+    finder("pandas", "pandas", "data frames of open_run", "tables"),
     finder("Parquet", "pyarrow", "table.parquet of a sweep", "tables"),
     finder("plotly", "plotly", "suture report", "report"),
     finder("MkDocs", "mkdocs", "the site of these pages", "docs"),
     finder("latex2mathml", "latex2mathml", "formulas of the site", "docs"),
     finder("Dask", "distributed", "sweeps on a cluster", "cluster"),
-    finder("MPI", "mpi4py", "an organ's columns shared by processes", "mpi"),
+    finder("MPI", "mpi4py", "an organ's columns shared among processes", "mpi"),
 )
 
 

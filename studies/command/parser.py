@@ -77,7 +77,7 @@ def _add_nothing(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on standard output")
+    parser.add_argument("--json", action="store_true", help="print only JSON on standard output")
 
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -94,9 +94,7 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_strict(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--strict", action="store_true", help="exit with 3 where a remark says that a number is not supported"
-    )
+    parser.add_argument("--strict", action="store_true", help="exit with 3 if a number is not supported")
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
@@ -108,23 +106,19 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     earlier.add_argument(
         "--resume",
         action="store_true",
-        help="go on from the last checkpoint of the run in DIR, also to a larger solve.duration",
+        help="continue from the last checkpoint in DIR, also to a larger solve.duration",
     )
-    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; other files there are kept")
-    parser.add_argument(
-        "--quiet", action="store_true", help="print nothing but errors, and one line of what is not supported"
-    )
+    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; keep other files")
+    parser.add_argument("--quiet", action="store_true", help="print only errors and unsupported numbers")
     parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
-    parser.add_argument(
-        "--no-remedies", action="store_true", help="of a run that fails, do not try on copies what would help it"
-    )
+    parser.add_argument("--no-remedies", action="store_true", help="do not search for a remedy if the run fails")
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     _add_strict(parser)
     _add_json(parser)
-    parser.add_argument("--picture", metavar="FILE.png", type=Path, help="draw the start: thread, holes and organ")
+    parser.add_argument("--picture", metavar="FILE.png", type=Path, help="draw thread, holes and organ at the start")
 
 
 def _add_mesh(parser: argparse.ArgumentParser) -> None:
@@ -134,7 +128,7 @@ def _add_mesh(parser: argparse.ArgumentParser) -> None:
 
 def _add_workers(parser: argparse.ArgumentParser, cluster: bool = True) -> None:
     who = parser.add_mutually_exclusive_group()
-    who.add_argument("--jobs", metavar="N", type=_count, default=1, help="processes that work at once, default 1")
+    who.add_argument("--jobs", metavar="N", type=_count, default=1, help="number of processes, default 1")
     if cluster:
         who.add_argument("--dask", metavar="ADDRESS", help="work on the cluster of this Dask scheduler")
 
@@ -160,13 +154,17 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=[…]",
         action="append",
         default=[],
-        help="values of a key, a list in TOML; of several keys every combination is run",
+        help="values of a key, a list in TOML; with several keys, all combinations",
     )
-    parser.add_argument("--paired", action="store_true", help="take the first values of all keys together, and so on")
-    parser.add_argument("--table", metavar="FILE.csv", type=Path, help="cases from a table: a key above each column")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="new, or of an earlier sweep")
     parser.add_argument(
-        "--plot", metavar=("X", "Y"), nargs="+", action=Columns, help="draw a column over another [a line for each BY]"
+        "--paired", action="store_true", help="combine the first values of all keys, then the second ones"
+    )
+    parser.add_argument(
+        "--table", metavar="FILE.csv", type=Path, help="cases from a table with a key above each column"
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier sweep")
+    parser.add_argument(
+        "--plot", metavar=("X", "Y"), nargs="+", action=Columns, help="draw column Y over X [one line per BY]"
     )
     _add_workers(parser)
     _add_json(parser)
@@ -194,15 +192,19 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         action="append",
         required=True,
-        help="number of summary.json by its dotted name, such as piercings.exit.tension_after; several are possible",
+        help="number of summary.json, such as piercings.exit.tension_after; may be repeated",
     )
-    parser.add_argument("--levels", metavar="N", type=_levels, default=LEVELS, help=f"default {LEVELS}, 3 at least")
-    parser.add_argument("--over", choices=(*KINDS, "all"), default="all", help="what is refined, default all together")
-    parser.add_argument("--ratio", metavar="R", type=float, default=None, help="of one level to the next, default √2")
+    parser.add_argument(
+        "--levels", metavar="N", type=_levels, default=LEVELS, help=f"number of levels, at least 3, default {LEVELS}"
+    )
+    parser.add_argument(
+        "--over", choices=(*KINDS, "all"), default="all", help="quantity to be refined, default all together"
+    )
+    parser.add_argument("--ratio", metavar="R", type=float, default=None, help="ratio of successive levels, default √2")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier refinement"
     )
-    parser.add_argument("--strict", action="store_true", help="exit with 3 where a number is not converged")
+    parser.add_argument("--strict", action="store_true", help="exit with 3 if a number is not converged")
     _add_workers(parser)
     _add_json(parser)
 
@@ -219,7 +221,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--table", action="store_true", help="print tables of the keys in Markdown instead")
+    parser.add_argument("--table", action="store_true", help="print tables of the keys in Markdown")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:
@@ -236,7 +238,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
         "--sizes", metavar="N", type=_count, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
     )
     parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
-    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="of the organ, for step and finite")
+    parser.add_argument("--solver", choices=SOLVERS, default="auto", help="solver of the organ, for step and finite")
     parser.add_argument("--tensions", metavar="N", type=_count, default=64, help="on one organ, for many")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
@@ -248,19 +250,19 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("--out", metavar="FILE", type=Path, help="draw into a .png or .gif file instead")
-    parser.add_argument("--time", metavar="SECONDS", type=float, help="of the picture, default: the end")
-    parser.add_argument("--macro", metavar="FILE.py", type=Path, help="write a macro that draws a run in ParaView")
+    parser.add_argument("--out", metavar="FILE", type=Path, help="draw into a .png or .gif file")
+    parser.add_argument("--time", metavar="SECONDS", type=float, help="time of the picture, default: the end")
+    parser.add_argument("--macro", metavar="FILE.py", type=Path, help="write a ParaView macro that draws the run")
 
 
 def _add_plot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, as piercings.exit.tension_after")
+    parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, such as piercings.exit.tension_after")
     parser.add_argument("--out", metavar="FILE", type=Path, help=".png, .svg or .pdf, default DIR/plot.png")
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("name", metavar="NAME", type=Path, help="file to be written; .toml is added where it lacks")
+    parser.add_argument("name", metavar="NAME", type=Path, help="name of the new file; .toml is added if missing")
 
 
 def _add_completion(parser: argparse.ArgumentParser) -> None:
@@ -279,28 +281,26 @@ SWEEPS, LOOKING, HELP = "studies.command.sweeps", "studies.command.looking", "st
 TABLE = {
     "new": _named("write a commented scenario to begin with", _add_new, "new", HELP),
     "scenes": _named("list the scenarios that are shipped", _add_json, "list_scenes", HELP),
-    "check": _named("say whether a scenario can be run", _add_check, "check"),
+    "check": _named("check whether a scenario can be run, and its cost", _add_check, "check"),
     "run": _named("simulate a scenario into a folder", _add_run, "run"),
-    "sweep": _named("run a scenario for many values of its keys into one table", _add_sweep, "run_sweep", SWEEPS),
-    "refine": _named("say whether a number of a scenario converges", _add_refine, "run_refinement", SWEEPS),
-    "report": _named(
-        "write runs, studies and sweeps into one page, which needs no network", _add_report, "report_results", LOOKING
-    ),
+    "sweep": _named("run a scenario for many values of its keys, into one table", _add_sweep, "run_sweep", SWEEPS),
+    "refine": _named("check whether a number of a scenario converges", _add_refine, "run_refinement", SWEEPS),
+    "report": _named("write runs, studies and sweeps into one offline page", _add_report, "report_results", LOOKING),
     "view": _named(
-        "show a run in a window, or as a picture and an animation where there is no screen",
+        "show a run in a window, or draw a picture and an animation without a screen",
         _add_view,
         "view_results",
         LOOKING,
     ),
     "plot": _named("draw columns of a run over time", _add_plot, "plot_results", LOOKING),
-    "mesh": _named("make a scenario's mesh, write it and say how good it is", _add_mesh, "make_mesh"),
+    "mesh": _named("make a scenario's mesh, write it and report its quality", _add_mesh, "make_mesh"),
     "study": _named("run a study into a table and a figure", _add_study, "run_study"),
     "schema": _named("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),
     "catalogue": _named("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
-    "bench": _named("measure milliseconds per step of shipped scenes, or the organ's solvers", _add_bench, "run_bench"),
-    "doctor": _named("say what is installed, and how to get what is not", _add_json, "examine", HELP),
+    "bench": _named("measure the speed of steps and of the organ's solvers", _add_bench, "run_bench"),
+    "doctor": _named("list optional software, and how to install it", _add_json, "examine", HELP),
     "completion": _named(
-        'print what completes commands in a shell: eval "$(suture completion)"',
+        'print the shell completion: eval "$(suture completion)"',
         _add_completion,
         "print_completion",
         HELP,

@@ -32,8 +32,7 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
         lines += [
-            f"thread     off its holes by {summary['constraint_max']:.0e} m at most, strained by {_strain(summary)} "
-            "at most"
+            f"thread     within {summary['constraint_max']:.0e} m of its holes, largest strain {_strain(summary)}"
         ]
     return lines
 
@@ -90,7 +89,7 @@ def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
     if not gaps:
         return ""
     share = max(gap["share"] for gap in gaps.values())
-    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, which the mesh is too coarse for"
+    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, because the mesh is too coarse"
 
 
 def refinement_line(refinement: Mapping[str, Any]) -> str:
@@ -99,7 +98,7 @@ def refinement_line(refinement: Mapping[str, Any]) -> str:
         return ""
     last, errors = refinement["rounds"][-1], refinement["errors"]
     worst = max(errors, key=errors.__getitem__, default="")
-    told = f", the compliance of {worst!r} is known to {100.0 * errors[worst]:.2g} %" if worst else ""
+    told = f", estimated error of the compliance at {worst!r} {100.0 * errors[worst]:.2g} %" if worst else ""
     count = len(refinement["rounds"])
     return f"cells      {last['unknowns']} unknowns after {count} round{'s' * (count > 1)} of refinement{told}"
 
@@ -127,12 +126,12 @@ def load_lines(thread: Thread) -> list[str]:
 
 def contact_line(contact: ContactRecord) -> str:
     """Tell how two surfaces press on one another."""
-    rubs = f", {contact.friction:.3g} N along them, {contact.slipping} of them slip" if contact.friction else ""
+    rubs = f", friction {contact.friction:.3g} N, {contact.slipping} pairs slip" if contact.friction else ""
     return (
-        f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} pairs of nodes press on one another, "
-        f"{contact.largest_pressure:.3g} Pa at most, {contact.force:.3g} N in all{rubs}; the smallest gap is "
-        f"{contact.smallest_gap / MILLI:.3g} mm, the largest {contact.largest_gap / MILLI:.3g} mm, and "
-        f"{contact.open_area / MILLI**2:.3g} mm² are open"
+        f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} node pairs are pressed, largest "
+        f"pressure {contact.largest_pressure:.3g} Pa, total force {contact.force:.3g} N{rubs}; gap "
+        f"{contact.smallest_gap / MILLI:.3g} to {contact.largest_gap / MILLI:.3g} mm, open area "
+        f"{contact.open_area / MILLI**2:.3g} mm²"
     )
 
 
@@ -146,7 +145,7 @@ def wound_lines(contact: ContactRecord) -> list[str]:
     way = "in" if angle is not None and angle < 0.0 else "out"
     turned = "" if angle is None else f", and its edges are turned {way} by {abs(np.degrees(angle)):.2g}°"
     return [
-        f"wound      {contact.pair}: drawn together with {contact.closure_force:.3g} N{most}; "
+        f"wound      {contact.pair}: closure force {contact.closure_force:.3g} N{most}; "
         f"{100 * contact.approximation:.3g} % of its area is closed{turned}"
     ]
 
@@ -160,8 +159,8 @@ def range_line(met: Mapping[str, Any]) -> str:
     holes = met["piercings"].values()
     strain, turn = (max((hole[name] for hole in holes), default=0.0) for name in ("mean_strain", "turn"))
     return (
-        f"tissue     strained by up to {strain:.2g} at a hole and {met['largest_strain']:.2g} in a cell, turned by "
-        f"up to {turn:.2g} rad at a hole and {met['largest_rotation']:.2g} rad in a cell"
+        f"tissue     largest strain {strain:.2g} at a hole and {met['largest_strain']:.2g} in a cell, largest "
+        f"rotation {turn:.2g} rad at a hole and {met['largest_rotation']:.2g} rad in a cell"
     )
 
 

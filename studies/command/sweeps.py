@@ -40,7 +40,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     except WorkersError as error:
         return complain(error, FAILED)
     except KeyboardInterrupt:
-        return complain("interrupted; the same command goes on where it was", INTERRUPTED)
+        return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:
         print(as_json({"columns": table.names, "cases": rows(table)}), end="")
     else:
@@ -98,7 +98,7 @@ class Teller:
     def begin(self, count: int) -> None:
         """Write how many cases there are: the first may take a while."""
         if not self._quiet:
-            print_lines([f"{counted(count)}, each with a line when it is done"], sys.stderr)
+            print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
 
     def tell(self, told: Told) -> None:
         """Write a line of the case that is done, and of the time that is left by the pace of those before; those that
@@ -138,11 +138,11 @@ def run_refinement(options: argparse.Namespace) -> int:
     except WorkersError as error:
         return complain(error, FAILED)
     except KeyboardInterrupt:
-        return complain("interrupted; the same command goes on where it was", INTERRUPTED)
+        return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:
         print(json.dumps(json.loads((options.out / "verdict.json").read_text(encoding="utf-8"))))
     else:
-        print_lines([*(line for one in found for line in verdict_lines(one)), "", f"all of it in {options.out}"])
+        print_lines([*(line for one in found for line in verdict_lines(one)), "", f"all results in {options.out}"])
     if any(one.verdict is None for one in found):
         return FAILED
     return UNSUPPORTED if options.strict and not all(one.converged for one in found) else 0

@@ -142,7 +142,7 @@ def is_compiled(solve: model.Solve) -> bool:
     if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
         return solve.newton == "compiled"
     if not are_kept():
-        log.info("steps are solved in numpy: no folder to keep compiled loops in; name one by NUMBA_CACHE_DIR")
+        log.info("steps are solved in numpy, because no folder can cache compiled loops; set NUMBA_CACHE_DIR")
         return False
     return True
 
@@ -162,12 +162,12 @@ def length_of(scenario: Scenario, path: RoundedPath) -> float:
     suture."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
-        reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; leave it out or lengthen it"
+        reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; remove it or increase it"
         raise ScenarioError(refusal("thread.length", length, reason))
     if length > STRETCH * path.length:
         reason = (
-            f"the path is {path.length:.4g} m long, and no suture lies pressed into {path.length / length:.2g} of "
-            "its length; leave it out, or let the path make the detour of the slack"
+            f"the path is {path.length:.4g} m long, which is only {path.length / length:.2g} of it; remove it, or "
+            "lengthen the path by the slack"
         )
         raise ScenarioError(refusal("thread.length", length, reason))
     return length

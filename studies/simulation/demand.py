@@ -103,12 +103,12 @@ def hole_forces(tensions: Array, ways: Array) -> Array:
 def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark]:
     """Judge a pull [N] by the strength of the suture [N], and by how far it stretches a thread of EA [N]."""
     if strength is not None and tension > strength:
-        what = f"its knot-pull strength is {strength:.3g} N (least average)"
+        what = f"its knot-pull strength is {strength:.3g} N (minimum average)"
     elif tension > THREAD_STRAIN * EA:
-        what = f"{THREAD_STRAIN * EA:.3g} N stretch it by {THREAD_STRAIN:.0%}, as far as its law holds"
+        what = f"its linear law is valid up to {THREAD_STRAIN * EA:.3g} N (strain {THREAD_STRAIN:.0%})"
     else:
         return []
-    text = f"the thread is pulled with {tension:.3g} N, and {what}; take a stronger suture, or pull less"
+    text = f"the thread is loaded by {tension:.3g} N, but {what}; use a stronger suture, or a smaller load"
     return [remark("pull-strength", "thread", text)]
 
 
@@ -120,11 +120,11 @@ def overdrawn(holes: Sequence[Piercing], springs: Array, forces: Array) -> list[
     if not beyond:
         return []
     worst = max(beyond, key=demands.__getitem__)
-    also = f", and {len(beyond) - 1} other holes too far as well" if len(beyond) > 1 else ""
+    also = f", and {len(beyond) - 1} other holes too far" if len(beyond) > 1 else ""
     text = (
-        f"this pull, {forces[worst]:.2g} N at {holes[worst].name!r}, would draw the hole by about "
-        f"{ways[worst] / MILLI:.2g} mm{also}: that is {demands[worst]:.2g} of its footprint, and linear "
-        f"elasticity holds to about {SMALL_STRAIN:g}; pull less, or take firmer tissue or a wider footprint"
+        f"the load of {forces[worst]:.2g} N would move the hole {holes[worst].name!r} by about "
+        f"{ways[worst] / MILLI:.2g} mm{also}: {demands[worst]:.2g} of its footprint, above the limit of linear "
+        f"elasticity (about {SMALL_STRAIN:g}); use a smaller load, stiffer tissue or a wider footprint"
     )
     return [remark("demand", holes[worst].name, text)]
 
@@ -159,8 +159,8 @@ def overturned(
     if worst is None or turns[worst] <= SMALL_ROTATION:
         return []
     text = (
-        f"the thread is stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by about "
-        f"{turns[worst]:.2g} rad, and linear elasticity holds to about {SMALL_ROTATION:g}; take a thinner or limper "
-        "suture, firmer tissue or a wider footprint"
+        f"the thread is too stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by "
+        f"about {turns[worst]:.2g} rad, above the limit of linear elasticity (about {SMALL_ROTATION:g}); use a "
+        "thinner or softer suture, stiffer tissue or a wider footprint"
     )
     return [remark("stiff-thread", holes[worst].name, text)]

@@ -71,7 +71,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
     """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
-        reason = "the mesh is handed over from Python, by prepare(scenario, mesh=…); write it to a file for the command"
+        reason = "the mesh is given from Python, by prepare(scenario, mesh=…); write it to a file for the command"
         raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, reason))
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
@@ -245,7 +245,7 @@ def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]
         if held[mesh.facets[:, facets]].all():
-            reason = "all of it is held, and a load on it moves nothing; name another boundary, or clamp less"
+            reason = "all of it is held, so a load on it moves nothing; name another boundary, or clamp less"
             raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
         if np.any(mesh.f2t[1, facets] >= 0):
             reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"

@@ -23,7 +23,7 @@ def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None
     """Refuse a hole, of those at `s` [m], at a cut of a thread of a `length` [m]."""
     cuts = np.array(scenario.thread.cuts)
     if at_cut := [value for value in s if np.abs(cuts - value).min(initial=np.inf) <= AT_CUT * length]:
-        reason = f"a piercing has its abscissa there, s = {at_cut[0]:.6g} m; cut beside it"
+        reason = f"a piercing is there, at s = {at_cut[0]:.6g} m; cut next to it"
         raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
 
@@ -36,10 +36,10 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the piece of the thread from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
-            reason = f"{where} gets {points} of them, and with {holes} piercings needs {least}; raise it"
+            reason = f"{where} gets {points} of them, but needs {least} for {holes} piercings; raise it"
             raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
         if scenario.solve.kind == "static" and not holes and not is_held_at_end(scenario.thread, k, spline.pieces):
-            reason = f"solve.kind is static and {where} is in no hole; leave out one of its cuts, or pierce it"
+            reason = f"solve.kind is static and {where} is in no hole; remove one of its cuts, or add a piercing"
             raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
 
@@ -49,7 +49,7 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
     every = list(ends)
     for s in cuts:
         if min(abs(end - s) for end in every) < diameter:
-            reason = f"nearer than its diameter, {diameter:.3g} m, the thread ends, or is cut; cut elsewhere"
+            reason = f"an end or another cut is nearer than the diameter, {diameter:.3g} m; cut elsewhere"
             raise ScenarioError(refusal(key, s, reason))
         every.append(s)
 
@@ -65,8 +65,7 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
             spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])
         except ThreadError:
             reason = (
-                f"nearer than {SLIVER:g} spans to it the thread ends, or is cut; cut elsewhere, or raise "
-                "thread.control_points"
+                f"an end or another cut is nearer than {SLIVER:g} spans; cut elsewhere, or raise thread.control_points"
             )
             raise ScenarioError(refusal("cut.s", table.s, reason)) from None
     check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
@@ -93,11 +92,11 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
         )
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
-            reason = f"at s = {at:.6g} m it draws out the thread, whose piece goes from {start:.6g} to {end:.6g} m"
-            raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or lay out more"))
+            reason = f"at s = {at:.6g} m the thread is drawn out: its piece is from {start:.6g} to {end:.6g} m"
+            raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or use a longer path"))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):
-            reason = f"no thread is left between it and piercing {name!r}; draw less, or lay out more between them"
+            reason = f"no thread is left between it and piercing {name!r}; draw less, or use a longer path between them"
             raise ScenarioError(refusal(key, hole.draw, reason))
         before[piece] = (hole.name, way)
 

@@ -146,8 +146,8 @@ def unloaded_rest(key: str, ramp: float) -> list[Remark]:
     if ramp == 0.0:
         return []
     text = (
-        f"the dead load on {key} grows within {ramp:.3g} s, and none of it is there at t = 0: the rest that the run "
-        f"starts from is without it, and slack is taken up in time; leave out {key}.ramp for a rest under all of it"
+        f"the dead load on {key} grows within {ramp:.3g} s and is zero at t = 0, so the run starts at rest "
+        f"without it; remove {key}.ramp to start under the full load"
     )
     return [remark("rest-unloaded", key, text)]
 
@@ -158,8 +158,8 @@ def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
         remark(
             "after-end",
             key,
-            f"{key} = {time:.6g} s is after the end of the run at {duration:.6g} s, and it does not happen; raise "
-            "solve.duration, or leave it out",
+            f"{key} = {time:.6g} s is after the end of the run at {duration:.6g} s, so it does not happen; raise "
+            "solve.duration, or remove it",
         )
         for key, time in times.items()
         if time > duration
@@ -170,17 +170,14 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     """Tell what of the run its scenario does not say."""
     if not given.unsaid:
         return []
-    text = f"{', '.join(given.unsaid)} came from Python: the scenario in the folder does not say so"
+    text = f"{', '.join(given.unsaid)} came from Python and is not in the scenario of the folder"
     mu = 0.0 if body is None else float(np.max(body.material.lame_mu))
     if (density := given.distortion(mu)) is not None:
         least, largest = shear_moduli(density)
-        text += (
-            f"; the shear modulus of the energy at rest is {least:.4g} to {largest:.4g} Pa, that of E and ν, whose "
-            f"bulk modulus goes with it, {mu:.4g} Pa"
-        )
+        text += f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, that of E and ν {mu:.4g} Pa"
     out = [remark("handed-over", "prepare", text)]
     if given.stiffness is not None:
-        text = "stress and energy of the cells are those of E and ν, not of the stiffness that was handed over"
+        text = "stress and energy of cells are computed with E and ν, not with the stiffness from Python"
         out.append(remark("stress-of-e-nu", "tissue", text))
     return out
 
@@ -231,8 +228,8 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
                 remark(
                     "hole-strain",
                     name,
-                    f"the tissue at {name!r} was strained by {strain:.2g}, linear elasticity holds to about "
-                    f"{SMALL_STRAIN:g}; pull less, or take firmer tissue or a wider footprint",
+                    f"the tissue strain at {name!r} is {strain:.2g}, above the limit of linear elasticity (about "
+                    f"{SMALL_STRAIN:g}); use a smaller load, stiffer tissue or a wider footprint",
                 )
             )
         if turn > SMALL_ROTATION:
@@ -240,8 +237,8 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
                 remark(
                     "hole-rotation",
                     name,
-                    f"the hole {name!r} turned by {turn:.2g} rad, linear elasticity holds to about {SMALL_ROTATION:g}; "
-                    "pull less, or take a softer suture, firmer tissue or a wider footprint",
+                    f"the hole {name!r} turned by {turn:.2g} rad, above the limit of linear elasticity (about "
+                    f"{SMALL_ROTATION:g}); use a smaller load, a softer suture, stiffer tissue or a wider footprint",
                 )
             )
     return out
@@ -273,9 +270,8 @@ def beyond_at_springs(
                 remark(
                     "subgrid-strain",
                     name,
-                    f"linear springs, {share:.0%} of the compliance of {name!r}, were drawn out, or the tissue "
-                    f"strained, by {way:.2g} of its footprint, and they hold to about {limit:.2g} in this tissue; take "
-                    "a smaller tissue.mesh.h_site",
+                    f"linear sub-grid springs, {share:.0%} of the compliance of {name!r}, were strained by {way:.2g} "
+                    f"of its footprint (limit about {limit:.2g}); use a smaller tissue.mesh.h_site",
                 )
             )
     return out
@@ -286,13 +282,13 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     out = []
     if extremes.strain > SMALL_STRAIN:
         wide = extremes.strained > SHARE
-        which = "decide its forces" if wide else "decide none of its forces; stress there is not meant"
+        which = "affect the forces" if wide else "do not affect the forces; local stress there is not supported"
         out.append(
             remark(
                 "tissue-strain" if wide else "local-strain",
                 "tissue",
-                f"the tissue was strained by up to {extremes.strain:.2g}, linear elasticity holds to about "
-                f"{SMALL_STRAIN:g}; the cells beyond have {extremes.strained:.1%} of its strain energy and {which}",
+                f"the largest tissue strain is {extremes.strain:.2g}, above the limit of linear elasticity (about "
+                f"{SMALL_STRAIN:g}); the cells above it have {extremes.strained:.1%} of the strain energy and {which}",
             )
         )
     if extremes.rotation > SMALL_ROTATION and extremes.rotated > SHARE:
@@ -300,8 +296,8 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
             remark(
                 "tissue-rotation",
                 "tissue",
-                f"the tissue was rotated by up to {extremes.rotation:.2g} rad, linear elasticity holds to about "
-                f"{SMALL_ROTATION:g}; the cells beyond have {extremes.rotated:.1%} of its strain energy",
+                f"the largest tissue rotation is {extremes.rotation:.2g} rad, above the limit of linear elasticity "
+                f"(about {SMALL_ROTATION:g}); the cells above it have {extremes.rotated:.1%} of the strain energy",
             )
         )
     return out
@@ -317,9 +313,9 @@ def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
         off = difference > limit
         code, how = ("reduction", "is") if off else ("reduction-bound", "may be up to")
         text = (
-            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ, "
-            f"{limit / MILLI:.2g} mm are {REDUCED:.0%} of the largest way of a hole; raise tissue.reduction.blocks, or "
-            "leave tissue.reduction out"
+            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ "
+            f"(limit {limit / MILLI:.2g} mm, {REDUCED:.0%} of the largest displacement of a hole); raise "
+            "tissue.reduction.blocks, or remove tissue.reduction"
         )
         out.append(remark(code, name, text))
     return out
@@ -333,8 +329,8 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
         remark(
             "tears",
             name,
-            f"the thread bore on the tissue at {name!r} with {pressure:.3g} Pa, and its strength is {strength:.3g} Pa; "
-            "pull less, or take a thicker suture or a longer bite",
+            f"the pressure on the tissue at {name!r} is {pressure:.3g} Pa, above its strength of {strength:.3g} "
+            "Pa; use a smaller load, a thicker suture or a longer bite",
         )
         for name, pressure, strength in numbers
         if pressure > strength
@@ -357,9 +353,9 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRe
         return []
     (half, now, twice), channel, name = max(losses)
     text = (
-        f"friction at {name!r} goes by the couple over a channel of {channel / MILLI:.2g} mm that is "
-        f"assumed: it takes up to {now:.2g} N, over half the channel {half:.2g} N and over twice {twice:.2g} N; give "
-        f"{dotted_key(['piercing', name, 'channel'])}, the length over which tissue guides the thread there"
+        f"friction at {name!r} depends on an assumed channel of {channel / MILLI:.2g} mm: it is up to "
+        f"{now:.2g} N, but {half:.2g} N with half the channel and {twice:.2g} N with twice; set "
+        f"{dotted_key(['piercing', name, 'channel'])}, the length over which tissue guides the thread"
     )
     return [remark("channel", name, text)]
 
@@ -369,8 +365,8 @@ def turned_pressure(extremes: Extremes) -> list[Remark]:
     if extremes.pressed_turn <= SMALL_ROTATION:
         return []
     text = (
-        f"a surface under a pressure turned by up to {extremes.pressed_turn:.2g} rad, and the pressure acts along its "
-        f"normals before, which holds to about {SMALL_ROTATION:g}; press less, or take firmer tissue"
+        f"a surface under pressure turned by up to {extremes.pressed_turn:.2g} rad, but the pressure keeps its "
+        f"direction (limit about {SMALL_ROTATION:g} rad); use a smaller pressure, or stiffer tissue"
     )
     return [remark("pressure-turn", "tissue.load", text)]
 
@@ -380,8 +376,8 @@ def crossed_lips(extremes: Extremes) -> list[Remark]:
     if extremes.crossed <= CROSSED:
         return []
     text = (
-        f"the lips of the wound went through one another by {extremes.crossed:.2g} of their extent, since they do not "
-        "press on one another; set tissue.contact = true"
+        f"the lips of the wound overlap by {extremes.crossed:.2g} of their extent, because contact is off; set "
+        "tissue.contact = true"
     )
     return [remark("lips-cross", "tissue.mesh", text)]
 
@@ -394,8 +390,8 @@ def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
             remark(
                 "thread-strength",
                 "thread",
-                f"the thread bore {extremes.tension:.3g} N, and its knot-pull strength is {strength:.3g} N (least "
-                "average); take a stronger suture, or pull less",
+                f"the largest tension of the thread is {extremes.tension:.3g} N, above its knot-pull strength of "
+                f"{strength:.3g} N (minimum average); use a stronger suture, or a smaller load",
             )
         )
     if extremes.thread_strain > THREAD_STRAIN:
@@ -403,8 +399,8 @@ def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
             remark(
                 "thread-strain",
                 "thread",
-                f"the thread was strained by {extremes.thread_strain:.2g}, its linear law holds to about "
-                f"{THREAD_STRAIN:g}; take a stiffer suture, more control points, or pull less",
+                f"the largest strain of the thread is {extremes.thread_strain:.2g}, above the limit of its linear law "
+                f"(about {THREAD_STRAIN:g}); use a stiffer suture, more control points, or a smaller load",
             )
         )
     return out
@@ -415,8 +411,8 @@ def coarse_spans(ratio: float) -> list[Remark]:
     if ratio <= RESOLVED:
         return []
     text = (
-        f"the spans at the holes are {ratio:.2g} of the length that the thread bends over there, at most {RESOLVED:g} "
-        'is fine enough for the forces along it; leave out thread.knots = "fixed", or raise thread.control_points'
+        f"the spans at the holes are {ratio:.2g} of the bending length of the thread (limit {RESOLVED:g}); "
+        'remove thread.knots = "fixed", or raise thread.control_points'
     )
     return [remark("spans", "thread.control_points", text)]
 
@@ -426,8 +422,8 @@ def few_spans(number: float | None) -> list[Remark]:
     if number is None or number >= BETWEEN:
         return []
     text = (
-        f"two holes are {number:.2g} spans from one another along the thread, {BETWEEN:g} are fine enough for it to "
-        'bend between them; leave out thread.knots = "fixed", or raise thread.control_points'
+        f"two holes are only {number:.2g} spans apart along the thread, which needs {BETWEEN:g} to bend "
+        'between them; remove thread.knots = "fixed", or raise thread.control_points'
     )
     return [remark("spans-between", "thread.control_points", text)]
 
@@ -437,8 +433,8 @@ def followed(branches: float) -> list[Remark]:
     if branches < 1.0:
         return []
     text = (
-        f"load steps failed, and {branches:.0f} of them followed the equilibrium along its branch by arc length; "
-        "whether it holds was not asked on the way; raise solve.load_steps to see it piece by piece"
+        f"{branches:.0f} load steps failed and were continued along the branch by arc length, without a check "
+        "of stability; raise solve.load_steps to resolve the branch"
     )
     return [remark("branch", "solve", text)]
 
@@ -448,8 +444,8 @@ def past_limit(fallen: float) -> list[Remark]:
     if fallen <= FALLEN:
         return []
     text = (
-        f"along a branch that was followed the loads fell by {fallen:.2g} of the full loads: under loads that only "
-        'rise, thread or tissue jump there, perhaps to another branch; take solve.kind = "dynamic" to see where to'
+        f"the loads fell along a branch by {fallen:.2g} of the full loads: under rising loads thread or tissue "
+        'would jump there, perhaps to another branch; use solve.kind = "dynamic" to follow the jump'
     )
     return [remark("limit-point", "solve", text)]
 
@@ -459,9 +455,8 @@ def unstable(would_stay: bool) -> list[Remark]:
     if would_stay:
         return []
     text = (
-        "the thread would not stay in this equilibrium: a motion in its holes lowers its potential, by which it "
-        'buckles, snaps or rolls over, and none was found that it goes to; take solve.kind = "dynamic", in which it '
-        "goes where it falls, or lay it out of the plane that it is balanced in"
+        "this equilibrium of the thread is unstable (it would buckle, snap or roll over), and no stable one "
+        'was found; use solve.kind = "dynamic", or lay the path out of its plane'
     )
     return [remark("would-not-stay", "solve", text)]
 
@@ -487,8 +482,8 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
             remark(
                 "energy-created",
                 "solve",
-                f"the steps in time created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's "
-                f"energy ({scale:.2g} J); take a smaller solve.dt",
+                f"the time steps created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's energy "
+                f"({scale:.2g} J); use a smaller solve.dt",
             )
         )
     if numerical > DISSIPATED * scale and (rough or extremes.swing > SWUNG):
@@ -496,9 +491,8 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
             remark(
                 "numerical-dissipation",
                 "solve.dt",
-                f"the steps in time dissipated {numerical:.2g} J, {numerical / scale:.0%} of the most that the run "
-                f"held at once ({scale:.2g} J): what swings is damped by them; where that matters take a smaller "
-                "solve.dt",
+                f"the time steps dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's largest energy "
+                f"({scale:.2g} J), and damped its oscillations; use a smaller solve.dt if they matter",
             )
         )
     elif slid and numerical > OUTDONE * energy.friction_dissipation:
@@ -506,9 +500,9 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
             remark(
                 "numerical-dissipation",
                 "solve.dt",
-                f"the steps in time dissipated {numerical:.2g} J, and friction {energy.friction_dissipation:.2g} J: "
-                "how far the thread slid, which friction keeps, is as much theirs; compare with a smaller solve.dt, or "
-                "with a solve.tolerance, by which what moves fast is followed in parts of a step",
+                f"the time steps dissipated {numerical:.2g} J, friction only {energy.friction_dissipation:.2g} J, so "
+                "the length that the thread slid depends on the steps; compare with a smaller solve.dt, or set "
+                "solve.tolerance",
             )
         )
     return out
@@ -526,9 +520,9 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
     if not moves(energy) and slide <= SLID * diameter:
         return []
     text = (
-        f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic (at rest: {SETTLED:g}), and at its "
-        f"last speed the thread would slide by {slide / MILLI:.2g} mm in as long again (at rest: "
-        f"{SLID * diameter / MILLI:.2g} mm)"
+        f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g}), "
+        f"and at its final speed the thread would slide by {slide / MILLI:.2g} mm in the same time again "
+        f"(limit {SLID * diameter / MILLI:.2g} mm)"
     )
     return [remark("not-at-rest", "solve.duration", text)]
 
@@ -538,8 +532,8 @@ def swinging(swing: float) -> list[Remark]:
     if swing <= SWUNG:
         return []
     text = (
-        f"over the last {SEEN} steps the force of a hole was off a straight course by {swing:.2g} of the largest, at "
-        f"most {SWUNG:g} are slow enough for them: take a smaller solve.dt, or let it come to rest"
+        f"the force of a hole oscillates over the last {SEEN} steps by {swing:.2g} of the largest (limit "
+        f"{SWUNG:g}): use a smaller solve.dt, or a longer run"
     )
     return [remark("forces-swing", "solve.dt", text)]
 
@@ -551,10 +545,11 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
     if not chattered.size:
         return []
     first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
-    also = f", and so did {others} other{'s' * (others > 1)} later," if others else ""
+    also = f", and {others} other{'s' * (others > 1)} later" if others else ""
     text = (
         f"{names[first]!r} changed between stick and slip {SWITCHES} times within {SEEN} steps until t = "
-        f"{times[first]:.4g} s{also}: these steps do not resolve when; take a smaller solve.dt where that matters"
+        f"{times[first]:.4g} s{also}: the steps do not resolve these times; use a smaller solve.dt if they "
+        "matter"
     )
     return [remark("chatter", names[first], text)]
 
@@ -565,8 +560,8 @@ def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
         remark(
             "subgrid",
             name,
-            f"the cells at {name!r} are {gap['size'] / MILLI:.2g} mm, too coarse for its footprint, and no patch of "
-            'them makes up for it, so nothing is added; set tissue.element = "P2" or a smaller tissue.mesh.h_site',
+            f"the cells at {name!r} are {gap['size'] / MILLI:.2g} mm, too coarse for its footprint, and no "
+            'sub-grid patch corrects them; set tissue.element = "P2" or a smaller tissue.mesh.h_site',
         )
         for name, gap in gaps.items()
         if not gap["holds"]
@@ -588,9 +583,9 @@ def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> l
         remark(
             "accuracy",
             name,
-            f"the compliance of {name!r} is known to {100.0 * error:.2g} %, and {100.0 * accuracy:.2g} % were asked "
-            f'for: the refinement ended at {unknowns} unknowns; set tissue.element = "P2", or a larger '
-            "tissue.mesh.accuracy",
+            f"the compliance of {name!r} has an estimated error of {100.0 * error:.2g} %, above the requested "
+            f'{100.0 * accuracy:.2g} %: the refinement ended at {unknowns} unknowns; set tissue.element = "P2", or '
+            "a larger tissue.mesh.accuracy",
         )
         for name, error in errors.items()
         if error > accuracy
@@ -601,14 +596,14 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
     """Judge the cells [m] at a hole to which nothing is added, and which were not `refined` to an accuracy."""
     key = dotted_key(["piercing", hole.name, "footprint"])
     if hole.footprint == 0.0:
-        text = f"{hole.name!r} is a bare point, whose displacement goes with the size of the cells; give {key}"
+        text = f"{hole.name!r} is a bare point, whose displacement depends on the cell size; set {key}"
         return [remark("bare-point", hole.name, text)]
     bound = COARSE[element] * hole.footprint
     if refined or hole.subgrid or size <= bound:
         return []
     text = (
-        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, at most {bound / MILLI:.2g} mm ({element}) are fine "
-        "enough for its footprint; set its subgrid, or take a smaller tissue.mesh.h_site"
+        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for its footprint (limit "
+        f"{bound / MILLI:.2g} mm, {element}); set its subgrid, or use a smaller tissue.mesh.h_site"
     )
     return [remark("cells", hole.name, text)]
 
@@ -619,8 +614,8 @@ def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
         remark(
             "moved",
             hole.name,
-            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from where its key near is, more than {MOVED:g} times its "
-            f"footprint of {hole.footprint / MILLI:.3g} mm; is it on the surface that was meant?",
+            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from its key near, more than {MOVED:g} times its "
+            f"footprint of {hole.footprint / MILLI:.3g} mm; check that it is on the intended surface",
         )
         for hole in holes
         if hole.moved is not None and hole.moved > MOVED * hole.footprint
@@ -634,8 +629,8 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
         apart, reach = dist(one.place, other.place), NEAR * (one.footprint + other.footprint)
         if 0.0 < apart < reach:
             text = (
-                f"{one.name!r} and {other.name!r} are {apart / MILLI:.2g} mm apart, nearer than {NEAR:g} times their "
-                f"footprints together, {reach / MILLI:.2g} mm: each moves the other"
+                f"{one.name!r} and {other.name!r} are {apart / MILLI:.2g} mm apart, less than {NEAR:g} times the sum "
+                f"of their footprints ({reach / MILLI:.2g} mm), so each moves the other"
             )
             out.append(remark("holes-near", one.name, text))
     return out
@@ -647,8 +642,8 @@ def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
         remark(
             "contact-rough",
             " - ".join(pair.between),
-            f"the friction of {pair.between[0]!r} and {pair.between[1]!r} is {pair.friction:.3g}, more than {STEEP:g}: "
-            "under the same loads they may stick or slip; see whether shorter steps find another answer",
+            f"the friction of {pair.between[0]!r} and {pair.between[1]!r} is {pair.friction:.3g}, above {STEEP:g}: "
+            "several solutions may exist; compare with smaller steps",
         )
         for pair in contacts
         if pair.friction > STEEP
@@ -660,9 +655,8 @@ def undetermined_slip(free: bool) -> list[Remark]:
     if not free:
         return []
     text = (
-        "nothing holds the thread along itself: it slides as a whole at no cost, so the slip of each hole is not "
-        "determined and depends on the load steps (forces, places and the difference of two slips do not); hold an "
-        "end, anchor a hole, or give them friction"
+        "nothing holds the thread along itself, so the slip of each hole depends on the load steps (forces, "
+        "places and differences of slips do not); hold an end, anchor a hole, or set friction"
     )
     return [remark("slides-freely", "piercing", text)]
 
@@ -673,8 +667,8 @@ def unheld(scenario: Scenario) -> list[Remark]:
     if organ is None or organ.clamp or organ.roller or scenario.touching:
         return []
     text = (
-        "nothing holds the organ: thread and loads move it as a whole; name a boundary, for example "
-        'clamp = ["bottom"], unless it is meant to be free'
+        "nothing holds the organ, so thread and loads move it as a whole; set a boundary, for example clamp = "
+        '["bottom"], unless it is meant to be free'
     )
     return [remark("not-held", "tissue.clamp", text)]
 
@@ -690,8 +684,8 @@ def off_path(assembly: Assembly) -> list[Remark]:
         remark(
             "off-path",
             hole.name,
-            f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, further than {OFF_PATH:g} diameters, "
-            f"{bound / MILLI:.2g} mm: the thread is bent to it before the first step; lead the path through it",
+            f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, more than {OFF_PATH:g} diameters "
+            f"({bound / MILLI:.2g} mm): the thread is bent to it before the first step; lead the path through it",
         )
         for hole, gap in zip(assembly.holes, away, strict=True)
         if hole.from_ == 0.0 and gap > bound and not isinstance(hole, Ball)
@@ -713,9 +707,9 @@ def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
     if radius >= KINKED * diameter:
         return []
     text = (
-        f"along its path the thread is laid in a bend of radius {radius / MILLI:.2g} mm at s = {at:.4g} m, less than "
-        f"its diameter of {diameter / MILLI:.2g} mm: its fibres would be strained by {0.5 * diameter / radius:.0%}, "
-        "and it swings back from there; lead the path round in a wider bend"
+        f"the path bends the thread to a radius of {radius / MILLI:.2g} mm at s = {at:.4g} m, below its "
+        f"diameter of {diameter / MILLI:.2g} mm: its fibres are strained by {0.5 * diameter / radius:.0%}, and "
+        "it springs back; use a wider bend"
     )
     return [remark("kinked", "thread.path", text)]
 
@@ -769,8 +763,9 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
     if depth <= IN_TISSUE * diameter:
         return []
     text = (
-        f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue, crosses its surface where no hole "
-        "is, and slides through as if no tissue was there; add a [[piercing]], or lead thread.path around the organ"
+        f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue and crosses its surface "
+        "without a hole, so it meets no resistance there; add a [[piercing]], or lead thread.path around the "
+        "organ"
     )
     return [remark("no-hole", hole, text)]
 
@@ -781,11 +776,11 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> l
     if not deep:
         return []
     (one, other), others = next(iter(deep)), len(deep) - 1
-    also = f", and likewise between {others} other pair{'s' * (others > 1)} of holes," if others else ""
+    also = f", and between {others} other pair{'s' * (others > 1)} of holes," if others else ""
     text = (
-        f"between {one!r} and {other!r}{also} the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep in the "
-        f'tissue, and bears on it at the holes alone; add [[tract]] between = ["{one}", "{other}"] where the depth of '
-        "the bite matters"
+        f"between {one!r} and {other!r}{also} the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep "
+        f'in the tissue, but bears on it at the holes only; add [[tract]] between = ["{one}", "{other}"] if '
+        "the depth of the bite matters"
     )
     return [remark("no-tract", one, text)]
 
@@ -796,9 +791,9 @@ def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Rem
     if bare <= BARE * radius:
         return []
     text = (
-        f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or nearer "
-        f"to a surface than its radius, {radius / MILLI:.2g} mm, besides the way across a wound, and the thread "
-        "does not bear on tissue there; lead the path deeper or take a smaller radius"
+        f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or "
+        f"within its radius of {radius / MILLI:.2g} mm of a surface, so the thread does not bear on tissue "
+        "there; lead the path deeper or use a smaller radius"
     )
     return [remark("tract-bare", name, text)]
 
@@ -816,10 +811,10 @@ def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spaci
     if not (turn > SLIGHT and push > STIFF * tension):
         return []
     text = (
-        f"along the tract {name!r} the thread turns by {turn:.2g} rad from one ball to the next and presses on them "
-        f"with {push:.2g} N by its stiffness, under a tension of {tension:.2g} N: what it closes depends on the "
-        f"spacing, {spacing / MILLI:.2g} mm, by more than 2 %; let thread.path bend less there, take a thinner or "
-        "limper suture, or compare half the spacing"
+        f"along the tract {name!r} the stiffness of the thread presses on each ball with {push:.2g} N (turn "
+        f"{turn:.2g} rad) under a tension of {tension:.2g} N, so results depend on the spacing of "
+        f"{spacing / MILLI:.2g} mm by more than 2 %; use a thread.path with a wider bend, or a thinner or "
+        "softer suture, or compare half the spacing"
     )
     return [remark("tract-stiff", name, text)]
 

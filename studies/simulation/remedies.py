@@ -61,7 +61,7 @@ def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | 
     """
     time, trials = last.time if last else 0.0, list[Trial]()
     for settings in remedies(scenario, failure):
-        log.info("trying on a copy whether %s helps; Ctrl-C leaves it", written(settings))
+        log.info("trying on a copy whether %s helps; Ctrl-C stops", written(settings))
         trials.append(attempt(scenario, settings, time, make))
         if trials[-1].helps:
             break
@@ -115,9 +115,9 @@ def remark_of(trials: Sequence[Trial], time: float) -> Remark:
     slow = "; ".join(trial.text for trial in trials if trial.outcome == "slow")
     other = [f"in vain: {vain}"] * bool(vain) + [f"given up after {MOST} corrections: {slow}"] * bool(slow)
     if not trials[-1].helps:
-        text = f"tried on copies, and nothing helped; {', '.join(other)}" if other else "no copy could be prepared"
+        text = f"no remedy helped on a copy of the run; {', '.join(other)}" if other else "no copy could be prepared"
         return remark("remedy", "solve", text)
-    reached = f"gets past t = {time:.4g} s; it was followed to {trials[-1].time:.4g} s"
+    reached = f"gets past t = {time:.4g} s; it was computed to {trials[-1].time:.4g} s"
     ways = {"ends": "comes to its end", "past": reached}
     before = f" (tried before, {', '.join(other)})" if other else ""
     text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{before}"

@@ -428,7 +428,7 @@ def sound_start(assembly: Assembly, store: Store) -> State:
     except StepError as error:
         raise ScenarioError(
             f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "
-            "let the path pass nearer to them and bend less"
+            "use a path that passes nearer to them and bends less"
         ) from error
     problems = faults(assembly.system, state)
     if problems:

@@ -67,7 +67,7 @@ class Timing:
     def __str__(self) -> str:
         median, late, worst = (1e3 * seconds for seconds in (self.median, self.late, self.worst))
         return (
-            f"{self.steps} steps: median {median:.3g} ms, 99th of a hundred {late:.3g} ms, worst {worst:.3g} ms, "
+            f"{self.steps} steps: median {median:.3g} ms, 99th percentile {late:.3g} ms, longest {worst:.3g} ms, "
             f"{self.missed} late"
         )
 
@@ -90,7 +90,7 @@ class Stepper:
         if end not in ENDS:
             raise ScenarioError(refusal("end", end, 'allowed are "start" and "end", of the thread'))
         if deadline is not None and not deadline >= 0.0:
-            reason = "allowed are times from 0 s on; None is the time that a step stands for"
+            reason = "allowed are times from 0 s on; None is the length of the step"
             raise ScenarioError(refusal("deadline", deadline, reason))
         if scenario.solve.kind == "static":
             raise ScenarioError(refusal("solve.kind", "static", "a stepper goes on in time; use dynamic"))
@@ -98,7 +98,7 @@ class Stepper:
         self._now = simulation.beginning()
         if not is_led(self._now.system.ends[self._side]):
             kind = getattr(scenario.thread, end).kind
-            reason = "a hand moves an end that is held by its place; use driven or fixed, or let it move the other end"
+            reason = "a hand can only move an end whose place is prescribed; use driven or fixed, or the other end"
             raise ScenarioError(refusal(f"thread.{end}.kind", kind, reason))
         self._seconds, self._missed = array("d"), 0
         self._threads = ThreadpoolController()
@@ -129,7 +129,7 @@ class Stepper:
     def timing(self) -> Timing:
         """How long the steps took so far. Raises `ValueError` before the first."""
         if not self._seconds:
-            raise ValueError("no step was taken yet, so there is nothing to be said of their times; take one")
+            raise ValueError("no step was taken yet, so no times are known; take one")
         seconds = np.frombuffer(self._seconds)
         median, late = np.percentile(seconds, [50.0, LATE])
         return Timing(len(seconds), float(median), float(late), float(seconds.max()), self._missed)

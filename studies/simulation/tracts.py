@@ -62,8 +62,8 @@ def with_balls(
         way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
         if not len(way.deep):
             reason = (
-                f"the path between them is nowhere a radius, {radius_of(tract, holes):.3g} m, deep in the organ; lead "
-                f"thread.path deeper, or give a smaller tract.{number}.radius"
+                f"the path between them is nowhere deeper in the organ than the radius, {radius_of(tract, holes):.3g} "
+                f"m; lead thread.path deeper, or use a smaller tract.{number}.radius"
             )
             raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
         balls = balls_of(tract, path, way, radius_of(tract, holes))

@@ -378,7 +378,7 @@ def test_a_thread_too_short_for_its_path_is_refused(share: float, refused: bool)
     if not refused:
         assert assemble(parse(data)).system.thread.spline.end == share * path
         return
-    with pytest.raises(ScenarioError, match=r"thread\.length = .* is refused: the path is .* lengthen it"):
+    with pytest.raises(ScenarioError, match=r"thread\.length = .* is refused: the path is .* increase it"):
         assemble(parse(data))
 
 

@@ -80,7 +80,7 @@ def test_friction_that_goes_with_an_assumed_channel_is_told() -> None:
     assumed = 10 * PP.diameter
     (_, [said]), others = drawn_through(None), [drawn_through(share * assumed) for share in (0.5, 1.0, 2.0)]
     half, now, twice = (friction for friction, _ in others)
-    assert f"a channel of {1e3 * assumed:.2g} mm that is assumed: it takes up to {now:.2g} N" in said
+    assert f"an assumed channel of {1e3 * assumed:.2g} mm: it is up to {now:.2g} N" in said
     assert all(not none for _, none in others)
     assert (half, twice) == (pytest.approx(2.0 * now, rel=0.2), pytest.approx(0.5 * now, rel=0.2))
 

@@ -295,10 +295,10 @@ def test_a_piece_that_nothing_holds_back_runs_out_of_its_hole() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"cut": [{"s": 1e-4, "time": 1e-6}]}, r"cut.s = 0.0001 is refused: nearer than its diameter"),
-        ({"cut": [{"s": s, "time": 1e-6} for s in (0.01, 0.0101)]}, r"cut.s = 0.0101 is refused: nearer"),
-        ({"thread": {"cuts": [1e-4]}}, r"thread.cuts = 0.0001 is refused: nearer than its diameter"),
-        ({"thread": {"cuts": [0.02]}, "piercing": [{"name": "a", "at": [0, 0, 0], "s": 0.02}]}, "cut beside it"),
+        ({"cut": [{"s": 1e-4, "time": 1e-6}]}, r"cut.s = 0.0001 is refused: .* nearer than the diameter"),
+        ({"cut": [{"s": s, "time": 1e-6} for s in (0.01, 0.0101)]}, r"cut.s = 0.0101 is refused: .* is nearer"),
+        ({"thread": {"cuts": [1e-4]}}, r"thread.cuts = 0.0001 is refused: .* nearer than the diameter"),
+        ({"thread": {"cuts": [0.02]}, "piercing": [{"name": "a", "at": [0, 0, 0], "s": 0.02}]}, "cut next to it"),
     ],
 )
 def test_refusals(change: dict[str, Any], words: str) -> None:

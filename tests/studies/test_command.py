@@ -251,7 +251,7 @@ def test_a_new_scenario_can_be_run(
     assert command.main(["check", "mine.toml"]) == 0
     assert "suture run mine.toml --out" in capsys.readouterr().out
     assert command.main(["new", "mine.toml"]) == 2
-    assert "it is there already" in capsys.readouterr().err
+    assert "it exists already" in capsys.readouterr().err
 
 
 def test_help_and_version_load_no_library(capsys: pytest.CaptureFixture[str]) -> None:

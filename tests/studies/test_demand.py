@@ -48,7 +48,7 @@ def pulled(force: float, **hole: Any) -> Scenario:
 
 def test_a_pull_is_told_in_words_by_the_way_of_a_half_space() -> None:
     """Independent check: 0.6 F/(E a), 12 mm of 0.2 N in 10 kPa under a millimetre; at the bound and beyond."""
-    assert "would draw the hole by about 12 mm" in said(pulled(0.2))["demand"]
+    assert "move the hole 'anchor' by about 12 mm" in said(pulled(0.2))["demand"]
     bound = SMALL_STRAIN * 1e4 * 1e-6 / 0.6
     assert "demand" not in said(pulled((1.0 - IDENTITY) * bound))
     assert "demand" in said(pulled((1.0 + 1e-6) * bound))
@@ -82,7 +82,7 @@ def test_a_pull_beyond_the_strength_of_the_suture_is_foreseen() -> None:
     strength = knot_pull("4-0 nylon")
     assert strength is not None
     for share, told in ((0.999, False), (1.001, True)):
-        assert ("(least average)" in said(pulled(share * strength)).get("pull-strength", "")) == told
+        assert ("(minimum average)" in said(pulled(share * strength)).get("pull-strength", "")) == told
     wide = (np.sqrt(2.0 * suture("4-0 nylon").EI * 0.02) / (SMALL_ROTATION * 1e4)) ** (1 / 3)
     for footprint, told in ((0.99 * wide, True), (1.01 * wide, False)):
         assert ("stiff-thread" in said(pulled(0.02, direction="normal", footprint=footprint))) == told
@@ -119,7 +119,7 @@ def test_a_pull_that_stretches_the_thread_too_far_is_foreseen() -> None:
         scenario = pulled(share * bound)
         thread = scenario.thread.model_copy(update={"suture": "8-0 nylon"})
         found = said(scenario.model_copy(update={"thread": thread}))
-        assert ("stretch it by 10%" in found.get("pull-strength", "")) == told
+        assert ("(strain 10%)" in found.get("pull-strength", "")) == told
 
 
 def test_strands_through_tissue_without_a_hole_are_foreseen() -> None:

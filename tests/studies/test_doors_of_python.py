@@ -148,7 +148,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "five times the path": (
         lambda: studies.prepare(parse(changed(BARE, {"thread.length": 1.0}))),
-        r"thread\.length = 1\.0 is refused: the path is .* pressed into .* let the path make the detour",
+        r"thread\.length = 1\.0 is refused: the path is .* lengthen the path by the slack",
     ),
 }
 

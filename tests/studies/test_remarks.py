@@ -311,7 +311,7 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
         took = energy(friction=0.1 * DISSIPATED, numerical=0.1 * OUTDONE * DISSIPATED * share)
         found = judging.audited(took, met(energy=1.0), True, slid)
         assert [each.code for each in found] == ["numerical-dissipation"] * said
-        assert all(f"friction {took.friction_dissipation:.2g} J" in each.message for each in found)
+        assert all(f"friction only {took.friction_dissipation:.2g} J" in each.message for each in found)
 
 
 def switching(steps: Sequence[int], name: str = "entry") -> Extremes:
@@ -336,7 +336,7 @@ def test_chatter_is_of_one_hole_and_few_steps() -> None:
         assert judging.chattering(names, switching(others).chattered) == []
     assert judging.chattering(names, switching(near, "knot").chattered) == []
     (both,) = judging.chattering(names, np.array([0.2, 0.1, *[np.nan] * (len(names) - 2)]))
-    assert both.where == names[1] and "and so did 1 other later" in both.message
+    assert both.where == names[1] and "and 1 other later" in both.message
 
 
 def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:

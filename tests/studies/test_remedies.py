@@ -84,13 +84,13 @@ def test_the_papers_options_are_replaced_together_by_what_is_exact(solve: dict[s
 
 def test_where_nothing_helps_it_says_so() -> None:
     """Independent check: copies that fail, and one that fails before it is well past, or would take too long."""
-    told = "nothing helped; in vain: solve.dt = 0.00025; "
+    told = "no remedy helped on a copy of the run; in vain: solve.dt = 0.00025; "
     assert told in said_of({})[0]
     assert told in said_of({"dt": {"ends": 4 * (30 + PAST) - 1}})[0]
     slow = MOST // 100
     late = f"given up after {MOST} corrections: solve.dt = 0.00025"
     assert said_of({"dt": {"ends": 1000, "corrections": slow}})[0].endswith(late)
-    assert "helped" not in said_of({"dt": {"ends": 1000, "corrections": slow // 2}})[0]
+    assert "no remedy helped" not in said_of({"dt": {"ends": 1000, "corrections": slow // 2}})[0]
 
 
 def test_what_the_scenario_refuses_is_not_said_to_have_been_tried() -> None:
@@ -102,7 +102,7 @@ def test_what_the_scenario_refuses_is_not_said_to_have_been_tried() -> None:
         return Copy(copy, steps=copy.solve.steps, ends=0)
 
     said = try_remedies(scenario_of(), FAILURE, None, make).message
-    assert said == "tried on copies, and nothing helped; in vain: solve.dt = 0.00025"
+    assert said == "no remedy helped on a copy of the run; in vain: solve.dt = 0.00025"
 
 
 def test_a_copy_that_comes_to_its_end() -> None:

@@ -306,7 +306,7 @@ def test_a_completed_run_is_left_alone(file: Path, whole: Path, capsys: pytest.C
     """Independent check: nothing to do is no error, and touches nothing."""
     before = {path: path.stat().st_mtime_ns for path in whole.rglob("*")}
     assert command.main(["run", str(file), "--out", str(whole), "--resume"]) == 0
-    assert "is completed; nothing is left to do" in capsys.readouterr().out
+    assert "is complete; nothing is left to do" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in whole.rglob("*")} == before
     assert command.main(["run", str(whole / "scenario.toml"), "--out", str(whole), "--resume", "--quiet"]) == 0
 

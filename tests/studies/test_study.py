@@ -232,11 +232,11 @@ def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys:
     assert "it holds a study already; add --overwrite" in capsys.readouterr().err
     assert command.main(["study", "sample", "--set", "lengths=[-1]", *again]) == 1
     assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
-    assert "the rows that were done" not in capsys.readouterr().err
+    assert "the completed rows" not in capsys.readouterr().err
     assert command.main(["study", "sample", "--set", "lengths=[1, 2, -1]", *again]) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"runs.csv", "study.json"}
     check_folder(tmp_path, overwrite=True)
     assert (tmp_path / "runs.csv").read_text() == "way,length [m]\nway 3,1.0\nway 3,2.0\n"
     told = capsys.readouterr().err
     assert "row 1, " in told and "way 3" in told and "row 2, " not in told  # of the same words
-    assert "no length is negative" in told and "the rows that were done" in told
+    assert "no length is negative" in told and "the completed rows" in told

@@ -333,7 +333,7 @@ def test_what_the_cases_wait_for_is_said(
     monkeypatch.setattr(sweeps, "run_case", lambda data: loops.log.info("compiling the step") or failed)
     assert main(["sweep", "paper_figure_1", "--over", "thread.damping=[5.0]", "--out", str(tmp_path / "out")]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert lines[:2] == ["1 case, each with a line when it is done", "compiling the step"]
+    assert lines[:2] == ["1 case, with one line per completed case", "compiling the step"]
 
 
 def test_a_shortage_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
