@@ -1,8 +1,8 @@
 """What the pages say can be done: every listing of Python and TOML, every command and every link in a Markdown file.
 
 The listings of Python in a page follow one another. A listing of TOML is a whole scenario, or, after the comment
-`<!-- fragment -->`, a part that is put into the scene `two_piercings`. In commands `FILE.toml` stands for a scenario,
-`NAME` for a study and `…` for arguments left out; one word alone names a command.
+`<!-- fragment -->`, a part that is put into the scene `two_piercings`. In commands `FILE.toml` and the tutorial's
+`stitch.toml` stand for a scenario, `NAME` for a study and `…` for arguments left out; one word alone names a command.
 """
 
 import argparse
@@ -29,6 +29,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 KEY = re.compile(r"((?:tissue|thread|piercing|solve|output)(?:\.\w+)+)(?: = .*)?")
 LINES = 150  # of the front page
 STEPS = 20  # of the front page's scenario
+PLACEHOLDERS = {"FILE.toml": "two_piercings", "stitch.toml": "two_piercings", "NAME": NAMES[0]}  # of commands
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ def test_the_front_page_s_scenario_runs(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "command"), COMMANDS)
 def test_commands_are_understood(name: str, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: `suture` takes the arguments, and its scenario, study and overrides are there."""
-    words = [{"FILE.toml": "two_piercings", "NAME": NAMES[0]}.get(word, word) for word in shlex.split(command)]
+    words = [PLACEHOLDERS.get(word, word) for word in shlex.split(command)]
     if "…" in words or len(words) == 1:
         words = [words[0], "--help"]
     options = understood(words, monkeypatch)

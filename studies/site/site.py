@@ -22,6 +22,7 @@ CODE = "code"  # the folder of the pages made from the code
 PAGES: dict[str, Any] = {
     "Home": "README.md",
     "Five minutes": "studies/site/START.md",
+    "Tutorial": "studies/site/TUTORIAL.md",
     "Guide": "studies/scenario/GUIDE.md",
     "Scenario file": "studies/scenario/README.md",
     "Results": "studies/output/README.md",
