@@ -23,7 +23,7 @@ class Contact(ScenarioTable):
         ),
     ] = Field(
         default=0.0,
-        description="coefficient of Coulomb's friction between them [-]: they stick up to it, and slip with it",
+        description="coefficient of Coulomb friction between the surfaces [-]",
     )
 
     @model_validator(mode="after")

@@ -18,8 +18,8 @@ class Load(ScenarioTable):
     )
     pressure: Number | None = Field(
         default=None,
-        description="pressure, positive where it pushes on the organ [Pa]; it follows the surface at finite strain, "
-        "and in a linear material acts along the normals of the reference shape, as all of linear elasticity does",
+        description="pressure [Pa], positive if it pushes on the organ; follows the surface at finite strain, but acts "
+        "along the reference normals in a linear material",
         examples=[2.0e3],
     )
     ramp: NotNegative = Field(

@@ -15,8 +15,8 @@ class Fibre(ScenarioTable):
     """Family of fibres that carry tension alone."""
 
     direction: Vector = Field(description="direction of the fibres in the reference shape, of any length [-]")
-    k1: NotNegative = Field(description="their stiffness where they begin to bear [Pa]")
-    k2: Positive = Field(description="their stiffening [-]")
+    k1: NotNegative = Field(description="initial stiffness of the fibres [Pa]")
+    k2: Positive = Field(description="stiffening of the fibres [-]")
 
     @model_validator(mode="after")
     def _check_direction(self) -> Self:
@@ -30,20 +30,19 @@ class MaterialKeys(ScenarioTable):
 
     stiffening: Positive | None = Field(
         default=None,
-        description='stiffening b [-] of an "exponential" material, which needs it: W = μ/(2b) (exp(b(Ī₁ − 3)) − 1) + '
-        "κ/2 (J − 1)²",
+        description='stiffening b [-], required by the "exponential" material: W = μ/(2b) (exp(b(Ī₁ − 3)) '
+        "− 1) + κ/2 (J − 1)²",
         examples=[5.0],
     )
     fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = Field(
         default=None,
-        description="up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-], that carry tension "
-        "alone: W = k1/(2 k2) (exp(k2 ⟨Ī₄ − 1⟩²) − 1); default: none",
+        description="up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-]; they "
+        "carry tension only: W = k1/(2 k2) (exp(k2 ⟨Ī₄ − 1⟩²) − 1); default: none",
         examples=[[{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}]],
     )
     prestretch: tuple[Positive, Positive, Positive] | None = Field(
         default=None,
-        description="principal stretches along x, y, z that the reference shape has [-]: cut free, the tissue goes "
-        "back; default: none",
+        description="principal stretches of the reference shape along x, y, z [-]; default: none",
         examples=[[1.05, 1.0, 0.952]],
     )
 

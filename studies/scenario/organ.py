@@ -33,8 +33,7 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
 }
 STUMPS = ("stump_left", "stump_right")  # of a tube that is cut across
 STRENGTH = (
-    "pressure of the thread on a hole, its force over diameter and bearing length, above which the event tears is "
-    "logged, for nothing tears in the model [Pa]"
+    "pressure at a hole, thread force over diameter and bearing length, above which the event tears is logged [Pa]"
 )
 FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files that hold a closed surface, to be filled; and some .vtk
@@ -52,8 +51,8 @@ class _Mesh(ScenarioTable):
         one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
     ] = Field(
         default="given",
-        description="relative error of the holes' compliance to forces [-] down to which the cells around them are "
-        'refined, in rounds; "given": the mesh as it is',
+        description="accepted relative error of the holes' compliance to forces [-], by refinement of the cells around "
+        'them; "given": no refinement',
         examples=[0.03],
     )
 
@@ -120,14 +119,14 @@ class WoundMesh(_Block):
 
     kind: Literal["wound"]
     shape: Literal["slit", "ellipse"] = Field(
-        default="slit", description='"slit": closed, its two lips at one place; "ellipse": open, with upright walls'
+        default="slit", description='"slit": closed; "ellipse": open, with upright walls'
     )
     along: Literal["x", "y"] = Field(
-        default="y", description="axis that the wound runs along; the left lip is that at lower x, or lower y"
+        default="y", description="axis of the wound; the left lip is at lower x, or lower y"
     )
     length: Positive = Field(description="length of the wound [m]", examples=[0.02])
     width: NotNegative = Field(default=0.0, description="widest opening of an ellipse [m]; 0 for a slit")
-    depth: Positive = Field(description="depth of the wound [m]; that of the block cuts through", examples=[0.008])
+    depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
 
     @model_validator(mode="before")
     @classmethod
@@ -181,7 +180,7 @@ class TubeMesh(_Sized):
     length: Positive = Field(description="length of the tube [m], with the gap", examples=[0.05])
     gap: NotNegative | None = Field(
         default=None,
-        description="distance of the two stumps of a tube that is cut across [m]; 0: they touch; default: not cut",
+        description="distance of the two stumps of a cut tube [m]; 0: they touch; default: not cut",
         examples=[1.0e-3],
     )
 
@@ -248,7 +247,7 @@ class GivenMesh(_Mesh):
 
     kind: Literal["given"]
     sha256: Text | None = Field(
-        default=None, description="digest of the mesh, by which it is known again; default: that of the mesh given"
+        default=None, description="digest that identifies the mesh; default: that of the mesh given"
     )
 
 
@@ -279,7 +278,7 @@ class Region(MaterialKeys):
     earlier one.
     """
 
-    name: Text = Field(description="name of the region; without box and depth that of a volume in the mesh file")
+    name: Text = Field(description="name of the region; without box and depth, of a volume in the mesh file")
     box: tuple[Vector, Vector] | None = Field(
         default=None, description="two opposite corners [m]; the cells whose centre is inside"
     )
@@ -292,7 +291,9 @@ class Region(MaterialKeys):
     )
     density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
     strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
-    material: Law | None = Field(default=None, description="strain-energy density, as the organ's; default the organ's")
+    material: Law | None = Field(
+        default=None, description="strain-energy density, as for the organ; default the organ's"
+    )
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -313,16 +314,15 @@ class Reduction(ScenarioTable):
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = Field(
         default=2,
-        description="blocks [-] of a Krylov space beside the static answers, each of as many vectors: how fast a "
-        "motion is followed",
+        description="Krylov blocks [-] in addition to the static responses; more of them follow faster motion",
     )
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="lowest vibration modes [-] of the organ in it besides"
+        default=0, description="lowest vibration modes [-] in addition"
     )
     keep: Annotated[str, Field(strict=True, min_length=1)] | None = Field(
         default=None,
-        description="folder, relative to the scenario file, in which bases are kept for later runs, each for its mesh, "
-        "material, holes and loads alone; default: none is kept",
+        description="folder, relative to the scenario file, that stores bases for later runs with the same mesh, "
+        "material, holes and loads; default: none is kept",
         examples=["bases"],
     )
 
@@ -338,41 +338,41 @@ class Tissue(MaterialKeys):
     strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
     material: Law = Field(
         default="linear",
-        description='"linear": small strain; "neo-hookean" and "exponential", with its stiffening: finite strain, '
-        "which is the linear organ where strains are small",
+        description='"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to '
+        '"linear" at small strain',
     )
     element: Literal["P1", "P2"] = Field(default="P1", description="tetrahedral element, linear or quadratic")
     dilatation: Literal["auto", "cell", "nodal"] = Field(
         default="auto",
-        description="where the volume is held to change as ν says: in each cell, which locks as ν nears 0.5, or nodal, "
-        "averaged at the vertices; auto: nodal above ν = 0.45",
+        description='dilatation per "cell", which locks near ν = 0.5, or "nodal", averaged at the '
+        'vertices; "auto": nodal above ν = 0.45',
     )
     inertia: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the organ has inertia; false: quasi-static organ"
     )
     solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = Field(
         default="auto",
-        description='what solves the organ: "auto" (by size, memory and what is installed), or "superlu", "cholmod" '
-        '(needs cvxopt), "pardiso" (needs pypardiso), "multigrid"',
+        description='solver of the organ: "auto" (by size, memory and installed packages), "superlu", "cholmod" (needs '
+        'cvxopt), "pardiso" (needs pypardiso) or "multigrid"',
     )
     rayleigh: tuple[NotNegative, NotNegative] = Field(
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
     reduction: Reduction | None = Field(
         default=None,
-        description="small basis for an organ that is linear and has inertia: a step costs the same however many "
-        "unknowns there are, and what that leaves open is estimated; default: none",
+        description="small basis for a linear organ with inertia: the cost of a step does not depend on "
+        "the mesh, and the error is estimated; default: none",
         examples=[{"blocks": 2, "modes": 0}],
     )
     clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
     roller: tuple[Text, ...] = Field(
         default=(),
-        description="names of the plane boundaries, each across x, y or z, that are held across themselves alone: what "
-        "slides on a bed, or a plane of symmetry",
+        description="names of plane boundaries, normal to x, y or z, that are held in their normal "
+        "direction: a sliding bed, or a plane of symmetry",
         examples=[["bottom"]],
     )
     contact: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="whether the lips of a wound press on one another where they meet; else they cross"
+        default=False, description="whether the lips of a wound press on each other; otherwise they overlap"
     )
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]

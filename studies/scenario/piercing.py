@@ -48,32 +48,31 @@ class Piercing(ScenarioTable):
         Literal["surface"] | Vector,
         one_sentence('three numbers [x, y, z] [m] or "surface", for example at = [-0.01, 0.0, 0.0]'),
     ] = Field(
-        description='place of the piercing, on the organ\'s surface or inside it [m]; "surface": the place on the '
-        "surface that near and along tell; a run's scenario.toml has the place found",
+        description='place of the piercing, on the surface or inside the organ [m]; "surface": found by '
+        "near and along, and written into scenario.toml of the run",
         examples=[[-0.01, 0.0, 0.0]],
     )
     near: Vector | None = Field(
         default=None,
-        description='point from which at = "surface" finds its place on the surface [m]',
+        description='point from which at = "surface" searches [m]',
         examples=[[-0.01, 0.0, 0.002]],
     )
     along: Vector | None = Field(
         default=None,
-        description='direction of the line through near that meets the surface where at = "surface" is, of several '
-        "places the one nearest to near [-]; default: direction where that is three numbers, else the place on the "
-        "surface that is nearest to near",
+        description='direction [-] of the line through near that finds at = "surface", at the place nearest to near; '
+        "default: direction if it is three numbers, else none: the surface point nearest to near",
         examples=[[0.0, 0.0, -1.0]],
     )
     kind: Literal["sliding", "anchored"] = Field(
-        default="sliding", description='"sliding", or "anchored": this point of the thread never slides'
+        default="sliding", description='"sliding", or "anchored": one point of the thread is held'
     )
     direction: Annotated[
         Literal["free", "normal"] | Vector,
         one_sentence('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
     ] = Field(
         default="free",
-        description='direction of the thread in the hole: "free", "normal" to the surface, or cut by the '
-        "needle along [x, y, z] [-]",
+        description='direction of the thread in the hole: "free", "normal" to the surface, or [x, y, z] '
+        "of the needle's channel [-]",
     )
     footprint: NotNegative = Field(
         default=1.0e-3,
@@ -82,13 +81,13 @@ class Piercing(ScenarioTable):
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
     subgrid: Annotated[bool, Field(strict=True)] = Field(
         default=True,
-        description="whether to add the compliance of the tissue around the footprint that the mesh is too coarse to "
-        "show; none on a fine mesh or for a bare point; of no effect where tissue.mesh.accuracy refines the cells",
+        description="whether to add the compliance that the mesh is too coarse to show; none on a fine "
+        "mesh, for a bare point, or with a tissue.mesh.accuracy",
     )
     s: NotNegative | None = Field(
         default=None,
-        description="abscissa of the piercing where it begins [m], at an end of the thread only if anchored; default: "
-        "where the thread is nearest to it then",
+        description="initial abscissa of the piercing [m], at an end of the thread only if anchored; "
+        "default: the point of the thread nearest to it",
         examples=[0.031],
     )
     friction: Friction | None = Field(
@@ -98,38 +97,38 @@ class Piercing(ScenarioTable):
     )
     draw: Hand | None = Field(
         default=None,
-        description="rows of t [s], length [m] of thread that a hand draws through the hole towards the end of the "
-        "path, negative towards its start, t increasing; linear in between, counted from the moment the piercing "
-        'begins; through an "anchored" hole the hand holds it before and after, through a "sliding" one it has it from '
-        "the first row to the last alone, and a row of t alone lets go until the next one, whose length is then the "
-        "zero; in statics t goes from 0 to solve.duration; default: none",
+        description="rows of t [s], length [m] that a hand draws through the hole, t increasing, linear in between; "
+        'positive towards the end of the path, counted from the beginning of the piercing. An "anchored" hole '
+        'is held before and after; at a "sliding" one the hand acts from the first to the last row. A row of '
+        "t alone lets go until the next row, whose length is the new zero. In statics t is from 0 to "
+        "solve.duration; default: none",
         examples=[[[0.0, 0.0], [1.0, 0.005]]],
     )
     pull: Hand | None = Field(
         default=None,
-        description="rows of t [s], force [N] with which a hand draws the thread through the hole towards the end of "
-        "the path, negative towards its start, t increasing; linear in between; the hand holds against the tissue at "
-        'the hole; through an "anchored" hole with the first and last force before and after, through a "sliding" one '
-        "from the first row to the last alone, and a row of t alone lets go until the next one; in statics t goes from "
-        '0 to solve.duration; instead of draw, or through a "sliding" hole before or after it; default: none',
+        description="rows of t [s], force [N] with which a hand draws the thread through the hole, t "
+        "increasing, linear in between; positive towards the end of the path. The hand holds "
+        'against the tissue at the hole. An "anchored" hole keeps the first and last force; '
+        'at a "sliding" one the hand acts from the first to the last row, and a row of t '
+        "alone lets go until the next. In statics t is from 0 to solve.duration. Instead of "
+        'draw, or at a "sliding" hole before or after it; default: none',
         examples=[[[0.0, 0.0], [0.2, 1.0]]],
     )
     channel: Positive | None = Field(
         default=None,
-        description="length of the channel, at whose ends the reaction couple presses [m]; default with friction and a "
-        "direction: how far the path runs in tissue there along its direction, up to half of the way to the next hole, "
-        "or ten diameters of the thread where it runs in none",
+        description="length of the channel, at whose ends the couple presses [m]; default with friction "
+        "and a direction: the length of path in tissue along the direction, up to half the "
+        "distance to the next hole, or ten thread diameters without tissue",
         examples=[2.0e-3],
     )
     from_: NotNegative = Field(
         default=0.0,
         alias="from",
-        description="time at which the piercing begins [s], at the first end of a step not before it; until then its "
-        "state is left",
+        description="time at which the piercing begins [s], at the next end of a step; its state is left before",
     )
     until: Positive | None = Field(
         default=None,
-        description="time at which the piercing ends [s], at the first end of a step not before it; default: never",
+        description="time at which the piercing ends [s], at the next end of a step; default: never",
         examples=[0.5],
     )
 

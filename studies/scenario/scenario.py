@@ -43,7 +43,7 @@ class Scenario(ScenarioTable):
     title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
     tissue: Tissue | None = Field(
         default=None,
-        description="the organ; left out: the piercings are points fixed in space",
+        description="the organ; without it the piercings are points fixed in space",
         examples=[{"youngs_modulus": 1.0e5}],
     )
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
@@ -51,15 +51,15 @@ class Scenario(ScenarioTable):
         default=(), description="the piercings, in the order in which the thread passes them"
     )
     tract: tuple[Tract, ...] = Field(
-        default=(), description="where the thread bears on the tissue between two holes too; else at its holes alone"
+        default=(), description="tracts between two holes, along which the thread bears on the tissue too"
     )
     cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
-    tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw tight and lock")
+    tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw and lock")
     contact: tuple[Contact, ...] = Field(
-        default=(), description="surfaces of the organ that press on one another where they meet; else they cross"
+        default=(), description="pairs of surfaces that press on each other; others overlap"
     )
-    solve: Solve = Field(default=Solve(), description="what is solved, and how", examples=[{"dt": 1.0e-3}])
-    output: Output = Field(default=Output(), description="what is written while running", examples=[{"every": 10}])
+    solve: Solve = Field(default=Solve(), description="the solution method", examples=[{"dt": 1.0e-3}])
+    output: Output = Field(default=Output(), description="the output of the run", examples=[{"every": 10}])
 
     @model_validator(mode="before")
     @classmethod

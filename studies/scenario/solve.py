@@ -21,8 +21,8 @@ class Solve(ScenarioTable):
     duration: Positive = Field(default=1.0, description="simulated time [s]")
     start: Literal["path", "rest"] = Field(
         default="path",
-        description='where the clock starts: with the thread laid along its "path", or at "rest", in the equilibrium '
-        "under the loads that act at t = 0, dead loads without a ramp in full",
+        description='initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0, '
+        "with dead loads without a ramp in full",
     )
     load_steps: Whole = Field(default=10, description="number of load steps [-] of a static solution")
     scheme: Literal["newton", "linear"] = Field(
@@ -30,28 +30,25 @@ class Solve(ScenarioTable):
     )
     newton: Literal["auto", "numpy", "compiled"] = Field(
         default="auto",
-        description='how a step iterates: in "numpy", or by "compiled" loops, the same numbers but for round-off in a '
-        "third of the time: they are compiled once, in a quarter of a minute, and kept; "
-        '"auto" takes the loops in time, '
-        "where they can be kept, and numpy at rest; what they do not cover is solved in numpy, and provenance.json "
-        "says which it is",
+        description='iteration of a step in "numpy" or in "compiled" loops, which take a third of the '
+        'time and agree to round-off; "auto": compiled in dynamic runs if a folder can cache '
+        "the loops, else numpy; provenance.json names the method used",
     )
     organ: Literal["auto", "whole", "krylov"] = Field(
         default="auto",
-        description='how a step solves a linear organ with inertia: "whole", by all its unknowns, or in the "krylov" '
-        "space of what pulls at it, whose residual is checked at every step; where that is above 1e-9 of the forces it "
-        'is widened, or given up for the whole; "auto" takes the space where it pays, by the unknowns and the number '
-        "of holes, and no hole begins later; summary.json says how many vectors it has",
+        description='solution of a linear organ with inertia: "whole", for all unknowns, or in a "krylov" space whose '
+        "residual is checked at every step and which is widened or abandoned above 1e-9 of the forces; "
+        '"auto": krylov if it pays by unknowns and holes, and no hole begins later',
     )
     integrator: Literal["euler", "bdf2"] = Field(
         default="bdf2",
-        description='integration in time: "bdf2" (order 2) or "euler" (backward, order 1; unless given, the way of '
-        "the linear scheme and of two-pass friction), constraints met at the end of the step by either",
+        description='time integration: "bdf2" (order 2) or "euler" (backward, order 1), which is used by the linear '
+        "scheme and two-pass friction unless given; constraints hold at the end of the step",
     )
     tolerance: Positive | None = Field(
         default=None,
-        description="how far off the motion of thread and abscissae a step may be by itself [m], by the change of its "
-        "rates; beyond, it is taken in parts, of dt/64 at the least; left out: steps are dt long",
+        description="accepted error of a step in thread and abscissae [m]; steps with a larger estimate "
+        "are divided, down to dt/64; without it all steps are dt long",
     )
     coupling: Literal["monolithic", "staggered"] = Field(
         default="monolithic", description="thread and organ solved together, or one after the other"

@@ -76,8 +76,8 @@ class PulledEnd(_End):
     force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
     ramp: NotNegative | None = Field(
         default=None,
-        description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a "
-        "dynamic run or all of a shorter one, none in a static one, which has its load steps, and at a start at rest",
+        description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a dynamic run "
+        '(at most its duration), 0 in statics and with solve.start = "rest"',
         examples=[0.1],
     )
 
@@ -114,9 +114,7 @@ class Cut(ScenarioTable):
     """Cut of the thread during a run."""
 
     s: Positive = Field(description="abscissa of the cut, or of a knot next to it [m]", examples=[0.03])
-    time: Positive = Field(
-        description="time of the cut [s], at the first end of a step, or load step, not before it", examples=[0.3]
-    )
+    time: Positive = Field(description="time of the cut [s], at the next end of a step or load step", examples=[0.3])
 
 
 def _known(name: str) -> str:
@@ -152,19 +150,18 @@ class Thread(ScenarioTable):
     )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
         default=40,
-        description="number of control points of the cubic spline [-], from 4 to 5000; where knots travel, those at "
-        "the piercings come besides, and a strand has four spans at least",
+        description="number of control points of the cubic spline [-], from 4 to 5000; travelling knots "
+        "add those at the piercings, and at least four spans per strand",
     )
     knots: Literal["travelling", "fixed"] = Field(
         default="travelling",
-        description='where the knots of the spline are as the thread slides: "travelling" with its holes, next to '
-        'which spans are as short as the length asks for that the thread bends over; "fixed" to the thread, the own '
-        "spline of the paper, of equal spans: unless given the way of a thread with twist, springs or no bending, and "
-        "of the paper's variants of solve",
+        description='knots of the spline: "travelling" with the holes, with short spans next to them; or '
+        '"fixed", equal spans as in the paper, which is used with twist, springs, no bending '
+        "and the paper's variants of solve unless given",
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
         default=0.01,
-        description="relative error of the piercings' forces that knots which travel are made for [-], up to 0.1",
+        description="accepted relative error of the piercings' forces for travelling knots [-], up to 0.1",
     )
     path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
         description="points along which the thread is laid at the start [m], corners rounded",
@@ -172,8 +169,7 @@ class Thread(ScenarioTable):
     )
     cuts: tuple[Positive, ...] = Field(
         default=(),
-        description="abscissae where the thread is cut from the start, rising [m]: the pieces share nothing, and the "
-        "new ends are free",
+        description="abscissae where the thread is cut from the start, rising [m]; the new ends are free",
         examples=[[0.05, 0.1]],
     )
     length: Positive | None = Field(
@@ -185,13 +181,13 @@ class Thread(ScenarioTable):
     )
     energy: Literal["continuous", "springs"] = Field(
         default="continuous",
-        description='elastic energies: "continuous", integrals over the thread, or "springs" between points spread '
-        "along it (the paper's §3), calibrated by EA, EI and GJ",
+        description='elastic energies: "continuous" integrals along the thread, or "springs" between '
+        "points (the paper's §3), calibrated by EA, EI and GJ",
     )
     springs: Whole | None = Field(
         default=None,
-        description="number of stretch springs along the thread [-], from control_points - 1 (the default with energy "
-        '= "springs") on; more of them lock a stiff thread',
+        description='number of stretch springs [-], at least control_points - 1 (the default with energy = "springs"); '
+        "more of them lock a stiff thread",
         examples=[39],
     )
     twist: Annotated[bool, Field(strict=True)] = Field(
@@ -200,8 +196,7 @@ class Thread(ScenarioTable):
     )
     coil_radius: Positive | None = Field(
         default=None,
-        description="radius of the coil that the thread remembers of its packet [m]; needs thread.twist; default: "
-        "straight at rest",
+        description="radius of the rest coil, from the packet [m]; needs thread.twist; default: straight at rest",
         examples=[0.02],
     )
     coil_towards: Vector | None = Field(

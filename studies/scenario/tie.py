@@ -15,28 +15,28 @@ class Tie(ScenarioTable):
 
     name: Text = Field(description="name of the tie", examples=["knot1"])
     between: tuple[Text, Text] = Field(
-        description="names of two piercings: the strands that leave them away from each other along the thread are "
-        "joined where they are nearest to one another",
+        description="names of two piercings; the strands that leave them on the outer sides are joined where they are "
+        "nearest",
         examples=[["left1", "right1"]],
     )
-    force: Positive = Field(description="force with which the hands draw the loop tight [N]", examples=[1.0])
+    force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
     from_: NotNegative = Field(
         default=0.0,
         alias="from",
-        description="time at which the loop is closed and drawn [s], at the first end of a step not before it",
+        description="time at which the loop is closed and drawn [s], at the next end of a step",
     )
     until: Positive = Field(
-        description="time at which it is locked [s], at the first end of a step not before it", examples=[0.25]
+        description="time at which the loop is locked [s], at the next end of a step", examples=[0.25]
     )
     ramp: NotNegative | None = Field(
         default=None,
-        description="time in which the force grows linearly from zero, and the strands are brought together [s]; "
-        "default: half of the time from `from` to `until`",
+        description="time in which the force grows linearly from zero and the strands meet [s]; default: "
+        "half of the time from `from` to `until`",
         examples=[0.1],
     )
     speed: Positive = Field(
         default=0.05,
-        description="speed at which each hand draws what offers no resistance [m/s]; a dynamic run's alone",
+        description="speed of a hand without resistance [m/s]; in dynamic runs",
     )
     hold: Positive | None = Field(
         default=None, description="tension above which a locked tie slips [N]; default: never", examples=[10.0]

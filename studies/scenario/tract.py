@@ -14,17 +14,16 @@ class Tract(ScenarioTable):
     """Tissue along the thread's path between two neighbouring holes: the thread slides along it, not across it."""
 
     between: tuple[Text, Text] = Field(
-        description="names of two holes that follow one another along the thread", examples=[["entry", "exit"]]
+        description="names of two consecutive holes along the thread", examples=[["entry", "exit"]]
     )
     radius: Positive | None = Field(
         default=None,
-        description="radius of the balls of tissue, in a row along the path, that the thread bears on [m]; default: "
-        "the smaller footprint of the two holes",
+        description="radius of the tissue balls along the path [m]; default: the smaller footprint of the two holes",
     )
     spacing: Positive | None = Field(
         default=None,
-        description="distance of the balls from one another along the path, at most [m]; default: the radius, from "
-        "which on a finer one changes what a stitch closes by less than 2 %, unless the remark tract-stiff says so",
+        description="largest distance between balls along the path [m]; default: the radius, which is "
+        "within 2 % unless the remark tract-stiff appears",
         examples=[1.5e-3],
     )
     friction: Friction | None = Field(
@@ -34,8 +33,8 @@ class Tract(ScenarioTable):
     )
     subgrid: Annotated[bool, Field(strict=True)] = Field(
         default=True,
-        description="whether to add the compliance of the tissue around the balls that the mesh is too coarse to show; "
-        "of no effect where tissue.mesh.accuracy refines the cells",
+        description="whether to add the compliance that the mesh is too coarse to show at the balls; none with a "
+        "tissue.mesh.accuracy",
     )
 
     @property
