@@ -1,1 +1,1 @@
-"""What a run writes: the results folder, its tables, the ParaView series, checkpoints."""
+"""Output of a run: the results folder, its tables, the ParaView series, checkpoints."""

@@ -1,4 +1,4 @@
-"""What a run will take of disk, memory and time, before its first step."""
+"""Estimates of the disk, memory and time of a run, before its first step."""
 
 import shutil
 import sys
@@ -33,7 +33,7 @@ UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
 
 def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
-    """Estimate what all frames of a run take [byte]."""
+    """Estimate the size of all frames of a run [byte]."""
     nodes = 0 if topology is None else len(topology.points)
     one = (
         PER_NODE * nodes + PER_CONTROL_POINT * scenario.thread.control_points + PER_HOLE_DRAWN * len(scenario.piercing)
@@ -42,13 +42,13 @@ def frame_bytes(scenario: Scenario, topology: OrganTopology | None) -> float:
 
 
 def row_bytes(scenario: Scenario) -> float:
-    """Estimate what the tables of a run take [byte]."""
+    """Estimate the size of the tables of a run [byte]."""
     return (PER_STEP + PER_HOLE * len(scenario.piercing)) * (scenario.solve.steps + 1)
 
 
 def peak_memory() -> float | None:
-    """Return the most memory that this process has had [byte], None where the system does not say. What a run prepares
-    is most of what it takes."""
+    """Return the peak memory of this process [byte], None if the system does not report it. Preparation takes most of a
+    run's memory."""
     if sys.platform == "win32":
         return None
     import resource
@@ -60,8 +60,8 @@ def peak_memory() -> float | None:
 def seconds_of(
     scenario: Scenario, topology: OrganTopology | None, unknowns: int, balls: int, by: Mapping[str, str | None]
 ) -> float:
-    """Estimate what steps and frames take of one processor [s], with `unknowns` of an organ, `balls` of tracts, and
-    what the run is solved `by` (`Simulation.methods`), after what is prepared."""
+    """Estimate the processor time of steps and frames [s], without preparation, for the `unknowns` of an organ, the
+    `balls` of tracts, and the methods that the run is solved `by` (`Simulation.methods`)."""
     solve, points, organ = scenario.solve, scenario.thread.control_points, scenario.tissue
     holes = len(scenario.piercing) + balls
     inertia = unknowns * (organ is not None and organ.inertia and solve.kind == "dynamic")

@@ -102,13 +102,13 @@ def sealed(archive: bytes) -> bytes:
 
 
 def is_sealed(data: bytes) -> bool:
-    """Tell whether an archive ends with the checksum of what is before it."""
+    """Return whether an archive ends with the checksum of its content."""
     body, checksum = data[:-CHECKSUM_LENGTH], data[-CHECKSUM_LENGTH:]
     return hashlib.sha256(body).hexdigest().encode() == checksum
 
 
 def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
-    """Say what the first of the keys that `changes` found was and is; None where there is none."""
+    """Return the old and new value of the first key that `changes` found, in words, or None."""
     for key, values in changed.items():
         was, now = ("not given" if value is None else repr(value) for value in values)
         return f"{key} was {was} and is {now}"
@@ -116,7 +116,7 @@ def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
 
 
 def changes(before: str, now: str) -> dict[str, tuple[Any, Any]]:
-    """Return the keys in which two scenarios in TOML differ, in order, with both values, None where it is not given."""
+    """Return the keys in which two scenarios in TOML differ, in order, with both values; None for a missing value."""
     old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
     keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
     return {key: (old.get(key), new.get(key)) for key in keys}

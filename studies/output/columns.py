@@ -1,4 +1,4 @@
-"""The quantities of a results folder, each said once: name, unit, meaning, and what it is taken from.
+"""The quantities of a results folder, each defined once: name, unit, meaning and source.
 
 A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a line of
 the manual (``python -m studies.output.columns`` writes those lines into it anew). To add a quantity, add its field to a
@@ -48,8 +48,8 @@ MANUAL = Path(__file__).with_name("README.md")
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A quantity: `name` (lower_snake_case), `unit` ("-" where it has none, empty for text), `meaning` for the manual,
-    and `of`, which takes its value from a row's record; None where there is none.
+    """A quantity: `name` (lower_snake_case), `unit` ("-" for a number without unit, empty for text), `meaning` for the
+    manual, and `of`, a function of a row's record that returns the value or None.
 
     `kind` is that of a number in it. `parts` are the names of a vector's components in a table; none for a scalar.
     """
@@ -682,7 +682,8 @@ RUN: tuple[Column[RunRecord], ...] = (
 
 @dataclass(frozen=True)
 class Layout(Generic[Row]):
-    """What a table holds: its columns, of which the step is the second, and `rows`, which takes its rows from a step.
+    """The layout of a table: its columns, of which the step is the second, and `rows`, a function of a step that
+    returns its rows.
 
     `every_step`: whether each step has exactly one row.
     """
@@ -699,7 +700,7 @@ def step_columns(*columns: Column[StepRecord]) -> tuple[Column[StepItem[Any]], .
 
 
 def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
-    """Make columns of a row from columns of what of the step the row is about."""
+    """Make columns of a row from columns of its item."""
     return tuple(_part_column(1, column) for column in columns)
 
 
@@ -770,8 +771,8 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, S
 
 
 def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thread | None = None) -> dict[str, Any]:
-    """Take from a step what ``summary.json`` says of energy, thread, piercings, lips and ties, and from the scenario's
-    `holes` by how much they were moved, from its `thread` how its dead loads grow."""
+    """Return energy, thread, piercings, contact and ties of a step for ``summary.json``, with the displacement of the
+    scenario's `holes` to the surface and the ramps of its `thread`."""
     found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     contact = {"contact": {pair.pair: _contact_summary(pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
@@ -797,7 +798,7 @@ def _contact_summary(pair: ContactRecord) -> dict[str, Any]:
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
-    """Make what ``summary.json`` says of how far the tissue of a run was strained and turned."""
+    """Return the largest strains and rotations of the tissue for ``summary.json``."""
     steps = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
     frames = extremes.cell_strain, extremes.cell_energy
     each = zip(names, zip(*(of_holes.tolist() for of_holes in (*steps, *frames)), strict=True), strict=True)
@@ -806,14 +807,14 @@ def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
 
 
 def reduction_summary(names: Iterable[str], extremes: Extremes, small: ReductionRecord) -> dict[str, Any]:
-    """Make what ``summary.json`` says of how far a small basis of the organ was off."""
+    """Return the error estimates of a small basis for ``summary.json``."""
     numbers = zip(*(each.tolist() for each in (extremes.difference, extremes.bound, small.stiffness)), strict=True)
     holes = {name: values(HOLE_REDUCTION, three) for name, three in zip(names, numbers, strict=True)}
     return {**values([REDUCTION], small), "piercings": holes}
 
 
 def krylov_summary(extremes: Extremes, now: KrylovRecord) -> dict[str, Value]:
-    """Make what ``summary.json`` says of the Krylov space of the organ."""
+    """Return the size and residual of the organ's Krylov space for ``summary.json``."""
     return values(KRYLOV, (now.vectors, extremes.residual))
 
 
@@ -870,7 +871,7 @@ def manual_tables() -> dict[str, str]:
 
 
 def with_tables(manual: str, tables: Mapping[str, str]) -> str:
-    """Return the manual with each table between its marks made anew."""
+    """Return the manual with each table between its marks updated."""
     return with_blocks(manual, "columns of", tables)
 
 

@@ -1,5 +1,5 @@
-"""What is drawn of thread and organ: plain arrays, in classes that a picture's own process reads without the libraries
-that computed them."""
+"""Fields of thread and organ to be drawn: plain arrays, in classes that the process of a picture reads without the
+solver's libraries."""
 
 from dataclasses import dataclass
 

@@ -38,12 +38,12 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Mapping[str, Any]) -> None:
-    """Write JSON, with null for what is not finite."""
+    """Write JSON, with null for numbers that are not finite."""
     write_text(path, as_json(value))
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object; an empty one where there is none, or a torn one."""
+    """Read a JSON object; empty if the file is missing or damaged."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -52,7 +52,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def as_json(value: Mapping[str, Any]) -> str:
-    """Return JSON, with null for what is not finite."""
+    """Return JSON, with null for numbers that are not finite."""
     return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 

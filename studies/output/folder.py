@@ -1,4 +1,4 @@
-"""The results folder: what a run leaves behind, complete or absent.
+"""The results folder, whose files are complete or absent.
 
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
@@ -156,21 +156,21 @@ class Recorder:
 
     @property
     def subgrid(self) -> Mapping[str, Mapping[str, Any]]:
-        """By piercing, what the organ's mesh is too coarse for."""
+        """Compliance that the organ's mesh is too coarse to show, by piercing."""
         return self._tally.subgrid
 
     @property
     def refinement(self) -> Mapping[str, Any]:
-        """How cells were refined at the piercings, and what error that left."""
+        """Rounds of refinement of the cells at the piercings, and the remaining errors."""
         return self._tally.refinement
 
     @property
     def remarks(self) -> list[Remark]:
-        """What is to be said of the run as of the last recorded step."""
+        """Remarks on the run up to the last recorded step."""
         return self._tally.remarks
 
     def remark(self, remark: Remark) -> None:
-        """Add a remark of what became of the files; a summary that is there already is written anew."""
+        """Add a remark on the files; an existing summary is updated."""
         self._tally.own.append(remark)
         if self._outcome is not None:
             write_json(self.folder / "summary.json", self.summary(*self._outcome))

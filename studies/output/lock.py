@@ -14,7 +14,7 @@ AGAIN = 0.2  # s in which a lock is asked for again: the run that held it may be
 
 @contextmanager
 def locked(folder: Path | str) -> Iterator[None]:
-    """Hold a folder, made where there is none, while a run is at work in it.
+    """Lock a folder for a run; the folder is made if it is missing.
 
     Raises `ScenarioError` where another run is, and for a folder that cannot be made or written.
     """

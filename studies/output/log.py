@@ -25,5 +25,5 @@ class RunLog:
             file.writelines(f"{now}  {line}\n" for line in text.splitlines())
 
     def end(self, status: str, remarks: Iterable[Remark]) -> None:
-        """Append how the run ended, and what is said of it."""
+        """Append the end of the run and its remarks."""
         self.write("\n".join([status, *(remark.line for remark in remarks)]))

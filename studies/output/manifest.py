@@ -57,7 +57,7 @@ def holds_run(folder: Path) -> bool:
 
 
 def own_files(folder: Path) -> list[Path]:
-    """List what the run in a folder wrote, the manifest and what a killed run was about to rename included."""
+    """List the files of the run in a folder, with the manifest and the temporary files of a killed run."""
     listed = (manifest(folder) or {}).get("files", [])
     known = [name for name in listed if name in FILES or re.fullmatch(r"mesh/[^/\\]+", str(name))]
     frames = frame_files(folder / "frames") if known else []
@@ -72,7 +72,7 @@ def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
 
 
 def refuse_foreign(folder: Path, scenario: Scenario) -> None:
-    """Raise `ScenarioError` where a run of the scenario would write over what no run wrote."""
+    """Raise `ScenarioError` if a run of the scenario would overwrite files that no run wrote."""
     refuse_links(folder, FOLDERS)
     own = set(own_files(folder))
     lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
@@ -84,7 +84,7 @@ def refuse_foreign(folder: Path, scenario: Scenario) -> None:
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` where one of the folders inside is a link: what it leads to is somebody else's."""
+    """Raise `ScenarioError` if a folder inside is a link, because its target does not belong to the run."""
     for name in names:
         if (folder / name).is_symlink():
             raise ScenarioError(
@@ -94,7 +94,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Take out of a folder what a run wrote there, all but its manifest and the lock."""
+    """Remove the files of a run from a folder, except its manifest and the lock."""
     for path in own_files(folder):
         if path.name not in (MARK, LOCK):
             path.unlink(missing_ok=True)

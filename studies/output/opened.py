@@ -41,7 +41,7 @@ class OpenRun:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What ``summary.json`` says; empty of a run that has not ended."""
+        """The content of ``summary.json``; empty for a run that has not ended."""
         return dict(self.results.summary)
 
     @property
@@ -51,7 +51,7 @@ class OpenRun:
 
     @property
     def remarks(self) -> list[dict[str, Any]]:
-        """What is said of the run: `code`, `severity`, `message` and `where` of each."""
+        """The remarks on the run: `code`, `severity`, `message` and `where` of each."""
         found: list[dict[str, str]] = self.summary.get("remarks", [])
         return found
 

@@ -1,4 +1,4 @@
-"""Where a result comes from: versions and machine, without any path or host name."""
+"""Provenance of a result: versions and machine, without paths or host names."""
 
 import os
 import platform
@@ -26,7 +26,7 @@ def provenance() -> dict[str, Any]:
 
 
 def packages() -> list[str]:
-    """Name the packages that the code asks for, those of its options too; none where it is not installed."""
+    """Return the names of the required and optional packages; none if the code is not installed."""
     try:
         asked = requires(CODE) or []
     except PackageNotFoundError:

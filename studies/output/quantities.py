@@ -38,7 +38,7 @@ ANY = "*"
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number, a word, or None where there is none, with its `unit`: "-" of a number without, empty for words."""
+    """A number, a word or None, with its `unit`: "-" for a number without unit, empty for a word."""
 
     name: str
     unit: str

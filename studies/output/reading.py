@@ -41,7 +41,7 @@ TORN = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, Typ
 
 
 class ResultsError(ValueError):
-    """A results folder that cannot be read, or that lacks what is asked for."""
+    """An error: the results folder cannot be read, or lacks the requested data."""
 
 
 class Summary(BaseModel):
@@ -54,7 +54,7 @@ class Summary(BaseModel):
 
 @contextmanager
 def refused_if_torn(path: Path | str) -> Iterator[None]:
-    """Raise `ResultsError` where what is read from a file turns out not to be what a run writes there."""
+    """Raise `ResultsError` if the content of a file is not that of a run."""
     try:
         yield
     except ResultsError:
@@ -116,8 +116,8 @@ class FrameFiles:
 
 @dataclass(frozen=True)
 class RunResults:
-    """A run's folder: what `summary.json` says (nothing before its end), the manifest, the scenario's text, the tables
-    by name, and the frames in the order of time."""
+    """A run's folder: `summary.json` (empty before the end), the manifest, the scenario's text, the tables by name, and
+    the frames in the order of time."""
 
     folder: Path
     summary: Mapping[str, Any]
@@ -146,9 +146,8 @@ class RunResults:
         return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
 
     def parts(self, name: str) -> dict[str, Table]:
-        """Return a table split by what its rows are about, each part with a row a step: by the name of the piercing,
-        of the pair of surfaces, or of the boundary, the second load on one as `top (2)`; whole under an empty name
-        where a step has one row."""
+        """Return a table split into parts with one row per step, by the name of the piercing, of the pair of surfaces,
+        or of the boundary (a second load on one is `top (2)`); the whole table has an empty name."""
         table = self.tables[name]
         if name not in ITEM:
             return {"": table}
@@ -179,7 +178,7 @@ def read_run(folder: Path | str) -> RunResults:
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Read the summary of a run; empty where there is none, or one that is torn or has not the parts of one."""
+    """Read the summary of a run; empty if it is missing, damaged or incomplete."""
     found = read_json(folder / "summary.json")
     try:
         Summary.model_validate(found)
@@ -189,7 +188,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def read_run_table(path: Path) -> Table:
-    """Read a table of a run. Raises `ResultsError` for one whose rows do not say when they are, and of what."""
+    """Read a table of a run. Raises `ResultsError` if its rows have no time or no name."""
     table = read_table(path)
     wanted = {"time": "f", "step": "f"} | ({ITEM[path.stem]: "U"} if path.stem in ITEM else {})
     for name, kind in wanted.items():
@@ -223,7 +222,7 @@ def column_of(cells: Sequence[str]) -> NDArray[Any]:
 
 
 def read_frames(index: Path) -> tuple[FrameFiles, ...]:
-    """Read which files a `.pvd` file names, frame by frame; none where there is none or it is torn."""
+    """Return the files that a `.pvd` file names, frame by frame; none if it is missing or damaged."""
     try:
         parts = list(ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet"))
     except (OSError, ValueError, ElementTree.ParseError):
@@ -269,7 +268,7 @@ def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
 
 
 def organ_of(organ: Any) -> OrganRecord:
-    """Return the organ of a frame; what no frame has of it, such as shares of its strain energy, is not a number."""
+    """Return the organ of a frame; quantities that no frame has, such as shares of strain energy, are NaN."""
     arrays = {
         name: np.asarray(values, dtype=np.float64)
         for data in (organ.point_data, organ.cell_data)

@@ -1,4 +1,4 @@
-"""What is recorded of a run: plain arrays, the only thing that the simulation hands to the output."""
+"""Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ TieRecord = TieObservation
 
 @dataclass(frozen=True)
 class StitchRecord:
-    """What one stitch bears of a wound at one time."""
+    """The closing forces of one stitch at one time."""
 
     stitch: str  # name of its tie, its tract or its only hole
     pair: str  # of surfaces that it draws together
@@ -81,7 +81,7 @@ class TractRecord:
 
     @property
     def force(self) -> Array:
-        """Of the tissue on the thread, in all, shape `(3,)` [N]."""
+        """Total force of the tissue on the thread, shape `(3,)` [N]."""
         return np.sum([ball.force for ball in self.balls], axis=0)
 
     @property
@@ -149,7 +149,7 @@ class LoadRecord:
 
 @dataclass(frozen=True)
 class ReductionRecord:
-    """What the small basis of an organ leaves open at its holes at one time, under the forces of then."""
+    """Error estimates of an organ's small basis at its holes at one time."""
 
     vectors: int  # of the basis
     difference: Array  # (p,) between the place of a hole and that in a basis with one block more [m]
@@ -159,7 +159,7 @@ class ReductionRecord:
 
 @dataclass(frozen=True)
 class KrylovRecord:
-    """How an organ in its Krylov space is solved at one time."""
+    """Size and residual of an organ's Krylov space at one time."""
 
     vectors: int  # of the space; 0 once the organ is solved whole
     residual: float  # of the equations of motion of all unknowns, over the largest forces so far [-]
@@ -167,7 +167,7 @@ class KrylovRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """What is known at the end of a step; step 0 is the start."""
+    """The record of a step; step 0 is the start."""
 
     time: float  # [s]
     step: int
@@ -233,8 +233,8 @@ class RunRecord:
 
 @dataclass(frozen=True)
 class Extremes:
-    """The largest of what a run has met so far: over its steps, and of the organ's cells over its frames; and the
-    forces of its last steps."""
+    """The largest values of a run so far, over its steps and, for the organ's cells, over its frames; and the forces of
+    its last steps."""
 
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
@@ -298,8 +298,8 @@ class Extremes:
 
     @property
     def swing(self) -> float:
-        """How far the force of a hole was from a straight course over the last steps at most, over the largest of them
-        [-]; 0 where there were fewer steps, or no forces but of round-off."""
+        """Largest deviation of a hole's force from a straight line over the last steps, over the largest force [-]; 0
+        with fewer steps, or forces of round-off only."""
         largest = float(norm(self.forces, axis=2).max(initial=0.0))
         if not largest > STILL * self.tension:
             return 0.0
@@ -325,7 +325,7 @@ class Extremes:
 
 
 def at_least(met: Array, now: Array | None) -> Array:
-    """Return what was met, shape `(p,)`, or now is where it is larger; None: nothing is known now."""
+    """Return the larger of the earlier and the new values, shape `(p,)`; None if there are no new values."""
     return met if now is None else np.asarray(np.maximum(met, now))
 
 
@@ -337,7 +337,7 @@ def nothing_met(piercings: int) -> Extremes:
 
 @dataclass(frozen=True)
 class Ending:
-    """Where a run ended, and what it met until then."""
+    """The end of a run, with its largest values until then."""
 
     step: StepRecord
     extremes: Extremes
@@ -345,7 +345,7 @@ class Ending:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What is drawn of one time."""
+    """The fields of one frame."""
 
     time: float  # [s]
     thread: ThreadRecord

@@ -1,4 +1,4 @@
-"""Remarks: what a run says of its own numbers, in `summary.json`, on the console and from Python.
+"""Remarks on the numbers of a run, in `summary.json`, on the console and from Python.
 
 The catalogue has each code once, with its severity, the bound that it is said beyond, and why there. A remark of the
 severity "unsupported" says that a number of the run is not what its model means; a "note" says what a reader should

@@ -101,12 +101,12 @@ def as_it_is(array: NDArray[Any]) -> bytes:
 
 
 def as_differences(array: NDArray[Any]) -> bytes:
-    """Return what goes along the thread, packed as differences between its rows."""
+    """Return arrays along the thread, packed as differences between rows."""
     return _lzma([_between_rows(array), FASTEST], array)
 
 
 def by_zlib(array: NDArray[Any]) -> bytes:
-    """Return what a few points have, packed."""
+    """Return arrays of a few points, packed."""
     return zlib.compress(array.tobytes(), 1)
 
 

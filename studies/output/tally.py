@@ -1,4 +1,4 @@
-"""What a run comes to: the totals, extremes and remarks that its summary tells, gathered step by step."""
+"""Totals, extremes and remarks of a run for its summary, gathered step by step."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
@@ -23,8 +23,8 @@ def nothing_to_say(ending: Ending | None) -> list[Remark]:
 
 
 class Tally:
-    """Gathers the summary of a run; with the ``memory`` of a checkpoint that of a run that goes on. Raises
-    `ScenarioError` for one that lacks what is gathered."""
+    """Gathers the summary of a run; the ``memory`` of a checkpoint continues it. Raises `ScenarioError` for an
+    incomplete checkpoint."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Tally:
         self._extremes = self._extremes.after_frame(organ)
 
     def memory(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps of it, as arrays."""
+        """Return the content for a checkpoint, as arrays."""
         counters = {
             "newton_iterations": np.array(self._newton_iterations),
             "constraint_max": np.array(self._constraint_max),
@@ -87,7 +87,7 @@ class Tally:
 
     @property
     def remarks(self) -> list[Remark]:
-        """What is to be said of the run as of its last step."""
+        """Remarks on the run up to its last step."""
         ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
         return [*self._judge(ending), *self.own]
 

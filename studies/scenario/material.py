@@ -48,7 +48,7 @@ class MaterialKeys(ScenarioTable):
 
 
 def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
-    """Return what is wrong with the keys of a material, None if nothing; `stiffening` is the one that acts."""
+    """Return the fault in the keys of a material, or None; `stiffening` is its effective value."""
     given = next((key for key in MaterialKeys.model_fields if getattr(keys, key) is not None), None)
     if material == "linear" and given:
         return (
@@ -66,7 +66,7 @@ def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None)
 
 
 def region_problem(organ: Law, name: str, region: Law | None) -> str | None:
-    """Return what is wrong with the material of a region in an organ of a material, None if nothing."""
+    """Return the fault in the material of a region in an organ of a material, or None."""
     if region is None or (region == "linear") == (organ == "linear"):
         return None
     remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'take "neo-hookean"'

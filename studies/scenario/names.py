@@ -1,4 +1,4 @@
-"""What is wrong with the names in a scenario that is not valid yet.
+"""Faults in the names of a scenario that is not valid yet.
 
 A name is known or not whatever the numbers beside it are: so unknown and repeated names are told together with values
 that are refused, and not after those are right.

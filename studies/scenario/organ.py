@@ -69,7 +69,7 @@ class _Sized(_Mesh):
     @property
     @abstractmethod
     def longest(self) -> float:
-        """The longest side of what is meshed [m]."""
+        """The longest side of the meshed body [m]."""
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:
@@ -274,9 +274,8 @@ class Boundary(ScenarioTable):
 
 
 class Region(MaterialKeys):
-    """Part of the organ with a material of its own; what is not given is the organ's. A later region overrides an
-    earlier one.
-    """
+    """Part of the organ with its own material; missing keys have the organ's values. A later region overrides an
+    earlier one."""
 
     name: Text = Field(description="name of the region; without box and depth, of a volume in the mesh file")
     box: tuple[Vector, Vector] | None = Field(
@@ -466,7 +465,7 @@ class Tissue(MaterialKeys):
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
-    """Return the boundaries that a mesh will name; none where only the file tells."""
+    """Return the boundaries that a mesh will name; none if only the file has them."""
     floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
     cut = isinstance(mesh, TubeMesh) and mesh.gap is not None
     return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ()) + (STUMPS if cut else ())
@@ -482,7 +481,7 @@ def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "cla
 
 
 def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str | None:
-    """Return what is wrong with the boundaries that a scenario adds to those of its mesh, None if nothing."""
+    """Return the fault in the boundaries that a scenario adds to those of its mesh, or None."""
     taken = next((name for name in own if name in there), None)
     return (
         None if taken is None else f"boundary.{as_key(taken)} is refused: the {kind} has a {taken} already; rename it"
@@ -490,7 +489,7 @@ def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str |
 
 
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
-    """Return what is wrong with a clamp, None if nothing."""
+    """Return the fault of a clamp, or None."""
     lost = next((name for name in clamp if name not in boundaries), None)
     return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
 
@@ -504,7 +503,7 @@ def no_boundary(name: str, boundaries: Sequence[str]) -> str:
 
 
 def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequence[str], roller: Sequence[str]) -> None:
-    """Refuse a load on what is no boundary of the organ, or where it can do nothing."""
+    """Refuse a load on an unknown boundary of the organ, or on one that is held."""
     if problem := idle_load(loads, boundaries, clamp, roller):
         raise ScenarioError(f"tissue.{problem}")
 
@@ -512,8 +511,8 @@ def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequenc
 def idle_load(
     loads: Iterable[Load], boundaries: Sequence[str] | None, clamp: Sequence[str], roller: Sequence[str]
 ) -> str | None:
-    """Return what is wrong with the boundary of a load, None if nothing; `boundaries` that there are, None where only
-    the file tells."""
+    """Return the fault in the boundary of a load, or None; `boundaries` are the known ones, None if only the file has
+    them."""
     for number, load in enumerate(loads):
         name, reason = load.boundary, ""
         if boundaries is not None and name not in boundaries:

@@ -165,7 +165,7 @@ class Piercing(ScenarioTable):
 
     @property
     def place(self) -> Vector:
-        """Where the hole is [m]; while that is sought on the surface, the point from which it is."""
+        """Place of the hole [m], or the point from which it is searched on the surface."""
         if self.at != "surface":
             return self.at
         assert self.near is not None
@@ -236,8 +236,7 @@ class Piercing(ScenarioTable):
 
 
 def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
-    """Return the rows of a hand in one part for each time that it takes the thread; where it lets go, it has done what
-    it did last."""
+    """Return the rows of a hand, one part for each time that it takes the thread."""
     parts: list[Grip] = []
     taken = False
     for row in rows:

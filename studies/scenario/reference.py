@@ -141,7 +141,7 @@ def cell(text: str) -> str:
 
 
 def default_of(field: Node, told: str, whole: Node) -> str:
-    """Write the default of a key in TOML; `told` in words where the schema has none; nothing for a table."""
+    """Return the default of a key in TOML, or the words `told` if the schema has none; empty for a table."""
     value = field.get("default")
     if value is None:
         return UNIT.sub("", told)
@@ -169,7 +169,7 @@ def type_of(field: Node, whole: Node) -> str:
 
 
 def allowed_in(field: Node) -> str:
-    """Write what values a key may have beyond their type."""
+    """Return the allowed values of a key beyond their type."""
     if "anyOf" in field:
         return ", ".join(filter(None, map(allowed_in, field["anyOf"])))
     if "const" in field or "enum" in field:
@@ -194,7 +194,7 @@ def scene_text(name: str) -> str:
 
 
 def rewritten(manual: str) -> str:
-    """Return the manual with its tables of keys, its scenario and its list of scenes made anew."""
+    """Return the manual with its tables of keys, its scenario and its list of scenes updated."""
     manual = with_blocks(manual, "keys of", reference())
     manual = with_blocks(manual, "scene", {COMPLETE: f"\n```toml\n{scene_text(COMPLETE)}```\n\n"})
     return with_blocks(manual, "list of", {"scenes": scene_list()})

@@ -1,4 +1,4 @@
-"""Sentences for input that is refused: the key's full name, its value, what is allowed and the remedy.
+"""Sentences for refused input: the key's full name, its value, the allowed values and the remedy.
 
 pydantic finds the faults; this module says them in the user's words. A key's full name is the one that
 ``--set`` takes: table names joined by dots, an entry of a list of tables by its ``name``
@@ -68,7 +68,7 @@ def refusal(key: str, value: object, reason: str) -> str:
 
 
 def shortened(text: str, longest: int) -> str:
-    """Cut what is longer than so many characters, and show that it is."""
+    """Shorten a text to a number of characters, with a mark."""
     return text if len(text) <= longest else text[: longest - 2] + " …"
 
 
@@ -85,7 +85,7 @@ def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
 
 
 class Place(NamedTuple):
-    """Where pydantic found a fault."""
+    """The location of a fault in pydantic's report."""
 
     parts: list[str]  # of the key's full name
     table: type[BaseModel]  # the table that the key is in

@@ -38,7 +38,7 @@ MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is 
 
 
 class Scenario(ScenarioTable):
-    """A suture thread, an organ it pierces, and what is done to them."""
+    """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
 
     title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
     tissue: Tissue | None = Field(
@@ -338,7 +338,7 @@ def check_apart(holes: Sequence[Piercing]) -> None:
 
 
 def check_given(scenario: object) -> None:
-    """Refuse what is given from Python in the place of a scenario, such as the name of its file."""
+    """Refuse an argument from Python that is not a scenario, such as a file name."""
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"{scenario!r} is refused: it is no scenario; load a file or a scene, or parse tables")
 
@@ -459,8 +459,8 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
 
 
 def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
-    """Return the scenario with the defaults that only the whole of it tells: the rest length and the abscissas [m], and
-    the times in which dead loads grow [s].
+    """Return the scenario with the defaults that depend on all of it: rest length and abscissas [m], and ramps of dead
+    loads [s].
 
     A piercing that begins later takes its abscissa, unless given, from where the thread is then.
     """

@@ -12,7 +12,7 @@ MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: mor
 
 
 class Solve(ScenarioTable):
-    """What is solved, and how."""
+    """The solution method."""
 
     kind: Literal["dynamic", "static"] = Field(
         default="dynamic", description='"dynamic", or "static": equilibrium under the final loads'
@@ -135,6 +135,6 @@ class Solve(ScenarioTable):
 
 
 class Output(ScenarioTable):
-    """What is written while running."""
+    """The output of the run."""
 
     every: Whole = Field(default=10, description="steps between frames [-]")

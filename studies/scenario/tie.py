@@ -62,7 +62,7 @@ class Tie(ScenarioTable):
 
 
 def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:
-    """Describe the first tie whose name is taken, or that joins what it cannot; None where all are sound."""
+    """Return the fault of the first tie with a repeated name or impossible holes, or None."""
     if problem := repetition("tie", [tie.name for tie in ties]):
         return problem
     known, pairs = {hole.name: hole for hole in holes}, [set(tie.between) for tie in ties]

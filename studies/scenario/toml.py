@@ -67,8 +67,8 @@ def scenes() -> list[str]:
 
 
 def scenario_file(path: Path | str) -> Path:
-    """Find the file of a scenario: `path` itself where it is a file, else the shipped scene of that name. Raises
-    `ScenarioError` for what is no path."""
+    """Return the file of a scenario: `path` if it is a file, else the shipped scene of that name. Raises
+    `ScenarioError` for any other argument."""
     if not isinstance(path, str | PathLike):
         raise ScenarioError(f"{path!r} is refused: it names no scenario; give the path of a file, or a shipped scene")
     path = Path(path)
@@ -76,7 +76,7 @@ def scenario_file(path: Path | str) -> Path:
 
 
 def tables(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as plain tables with every default, what is not given left out."""
+    """Return the scenario as plain tables with every default, without missing values."""
     plain = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {key: _kind_first(value) for key, value in plain.items()}
 

@@ -1,4 +1,4 @@
-"""A scenario is prepared and run: mesh, assembly, steps, and what is recorded of them."""
+"""Preparation and run of a scenario: mesh, assembly, steps and records."""
 
 from studies.simulation.simulation import Simulation, prepare
 

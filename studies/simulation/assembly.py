@@ -90,8 +90,8 @@ class Assembly:
 
 
 def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTHING) -> Assembly:
-    """Build everything that is known before the first step; mesh, organ and factor are those of the `store` where it
-    has them, None: made anew. What is `given` takes the place of what the scenario says.
+    """Build everything that is known before the first step; mesh, organ and factor come from the `store` if it has
+    them. Parts in `given` replace those of the scenario.
 
     Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
     """
@@ -148,7 +148,7 @@ def is_compiled(solve: model.Solve) -> bool:
 
 
 def shareable(store: Store | None, given: Given) -> Store:
-    """Return what may be shared: nothing where what is given is not in the scenario, and so in no key."""
+    """Return the store, or one that shares nothing if parts came from Python."""
     return Unshared() if store is None or given.unsaid else store
 
 
@@ -251,7 +251,7 @@ def section_of(table: model.Thread) -> Section:
 
 
 def end_of(table: model.End, path: RoundedPath, at: float) -> End:
-    """Return what holds the end of the thread that lies at the abscissa `at` of the path."""
+    """Return the holder of the thread's end at the abscissa `at` of the path."""
     match table:
         case model.FixedEnd():
             return Fixed(path.position(at), turn=turn_of(table))
@@ -337,7 +337,7 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
 
 
 def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet | None:
-    """Return the organ's mesh, before any of it is refined, of what the store has of it; None without an organ."""
+    """Return the organ's unrefined mesh, from the store if it has it; None without an organ."""
     if scenario.tissue is None:
         return None
     made: skfem.MeshTet = store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
@@ -357,7 +357,7 @@ def stored_body(
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
-    """Return what makes stress from displacement, of what the store has of it; None without an organ."""
+    """Return the recovery of stress from displacement, from the store if it has it; None without an organ."""
     if body is None:
         return None
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
@@ -421,7 +421,7 @@ def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
 
 
 def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
-    """Return an organ in the small basis that its scenario asks for. Raises `TissueError` where there is none."""
+    """Return an organ in the small basis of its scenario. Raises `TissueError` if none is possible."""
     assert scenario.tissue is not None and scenario.tissue.reduction is not None
     asked = scenario.tissue.reduction
     make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)

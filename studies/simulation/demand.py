@@ -1,4 +1,4 @@
-"""How far the loads of a scenario would draw and turn its holes, by estimates before the first step.
+"""Estimates of the displacement and turn of a scenario's holes, before the first step.
 
 The thread is taken as taut from hole to hole and free of friction, and each hole as a footprint on a half-space. Of 300
 random scenarios (`studies.campaign`) 97 in 100 of those whose run left the linear range, or passed the suture's

@@ -1,6 +1,5 @@
-"""What is handed over from Python in place of what a scenario says: a mesh, a basis with its stiffness, laws of
-friction, a strain energy. What does not fit the scenario is refused before anything is made.
-"""
+"""Parts from Python that replace those of a scenario: a mesh, a basis with its stiffness, laws of friction, a strain
+energy. Parts that do not fit the scenario are refused before anything is made."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -43,7 +42,7 @@ SHEARS: Array = np.array([
 
 @dataclass(frozen=True)
 class Given:
-    """What is handed over, None or empty where the scenario has its own; the parts are as `prepare` takes them."""
+    """The parts from Python, as arguments of `prepare`; None or empty for those of the scenario."""
 
     mesh: object = None
     basis: skfem.Basis | None = None
@@ -54,8 +53,7 @@ class Given:
 
     @property
     def unsaid(self) -> tuple[str, ...]:
-        """What a scenario file cannot say, by the arguments of `prepare`: all but a mesh and its basis, and but ranks,
-        by which a run is the same."""
+        """Names of the arguments of `prepare` that a scenario file cannot contain, except mesh, basis and ranks."""
         there = {
             "stiffness": self.stiffness is not None,
             "friction": bool(self.friction),
@@ -73,7 +71,7 @@ class Given:
         return given_mesh(self.basis.mesh)
 
     def applied_to(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with what is handed over of its mesh. Raises `ScenarioError` for what does not fit it."""
+        """Return the scenario with the mesh from Python. Raises `ScenarioError` for parts that do not fit it."""
         if kinds := [*self._faults_of_kind()]:
             raise ScenarioError(kinds)
         faults = [
@@ -206,7 +204,7 @@ def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
 
 
 def faults_of_energy(table: model.Tissue) -> Iterator[str]:
-    """Yield what an organ's table says that the energy handed over takes the place of."""
+    """Yield the keys of an organ's table that the energy from Python replaces."""
     if table.material == "linear":
         reason = 'an energy is handed over, which is of finite strain; set "neo-hookean", whose place it takes'
         yield refusal("tissue.material", "linear", reason)
@@ -217,7 +215,7 @@ def faults_of_energy(table: model.Tissue) -> Iterator[str]:
 
 
 def faults_of_springs(holes: tuple[model.Piercing, ...]) -> Iterator[str]:
-    """Yield the holes that get springs beside coarse cells, which are those of E and ν and of nothing else."""
+    """Yield the holes with sub-grid springs, which are valid for E and ν only."""
     for hole in holes:
         if hole.footprint and hole.subgrid:
             reason = "the springs beside coarse cells are those of E and ν, and not of what is handed over; set false"

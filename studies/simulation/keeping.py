@@ -28,7 +28,7 @@ FORMAT = 2  # of the files: one that means something else by its arrays is not t
 
 
 def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: Path) -> tissue.Reduction:
-    """Return the reduction of an organ that a folder has, else make it and leave it there; a torn file is made anew.
+    """Return the reduction of an organ from a folder, else make it and store it there; a damaged file is replaced.
 
     Raises `TissueError` for an organ that has none, `ScenarioError` where the folder cannot be written.
     """

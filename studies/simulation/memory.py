@@ -1,4 +1,4 @@
-"""What a run keeps in mind at a checkpoint, and the run that goes on from it."""
+"""The content of a checkpoint, and the run that continues from it."""
 
 from dataclasses import replace
 from typing import Any
@@ -37,8 +37,7 @@ def memory_of(now: OrganRun) -> Arrays:
 
 
 def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
-    """Return where a run was, from what it kept in memory; `beginning` shows how that is built. Raises
-    `ScenarioError`."""
+    """Return the run of a checkpoint; `beginning` is the same run at its start. Raises `ScenarioError`."""
     try:
         number, first = int(memory["step"]), replace(beginning.state, solved=None)
         nested: dict[str, Any] = {"before": first}

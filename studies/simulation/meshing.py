@@ -1,6 +1,5 @@
-"""The organ's mesh of a scenario: made or read, with its boundaries and regions, after what can be refused beforehand
-has been.
-"""
+"""The organ's mesh of a scenario, generated or read, with its boundaries and regions; impossible meshes are refused
+beforehand."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -41,7 +40,7 @@ ON_EDGE = 1e-9  # over the organ's diagonal: a hole this near an edge is on it
 
 @dataclass(frozen=True)
 class Body:
-    """What is known of a generated mesh's shape beforehand: volume [m³], where it is, and the nearest points in it."""
+    """The shape of a mesh before it is generated: volume [m³], extent, and nearest points."""
 
     volume: float
     inside: Callable[[Array], NDArray[np.bool_]]
@@ -144,7 +143,7 @@ def planes_of(table: model.Tissue) -> Planes:
 
 
 def body_of(shape: model.BlockMesh | model.WoundMesh | model.CylinderMesh | model.TubeMesh) -> Body:
-    """Return what is known of the shape of a mesh that is to be made."""
+    """Return the shape of a mesh before it is generated."""
     match shape:
         case model.CylinderMesh():
             return _round(0.0, shape.radius, shape.length)
@@ -191,7 +190,7 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
 
 
 def too_large(tets: float, element: str) -> str | None:
-    """Return what so many tetrahedra need, where that is more memory than there is."""
+    """Return the need of so many tetrahedra if it exceeds the memory, else None."""
     need, there = budget(tets, element), psutil.virtual_memory().available
     if need.memory <= there:
         return None
@@ -239,7 +238,7 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
 
 
 def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
-    """Refuse a load on what is no boundary of the mesh or lies inside, and one where every node is held."""
+    """Refuse a load on an unknown boundary, on one inside the organ, and on one whose nodes are all held."""
     check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
@@ -288,7 +287,7 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
-    """Return the mesh with the regions of the scenario as subdomains, the same one where there are none."""
+    """Return the mesh with the regions of the scenario as subdomains; the same mesh without regions."""
     if not regions:
         return mesh
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})

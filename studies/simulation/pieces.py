@@ -1,6 +1,5 @@
-"""What is asked of the pieces of a thread before anything is solved: control points for their holes, something that
-holds them in statics, and enough thread for the hands that draw it.
-"""
+"""Requirements on the pieces of a thread before the solution: control points for their holes, holders in statics, and
+enough thread for the hands."""
 
 from collections.abc import Sequence
 

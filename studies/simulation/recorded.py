@@ -27,7 +27,7 @@ def run(
     on_step: OnStep | None = None,
     remedies: bool = True,
 ) -> OpenRun:
-    """Run a scenario, or what `prepare` made of one, into a folder, and open it.
+    """Run a scenario, or a prepared one, into a folder, and open it.
 
     `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
     unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
@@ -59,7 +59,7 @@ def run(
 
 
 def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
-    """Prepare a scenario with what was `given` for another that differs in how it is solved alone."""
+    """Prepare a scenario with the parts `given` for another that differs in its solution method only."""
     return prepare(
         scenario,
         store,
@@ -72,7 +72,7 @@ def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
 
 
 def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
-    """Refuse another mesh for what is prepared, and to go on with laws that no file knows."""
+    """Refuse another mesh for a prepared simulation, and a resume with laws from Python."""
     if mesh is not None:
         raise ScenarioError("mesh is refused: what is prepared has its own; give it to prepare(scenario, mesh=…)")
     if resume and (unsaid := simulation.assembly.given.unsaid):
@@ -81,8 +81,8 @@ def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
 
 
 def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:
-    """Return what records a run into a folder, and its steps, from the last checkpoint where it is to be resumed; None
-    where it is completed. Raises `ScenarioError`."""
+    """Return the recorder of a run into a folder and its steps, from the last checkpoint for a resume; None if the run
+    is complete. Raises `ScenarioError`."""
     checkpoint = None
     if resume and can_resume(folder, simulation.scenario):
         if completed_run(folder, simulation.scenario) is not None:

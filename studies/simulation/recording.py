@@ -1,4 +1,4 @@
-"""What is recorded of a step, and what is drawn of a state."""
+"""Records of steps, and snapshots of states."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -32,7 +32,7 @@ SAMPLES = 6  # points drawn on each span of the thread
 
 
 def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> StepRecord:
-    """Return what is written of a step; `open_lips` are those of a wound that do not press on one another."""
+    """Return the record of a step; `open_lips` are lips of a wound without contact."""
     system, state = now.system, now.state
     seen = now.sight
     return StepRecord(
@@ -87,8 +87,8 @@ def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ..
 
 
 def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
-    """Yield the surfaces that a wound lies between, pair by pair, with what they do and the places of all nodes of the
-    organ, `(n, 3)` [m]."""
+    """Yield the pairs of surfaces of wounds, with their contact and the places of all nodes of the organ, `(n, 3)`
+    [m]."""
     organ: Any = now.system.organ
     touching = observe_contact(now.system, now.state)
     both = ((open_lips, None), (organ.gaps if touching else None, touching))
@@ -157,8 +157,7 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
 
 
 def reduction_record(system: System, state: State) -> ReductionRecord | None:
-    """Return what the small basis of the organ leaves open at the piercings in a state, None of an organ without
-    one."""
+    """Return the error estimates of the organ's small basis at the piercings in a state, None without a basis."""
     organ = system.organ
     if not isinstance(organ, tissue.ReducedOrgan):
         return None

@@ -1,4 +1,4 @@
-"""What is to be said of a run: before its first step from its assembly, at its end from what it met.
+"""Remarks on a run: before its first step from its assembly, at its end from its largest values.
 
 Each function judges one thing by plain numbers and returns the remarks that it deserves. The bounds stand in the
 catalogue, `studies.output.remarks`.
@@ -90,7 +90,7 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 
 
 def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Array) -> list[Remark]:
-    """Return what can be said before the first step, of a thread laid with control points `q` (n, c) [m]."""
+    """Return the remarks that are known before the first step, for a thread laid with control points `q` (n, c) [m]."""
     scenario, system = assembly.scenario, assembly.system
     thread = system.thread
     straight = thread.bending and not thread.coil
@@ -125,15 +125,15 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
 
 
 def times_of(scenario: Scenario) -> dict[str, float]:
-    """Return when what has a time happens [s], by its key."""
+    """Return the times of scheduled events [s], by their keys."""
     begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
     closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 
 
 def ramps_of(scenario: Scenario) -> dict[str, float]:
-    """Return within what time the dead loads on the ends of a thread that starts at rest grow [s], by the key of the
-    end; none where the clock starts with the thread as it was laid."""
+    """Return the ramps of dead loads on a thread that starts at rest [s], by the key of the end; none for a start along
+    the path."""
     if scenario.solve.start != "rest":
         return {}
     ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
@@ -153,7 +153,7 @@ def unloaded_rest(key: str, ramp: float) -> list[Remark]:
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
-    """Judge what of a run of a `duration` [s] has a time beyond its end."""
+    """Return remarks on events after the end of a run of a `duration` [s]."""
     return [
         remark(
             "after-end",
@@ -167,7 +167,7 @@ def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
 
 
 def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
-    """Tell what of the run its scenario does not say."""
+    """Return remarks on parts of the run that came from Python."""
     if not given.unsaid:
         return []
     text = f"{', '.join(given.unsaid)} came from Python and is not in the scenario of the folder"
@@ -183,8 +183,8 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
 
 
 def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> list[Remark]:
-    """Return what is to be said of a run that came to an `ending`; `springs` is by piercing the share of the hole's
-    compliance that is added to it."""
+    """Return the remarks on a run with an `ending`; `springs` is the added share of each hole's compliance, by
+    piercing."""
     scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
@@ -304,7 +304,7 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
 
 
 def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
-    """Judge what the small basis of the organ left open at its holes; nothing is, where it has none."""
+    """Return remarks on the error of the organ's small basis at its holes; none without a basis."""
     limit = REDUCED * float(extremes.way.max(initial=0.0))
     out = []
     for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
@@ -322,8 +322,7 @@ def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
 
 
 def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -> list[Remark]:
-    """Judge the pressure of the thread on the tissue at the holes by the tissue's strength there [Pa], infinite where
-    that is not known."""
+    """Return remarks on the pressure at holes above the tissue's strength [Pa], which is infinite if unknown."""
     numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
     return [
         remark(
@@ -338,8 +337,7 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
 
 
 def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRecord]) -> list[Remark]:
-    """Judge what friction takes at rough holes that impose a direction and name no channel: of the worst of those where
-    the couple at the ends of the assumed one presses, and not the force, by how much that goes with its length."""
+    """Return a remark on the hole whose friction depends most on the length of its assumed channel."""
     losses: list[tuple[list[float], float, str]] = []
     for hole, seen in zip(holes, found, strict=True):
         if hole.channel is not None or seen.channel is None or hole.friction is None:
@@ -383,7 +381,7 @@ def crossed_lips(extremes: Extremes) -> list[Remark]:
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
-    """Judge the thread by its strength [N], None where that is not known, and by its strain."""
+    """Return remarks on the thread's strength [N], None if unknown, and on its strain."""
     out = []
     if strength is not None and extremes.tension > strength:
         out.append(
@@ -440,7 +438,7 @@ def followed(branches: float) -> list[Remark]:
 
 
 def past_limit(fallen: float) -> list[Remark]:
-    """Judge by what part of the full loads they have `fallen` along a branch that was followed."""
+    """Return a remark if the loads have `fallen` along a branch, as a part of the full loads."""
     if fallen <= FALLEN:
         return []
     text = (
@@ -474,8 +472,8 @@ def has_slid(assembly: Assembly, step: StepRecord) -> bool:
 
 
 def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
-    """Judge what the steps in time did to the energy by its audit at the end; `rough`: friction keeps what they did,
-    and of a thread that has `slid` how far."""
+    """Return remarks on energy that the time steps created or dissipated; `rough`: the run has friction; `slid`: the
+    thread slid far."""
     out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
     if extremes.created > CREATED * scale:
         out.append(
@@ -514,8 +512,8 @@ def moves(energy: EnergyRecord) -> bool:
 
 
 def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
-    """Judge whether a run came to rest, by its kinetic energy and by the way `slide` [m] that a thread of a `diameter`
-    [m] would slide in as long again."""
+    """Return a remark if a run did not come to rest, by its kinetic energy and by the length `slide` [m] that a thread
+    of a `diameter` [m] would slide in the same time again."""
     share = unrest(energy.kinetic, energy.of_deformation)
     if not moves(energy) and slide <= SLID * diameter:
         return []
@@ -555,7 +553,7 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
 
 
 def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
-    """Judge whether what is added to the compliance of holes holds, by their record under `subgrid`."""
+    """Return remarks on holes whose sub-grid compliance is not valid, by their record under `subgrid`."""
     return [
         remark(
             "subgrid",
@@ -820,7 +818,7 @@ def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spaci
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:
-    """Return what has a unit that may be mistaken, by its key [SI]."""
+    """Return the values that may be given in a wrong unit, by their key [SI]."""
     section, body = section_of(assembly.scenario.thread), assembly.body
     out: dict[str, Any] = {
         "thread.length": assembly.system.thread.spline.end,

@@ -1,4 +1,4 @@
-"""What helps a run that failed: each remedy is tried on a copy of it, before it is named."""
+"""Remedies for a failed run: each is tried on a copy before it is named."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -53,8 +53,8 @@ def written(settings: Settings) -> str:
 
 
 def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | None, make: Make) -> Remark:
-    """Try what may help a `scenario` as run that failed after its `last` step, None before the first, up to what does
-    help, and say what became of it; `make` prepares a copy.
+    """Try remedies for a `scenario` that failed after its `last` step (None: before the first) until one helps, and
+    return the remark; `make` prepares a copy.
 
     What is tried is told by scenario and failure alone, and a copy is given up by the corrections that it takes, so
     that of the same run the same is said.
@@ -69,7 +69,7 @@ def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | 
 
 
 def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
-    """Yield what may help, the likeliest first."""
+    """Yield possible remedies, the most likely first."""
     solve, thread, organ = scenario.solve, scenario.thread, scenario.tissue
     if isinstance(failure, RestError):
         yield {"solve.start": "path"}
@@ -110,7 +110,7 @@ def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> 
 
 
 def remark_of(trials: Sequence[Trial], time: float) -> Remark:
-    """Return what to say of the `trials` on copies of a run whose last step ended at `time` [s]."""
+    """Return the remark on the `trials` on copies of a run whose last step ended at `time` [s]."""
     vain = "; ".join(trial.text for trial in trials if trial.outcome == "fails")
     slow = "; ".join(trial.text for trial in trials if trial.outcome == "slow")
     other = [f"in vain: {vain}"] * bool(vain) + [f"given up after {MOST} corrections: {slow}"] * bool(slow)

@@ -1,5 +1,4 @@
-"""What scenarios share: mesh, discrete organ, factor and compliance, of those that differ in none of what these are
-made from.
+"""A store of parts that scenarios share: mesh, discrete organ, factor and compliance, keyed by their inputs.
 
 An organ is made from all of a scenario but what is listed here: the thread, what is done to it in time, and what a hole
 does to the thread alone. A key that is not listed, such as one that is added later, makes another organ.
@@ -39,17 +38,17 @@ OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
 class Store(Protocol):
-    """Keeps what is expensive to make."""
+    """A cache of expensive parts."""
 
     def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
-        """Return what was made for a key before, else what `make` makes."""
+        """Return the cached part of a key, else the result of `make`."""
 
 
 class Unshared:
-    """Keeps nothing: everything is made anew."""
+    """A cache that keeps nothing."""
 
     def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
-        """Return what `make` makes."""
+        """Return the result of `make`."""
         return make()
 
 
@@ -61,7 +60,7 @@ class Shared:
         self._lock = RLock()
 
     def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
-        """Return what was made last of a kind where it is that of the key, else what `make` makes."""
+        """Return the last part of a kind if it has the key, else the result of `make`."""
         with self._lock:
             known = self._kept.get(kind)
             if known is None or known[0] != key:
@@ -100,7 +99,7 @@ def thread_key(scenario: Scenario, length: float, s: Sequence[float]) -> str:
 
 
 def unpulled(thread: dict[str, Any]) -> dict[str, Any]:
-    """Return the table of a thread without what pulls its ends."""
+    """Return the table of a thread without the loads on its ends."""
     return thread | {end: without(thread[end], OF_PULL) for end in ("start", "end") if end in thread}
 
 

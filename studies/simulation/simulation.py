@@ -1,4 +1,4 @@
-"""A run: the steps of a scenario one after the other, each with what is recorded of it."""
+"""A run: the steps of a scenario in order, each with its record."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ AT_ONCE = 50  # steps at most before they are recorded: until then nobody sees t
 
 @dataclass(frozen=True)
 class Simulation:
-    """A scenario ready to run, with the consistent start, and what is called with the record of every step."""
+    """A scenario ready to run, with its consistent start and the callback for the record of every step."""
 
     assembly: Assembly
     start: State
@@ -64,7 +64,7 @@ class Simulation:
 
     @property
     def scenario(self) -> Scenario:
-        """As run: with the defaults that the geometry tells."""
+        """The scenario as run, with the defaults from the geometry."""
         return self.assembly.scenario
 
     @cached_property
@@ -108,11 +108,11 @@ class Simulation:
 
     @cached_property
     def foreseen(self) -> list[Remark]:
-        """What is to be said of the run before its first step."""
+        """Remarks on the run before its first step."""
         return foreseen(self.assembly, self.subgrid, self.start.q)
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
-        """Return what is to be said of the run: what is foreseen, and what it met until an `ending`."""
+        """Return the remarks on the run: those before the first step, and those up to an `ending`."""
         springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
         return [*self.foreseen, *(met(self.assembly, ending, springs) if ending else [])]
 
@@ -151,7 +151,7 @@ class Simulation:
         return lip_gaps(table.mesh, body)
 
     def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
-        """Return what is written of a step that took some `seconds`."""
+        """Return the record of a step that took some `seconds`."""
         return step_record(now, seconds, self.open_lips)
 
     @cached_property
@@ -256,7 +256,7 @@ class Simulation:
         return abs(dt - self.scenario.solve.dt) < WHOLE * self.scenario.solve.dt
 
     def snapshot(self, now: OrganRun) -> Snapshot:
-        """Return what is drawn of a state."""
+        """Return the snapshot of a state."""
         holes = own_holes(now.piercings)
         return Snapshot(now.state.time, thread_record(now), holes, self.organ_record(now.state), now.ties)
 
@@ -402,7 +402,7 @@ def prepare(
 
 
 def check_doors(store: object, on_step: object) -> None:
-    """Refuse what is given from Python in the place of a store, or of a function. Raises `ScenarioError`."""
+    """Refuse arguments from Python that are not a store or a function. Raises `ScenarioError`."""
     if store is not None and not hasattr(store, "take"):
         raise ScenarioError(f"store = {store!r} is refused; give a studies.simulation.sharing.Shared, or leave it out")
     if on_step is not None and not callable(on_step):

@@ -1,4 +1,4 @@
-"""A run that a host program steps: it moves an end of the thread and is told the forces, as a haptic loop asks.
+"""A run that a host program steps: it moves an end of the thread and receives the forces, as a haptic loop needs.
 
 stepper = prepare(scenario).stepper()
 while …:
@@ -23,7 +23,7 @@ from thread.ends import Clamped, Driven, End, Fixed
 
 
 class Stepped(Protocol):
-    """What a stepper asks of a simulation."""
+    """The members of a simulation that a stepper uses."""
 
     @property
     def scenario(self) -> Scenario:
@@ -33,10 +33,10 @@ class Stepped(Protocol):
         """Return the run before the first step."""
 
     def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
-        """Return what is written of a step that took some `seconds`."""
+        """Return the record of a step that took some `seconds`."""
 
     def snapshot(self, now: OrganRun) -> Snapshot:
-        """Return what is drawn of a state."""
+        """Return the snapshot of a state."""
 
 
 WhichEnd = Literal["start", "end"]
@@ -46,8 +46,8 @@ LATE = 99.0  # per cent of the steps
 
 @dataclass(frozen=True)
 class Forces:
-    """What a step leaves, in N: `hand` (3,), of the thread on the hand that moves its end; `other` (3,), on what holds
-    the other end, zero where nothing does; `piercings` (p, 3), of the holes on the thread, zero where it is not in."""
+    """Forces after a step [N]: `hand` (3,), of the thread on the hand; `other` (3,), of the thread on the holder of the
+    other end, zero without one; `piercings` (p, 3), of the holes on the thread, zero if it is not in the hole."""
 
     hand: Array
     other: Array
@@ -78,7 +78,7 @@ def is_led(end: End) -> TypeGuard[Driven | Fixed]:
 
 
 class Stepper:
-    """Where a run is that somebody else steps.
+    """A run that a host program steps.
 
     `end` is the end of the thread that the host moves, which its scenario must hold by its place: driven or fixed. What
     else the scenario does goes on by itself. `deadline` [s] is how long a step may take, None: as long as it stands
@@ -110,11 +110,11 @@ class Stepper:
 
     @property
     def record(self) -> StepRecord:
-        """What a run writes of its last step."""
+        """The record of the last step."""
         return self._simulation.record(self._now, self._seconds[-1] if self._seconds else 0.0)
 
     def frame(self) -> Snapshot:
-        """Return what is drawn of the state."""
+        """Return the snapshot of the state."""
         return self._simulation.snapshot(self._now)
 
     @property
@@ -127,7 +127,7 @@ class Stepper:
 
     @property
     def timing(self) -> Timing:
-        """How long the steps took so far. Raises `ValueError` before the first."""
+        """Times of the steps so far. Raises `ValueError` before the first."""
         if not self._seconds:
             raise ValueError("no step was taken yet, so no times are known; take one")
         seconds = np.frombuffer(self._seconds)

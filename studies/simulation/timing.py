@@ -8,8 +8,8 @@ Made = TypeVar("Made")
 
 
 def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
-    """Return what is made and the wall-clock time of that [s]; where it `compiles` loops, which are then kept, without
-    the time of that."""
+    """Return the result of a function and its wall-clock time [s], without the time of compilation if it `compiles`
+    loops."""
     began = perf_counter()
     if not compiles:
         return make(), perf_counter() - began

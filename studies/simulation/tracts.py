@@ -80,7 +80,7 @@ def radius_of(tract: Tract, holes: Sequence[Piercing]) -> float:
 
 
 def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Callable[[Array], Array]) -> Way:
-    """Return the way between two abscissae of a path; `depths` tells how deep points `(k, 3)` lie [m]."""
+    """Return the part of a path between two abscissae; `depths` returns the depth of points `(k, 3)` [m]."""
     first, last = ends
     number = int(np.clip(np.ceil(LOOKS * (last - first) / radius), LOOKS, MOST_LOOKS))
     at = np.linspace(first, last, number + 1)

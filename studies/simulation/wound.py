@@ -1,5 +1,4 @@
-"""A wound between two surfaces that may touch, as one judges it who has closed it: what draws its sides together, how
-its edges stand, and where along them it gapes.
+"""A wound between two contact surfaces: closing forces, eversion of its edges, and gaps along them.
 
 A hole belongs to the surfaces that are nearest to it in the reference shape, and lies on the left side of them or on
 the right. With d their normal there, from left to right, the thread draws the hole to the other side by f·d on the left
@@ -56,12 +55,12 @@ class Wound:
 
     @property
     def closure_force(self) -> float:
-        """What the thread draws the two sides together with [N]: the mean of what either is drawn by."""
+        """Closing force of the thread [N]: the mean of both sides."""
         return 0.5 * sum(bite.drawn for bite in self.bites)
 
     @property
     def stitches(self) -> tuple[StitchRecord, ...]:
-        """What each stitch bears of that."""
+        """Closing force of each stitch."""
         total, size = 2.0 * self.closure_force, sum(abs(bite.drawn) for bite in self.bites)
         out = []
         for stitch in dict.fromkeys(bite.stitch for bite in self.bites):
@@ -76,7 +75,7 @@ class Wound:
 
     @cached_property
     def rims(self) -> tuple[tissue.Rim, ...]:
-        """Where the left and the right side end on the outer surface, as far as the openings of both are there."""
+        """Rims of the left and the right side on the outer surface, near the openings of both."""
         openings = np.array([bite.place for bite in self.bites if not bite.ball]).reshape(-1, 3)
         return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
@@ -131,7 +130,7 @@ def bites_of(
 
 
 def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:
-    """Name the stitch that each hole belongs to: by its tie, its tract or itself; `right` (p,) tells its side."""
+    """Return the name of each hole's stitch: that of its tie, its tract or the hole; `right` (p,) is its side."""
     names, s = [hole.tract or hole.name for hole in holes], np.array([hole.s for hole in holes])
     for tie in system.ties:
         inside = (s >= s[tie.between[0]]) & (s <= s[tie.between[1]])

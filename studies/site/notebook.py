@@ -27,7 +27,7 @@ def cells_of(path: Path = NOTEBOOK) -> list[Cell]:
 
 
 def executed(cells: list[Cell]) -> Iterator[Cell]:
-    """Execute cells one after the other and yield them with what comes of it. An exception of a cell is raised."""
+    """Execute cells in order and yield them with their output. An exception of a cell is raised."""
     names: dict[str, Any] = {"__name__": "__main__"}
     number = 0
     for cell in cells:
@@ -72,7 +72,7 @@ def figures() -> Iterator[dict[str, Any]]:
 
 
 def text_of(output: dict[str, Any]) -> str:
-    """Return what an output says, empty for a figure."""
+    """Return the text of an output, empty for a figure."""
     return "".join(output.get("text", output.get("data", {}).get("text/plain", ())))
 
 

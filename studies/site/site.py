@@ -1,4 +1,4 @@
-"""The site: the Markdown of the rooms as it stands, pages made from the code, and what they link to, by mkdocs.
+"""The site by mkdocs: the Markdown pages, pages generated from the code, and the linked files.
 
 ``python -m studies.site.site DIR`` builds it into a folder; a warning is an error. No page loads anything: formulas
 become MathML here, and the theme's own files stand beside the pages.
@@ -116,7 +116,7 @@ def with_code_links(text: str, up: str) -> str:
 
 
 def code_link(file: str, name: str) -> str:
-    """Return where a function of a file is described: its class for a member; the file's page for what is none."""
+    """Return the link to a function's description: its class for a member, else the page of the file."""
     package, module = Path(file).parts[0], module_of(Path(file))
     first = name.partition(".")[0]
     known = {each.name for each in public(ROOT / file)}
@@ -143,13 +143,13 @@ def mathml(found: re.Match[str]) -> str:
 
 
 def package_page(package: str) -> str:
-    """Return the page of a package: its modules with what they are for, and their public classes and functions."""
+    """Return the page of a package: its modules with their docstrings, and their public classes and functions."""
     modules = sorted((ROOT / package).rglob("*.py"))
     return f"# {package}\n\n" + "\n".join(line for path in modules for line in module_lines(path))
 
 
 def module_lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a module that says what it is for."""
+    """Yield the lines of a module with a docstring."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     words, module = ast.get_docstring(tree), module_of(path.relative_to(ROOT))
     if not words:
@@ -172,7 +172,7 @@ def public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
 
 
 def signature(each: ast.FunctionDef | ast.ClassDef) -> str:
-    """Return how a function is called, or what a class is made of, as text of a page."""
+    """Return the signature of a function, or the fields of a class, as text of a page."""
     if isinstance(each, ast.FunctionDef):
         text = f"{each.name}({ast.unparse(each.args)})" + (f" -> {ast.unparse(each.returns)}" if each.returns else "")
     else:
@@ -192,7 +192,7 @@ def described(words: str) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return text without what Markdown or HTML would take for a mark."""
+    """Return text with the marks of Markdown and HTML escaped."""
     return re.sub(r"([\\*_\[\]|#])", r"\\\1", text.replace("&", "&amp;").replace("<", "&lt;"))
 
 

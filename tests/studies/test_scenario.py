@@ -340,8 +340,8 @@ def test_a_remedy_tells_what_a_key_means_and_not_its_whole_manual() -> None:
     with pytest.raises(ScenarioError) as caught:
         parse(data)
     integrator, organ = sorted(caught.value.problems)
-    assert organ.endswith("(how a step solves a linear organ with inertia)")
-    assert integrator.endswith("(integration in time)")
+    assert organ.endswith("(solution of a linear organ with inertia)")
+    assert integrator.endswith("(time integration)")
 
 
 def test_a_refused_value_without_a_default_is_shown_no_none() -> None:
