@@ -1,4 +1,4 @@
-"""One style for the figures of the studies: colours that the colour-blind tell apart, and two formats.
+"""One style for the figures of the studies: colours for the colour-blind, and two formats.
 
 A figure is lines of panels (`draw`), and a panel its labels and items (`panel`). An item draws itself into axes: a
 `curve`, one for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
@@ -66,7 +66,7 @@ def panel(
     **limits: Any,
 ) -> Item:
     """Return a panel: labels with units, items, logarithmic axes ("x", "y" or "xy"), plain `ticks` by axis, the factor
-    on the upper limit that leaves room for the legend, arguments of the legend, and what `Axes.set` takes."""
+    on the upper limit that leaves room for the legend, arguments of the legend, and arguments of `Axes.set`."""
 
     def drawn(axes: Axes) -> None:
         for item in items:

@@ -105,12 +105,13 @@ def unit_field(text: str, **default: Any) -> Any:
 
 
 def measured(text: str, of: Callable[[Any], Any]) -> Any:
-    """Declare a field of a row, with its unit, "" if it has none, and what measures it on the end of a run."""
+    """Declare a field of a row, with its unit, "" if it has none, and the function that measures it at the end of a
+    run."""
     return field(metadata=({"unit": text} if text else {}) | {"of": of})
 
 
 def measure(kind: Callable[..., R], end: Any, **known: Any) -> R:
-    """Return a row of what is known, and of its fields that are `measured` on the end of a run."""
+    """Return a row of the known values and the fields that are `measured` at the end of a run."""
     found = {f.name: f.metadata["of"](end) for f in fields(cast(Any, kind)) if "of" in f.metadata}
     return kind(**known, **{name: plain(value) for name, value in found.items()})
 
@@ -248,7 +249,7 @@ def check_folder(folder: Path, overwrite: bool = False) -> None:
 
 
 def holds_study(folder: Path) -> bool:
-    """Tell whether a folder holds a study's own words of what was asked."""
+    """Return whether a folder has the `study.json` of a study."""
     return {"study", "preset", "provenance"} <= read_json(folder / "study.json").keys()
 
 
@@ -297,7 +298,7 @@ def empty_folder(folder: Path) -> None:
 
 
 def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
-    """Write table, figure, and what was asked and checked, into a folder."""
+    """Write table, figure, arguments and checks into a folder."""
     from studies.figure import render_figure
 
     found = study(name)
@@ -317,7 +318,7 @@ def numbers(rows: Sequence[Any]) -> str:
 
 
 def cells(row: Any) -> list[str]:
-    """Write what a row says, field by field."""
+    """Return the cells of a row, field by field."""
     return [str(value) for value in asdict(row).values()]
 
 

@@ -8,8 +8,8 @@ from studies.simulation.memory import OrganRun
 
 
 def steps_until_failure(simulation: Simulation) -> Iterator[tuple[OrganRun, str]]:
-    """Yield the run after every step, with no words; where one fails, the run before it once more, with the name of
-    what failed and why."""
+    """Yield the run after every step, with empty words; after a failure the run before it again, with its name and
+    reason."""
     now = simulation.beginning()
     while now.number < simulation.steps:
         try:

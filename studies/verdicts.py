@@ -1,4 +1,4 @@
-"""What numbers support: whether one converges under refinement, and whether a run stays within its theory.
+"""Verdicts: whether a number converges under refinement, and whether a run stays within its theory.
 
 Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. Everywhere `h` is what is refined
 (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia, Roache, Freitas, Coleman, Raad:
@@ -89,7 +89,7 @@ def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: 
 
 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
-    """Return what three or more numbers support; `formal` is the order of theory.
+    """Return the verdict on three or more numbers; `formal` is the theoretical order.
 
     Changes that do not fall support no limit and have no interval: the number diverges, or swings without end. A swing
     that falls has `UNSURE` times the range of all numbers for its interval. An order is sure near the formal one, where
@@ -128,7 +128,7 @@ def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: flo
 
 
 def is_sure(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> bool:
-    """Tell whether an observed order is near the formal one, and the numbers one level coarser show it too."""
+    """Return whether an observed order is near the formal one, and the numbers one level coarser show it too."""
     before = observed_order(h[1:4], f[1:4]) if len(h) > 3 else p
     return abs(p - formal) <= AGREES and abs(before - p) <= 2.0 * AGREES
 
@@ -173,7 +173,7 @@ def too_coarse(what: str, size: float, footprint: float) -> list[str]:
 
 
 def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
-    """Return a remark where a run still moves at its end: by its kinetic energy [J] over what is elastic in it [J]."""
+    """Return a remark if a run still moves at its end, by its kinetic over its elastic energy [J]."""
     share = unrest(kinetic, elastic)
     if share <= SETTLED:
         return []

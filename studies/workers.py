@@ -43,8 +43,8 @@ class Workers(Protocol):
     def done(
         self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and the result of the work on it, as they are done; `first` makes what the work
-        on an item shares with that on others, and keeps it in its process."""
+        """Yield the number of an item and its result, in the order of completion; `first` makes the parts that items
+        share, and caches them in its process."""
 
 
 @dataclass(frozen=True)

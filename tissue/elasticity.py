@@ -222,7 +222,7 @@ class Assembled(NamedTuple):
 
 
 def is_compiled(basis: Basis) -> bool:
-    """Tell whether the matrices are worth the compiled loops."""
+    """Return whether the matrices are worth the compiled loops."""
     return basis.mesh.nelements * basis.Nbfun**2 > COMPILED_BEYOND
 
 

@@ -1,1 +1,1 @@
-"""How fast: milliseconds a step, and what the organ's solvers take."""
+"""Benchmarks: milliseconds per step, and times of the organ's solvers."""

@@ -1,4 +1,4 @@
-"""`suture bench finite`: what an organ at finite strain costs, at rest and in time.
+"""`suture bench finite`: times of an organ at finite strain, in statics and in time.
 
 At rest, the scene `skin` on P1 cells: from the mesh's matrices to the last of ten load steps. In time, a step of the
 main job in tissue that stiffens beside one in linear tissue, in turn. Times are those of the processor, on one thread:

@@ -220,8 +220,8 @@ def errors(
 
 
 def measure_main_job() -> dict[str, float]:
-    """Measure the main job from its command to its picture, without one, in numpy, in a small basis and whole; to
-    compile the loops; and to be told how to go on [s]: by loops that were compiled before."""
+    """Measure the main job from its command to its picture, without one, in numpy, in a small basis and whole; the
+    compilation of the loops; and `--help` [s]."""
     short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
@@ -234,7 +234,7 @@ def measure_main_job() -> dict[str, float]:
 
 
 def measure_folder() -> float:
-    """Measure what the main job leaves on the disk, with its picture [MB]."""
+    """Measure the size of the main job's folder, with its picture [MB]."""
     with TemporaryDirectory() as folder:
         time_words("run", str(COUPLED), "--out", str(Path(folder) / "run"))
         return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / MEGA

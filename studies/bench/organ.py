@@ -1,4 +1,4 @@
-"""`suture bench organ`: what each installed solver takes for an organ, from thousands to a million unknowns.
+"""`suture bench organ`: times of each installed solver for an organ, from thousands to a million unknowns.
 
 A uniform block held at its bottom, two holes in its top, quasi-static. Per solver: time until the first solve (ordering
 and factor, or the levels of multigrid), memory it keeps, time of one solve, and of the columns of both holes. `floor`
@@ -60,7 +60,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Assembly:
-    """What the matrices of one organ take by compiled loops, once compiled, and by scikit-fem's forms [s]."""
+    """Assembly times of one organ's matrices by compiled loops and by scikit-fem's forms [s]."""
 
     unknowns: int
     element: str
@@ -69,7 +69,7 @@ class Assembly:
 
     @property
     def ratio(self) -> float:
-        """How many times as fast the loops are."""
+        """Speed of the loops over that of the forms."""
         return self.forms / self.loops
 
 
@@ -93,8 +93,7 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 
 
 def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
-    """Measure what the matrices of a large organ take, print, and add to the JSON where asked; return the exit
-    status."""
+    """Measure the assembly of a large organ, print it, add it to the JSON file if given, and return the exit status."""
     with threadpool_limits(limits=1, user_api="blas"):
         made = measure_assembly(organ_of(size, "P1").elasticity)
     print_assemblies([made])
@@ -142,7 +141,7 @@ def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
 
 
 def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
-    """Tell whether the memory for a solver is there."""
+    """Return whether the memory for a solver is there."""
     try:
         choose_solver(method, organ.K, organ.places, once=True)
     except tissue.TissueError:

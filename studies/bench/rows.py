@@ -1,4 +1,4 @@
-"""How the benchmarks print what they measure, row by row, and keep it."""
+"""Printing and storage of the benchmarks' measurements, row by row."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""`suture bench step`: what a step costs in shipped scenes, run from their beginning to their end by the integrator
-that a scenario has by default.
+"""`suture bench step`: times of a step in shipped scenes, run from beginning to end by the default integrator.
 
 Of every scene: one step by itself, as a host program asks for it (`coupling.run.run.Run.steps`), over whole runs of the
 scene, MOST steps at most; a step of the whole run asked for at once; and one of a run that is recorded. The first two

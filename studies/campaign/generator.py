@@ -1,4 +1,4 @@
-"""Realistic scenarios drawn at random from a seed: what a user stitches, with every default left as it is.
+"""Realistic scenarios drawn at random from a seed, with all defaults.
 
 A block of tissue, 2 kPa to 2 MPa, is pierced from above at one to six holes by a suture of the catalogue, 2-0 to 8-0,
 which goes down and up through them in turn. One end is held, loaded or free, the other is driven or pulled. The

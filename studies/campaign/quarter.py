@@ -1,4 +1,4 @@
-"""How far a run is from the same one in steps a quarter as long, where both have ended."""
+"""Difference of a run from the same run in steps a quarter as long, at their ends."""
 
 from copy import deepcopy
 from typing import Any

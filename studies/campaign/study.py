@@ -110,7 +110,7 @@ class Row:
 
 @dataclass
 class Tally:
-    """What is counted of a run on its way."""
+    """Counts of a run during its steps."""
 
     now: OrganRun
     extremes: Extremes
@@ -203,7 +203,7 @@ def spans_of(run: OrganRun) -> float:
 
 
 def cause_of(error: CouplingError, now: OrganRun) -> str:
-    """Name the cause of an error, from what it is and the state before it."""
+    """Return the cause of an error, from its type and the state before it."""
     if isinstance(error, InversionError):
         if spans_of(now) > LAYER:
             return "flip: spans longer than the bending layer"
@@ -230,12 +230,12 @@ def share(rows: Sequence[Row]) -> str:
 
 
 def count(cause: str) -> Callable[[tuple[str, list[Row]]], str]:
-    """Return what writes how many of a group's rows ended by a cause."""
+    """Return the writer of the number of a group's rows that ended by a cause."""
     return lambda group: str(sum(row.cause == cause for row in group[1]))
 
 
 def middle(key: str) -> Callable[[tuple[str, list[Row]]], str]:
-    """Return what writes the median of a group's numbers of corrections."""
+    """Return the writer of the median of a group's numbers of corrections."""
     return lambda group: f"{np.median(n):.3g}" if (n := [getattr(r, key) for r in group[1] if r.steps]) else "-"
 
 
@@ -308,7 +308,7 @@ def agreement(rows: Sequence[Row]) -> list[str]:
 
 
 def is_told(row: Row) -> bool:
-    """Tell whether a remark of the run says what its steps do."""
+    """Return whether a remark of the run is about its time steps."""
     return bool(set(row.said.split()) & TELLING)
 
 

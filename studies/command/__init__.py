@@ -1,1 +1,1 @@
-"""The command line, and what it prints of a run."""
+"""The command line and its output."""

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def perform(options: argparse.Namespace) -> int:
-    """Do what was read from a command line; returns the exit status."""
+    """Perform the parsed command and return the exit status."""
     try:
         status = _carry_out(options)
         sys.stdout.flush()
@@ -142,7 +142,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
-    """Return in words what a run is of: every stitch's holes, what the thread bears on between them, and the rest."""
+    """Return the parts of a run in words: holes, tracts, ties, pieces and unknowns."""
     organ = f"{counts['tissue_dofs']} tissue unknowns" if scenario.tissue else "no organ"
     names = ("piercing", "tract", "tie")
     holes, tracts, ties = (f"{counts[f'{name}s']} {name}{'s' * (counts[f'{name}s'] != 1)}" for name in names)
@@ -153,8 +153,8 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
 
 
 def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
-    """Return what a run will take: holes, balls of tracts, ties, steps, unknowns, bytes of results and of memory, and
-    seconds, with those that it took to be `prepared`."""
+    """Return the size of a run: holes, balls of tracts, ties, steps, unknowns, bytes of results and memory, and
+    seconds, including the time to be `prepared`."""
     scenario, topology = simulation.scenario, simulation.topology
     return {
         "piercings": len(scenario.piercing),
@@ -234,7 +234,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 def run_bench(options: argparse.Namespace) -> int:
     """``suture bench``: steps of shipped scenes, a small basis and many tensions, an organ at finite strain and the
-    assembly of a large one, or what an organ's solvers take."""
+    assembly of a large one, or times of an organ's solvers."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     status, given = 0, {"step": options.solver, "many": options.tensions, "finite": options.solver}
@@ -247,7 +247,7 @@ def run_bench(options: argparse.Namespace) -> int:
 
 
 def run_study(options: argparse.Namespace) -> int:
-    """``suture study``: what a study asks, its table and what it does not support; everything into a folder."""
+    """``suture study``: the question of a study, its table and its limits, written into a folder."""
     if options.name == "list":
         print_lines([f"{name:20}  {study(name).question}" for name in NAMES])
         return 0
@@ -372,7 +372,7 @@ def _in_words(error: OSError) -> str:
 
 
 def close_output() -> None:
-    """Lead what is still printed to nowhere: Python would complain at its end that nobody reads it."""
+    """Discard remaining output, because Python would report the closed pipe at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # a stream without a file has nobody at its end

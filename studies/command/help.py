@@ -53,7 +53,8 @@ def title_of(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Finding:
-    """What is there or not: `found` in words, what it is `needed` for, and the `remedy` where it is missing."""
+    """The state of a component: `found` in words, the purpose that it is `needed` for, and the `remedy` if it is
+    missing."""
 
     name: str
     there: bool
@@ -69,7 +70,7 @@ class Finding:
 
 
 def examine(options: argparse.Namespace) -> int:
-    """``suture doctor``: what is installed and works, and how to get what is not."""
+    """``suture doctor``: the installed components, and remedies for missing ones."""
     findings = [check() for check in CHECKS]
     if options.json:
         print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
@@ -105,7 +106,7 @@ def find_gmsh() -> Finding:
 
 
 def find_gl() -> Finding:
-    """Find what draws in three dimensions, by drawing a thread."""
+    """Test 3-D drawing by drawing a thread."""
     from studies.output.fields import ThreadRecord
     from studies.output.records import Snapshot
     from studies.pictures.picture import draw_picture
@@ -120,7 +121,7 @@ def find_gl() -> Finding:
 
 
 def finder(name: str, package: str, needed: str, extra: str) -> Callable[[], Finding]:
-    """Return what finds a package of an extra."""
+    """Return the finder of a package of an extra."""
 
     def find() -> Finding:
         version = installed_version(package)
@@ -156,7 +157,7 @@ PREAMBLE = {
 
 
 def print_completion(options: argparse.Namespace) -> int:
-    """``suture completion``: what a shell reads to complete commands, options and scenes."""
+    """``suture completion``: the script by which a shell completes commands, options and scenes."""
     import shtab
 
     from studies.command.parser import TABLE, parser_for

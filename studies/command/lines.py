@@ -21,8 +21,8 @@ def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
 
 
 def fold(line: str, width: int) -> list[str]:
-    """Break a line between its words where it is longer than `width`; what follows stands under its first word, to
-    the right of its label. A word that is longer stays whole: it is a path or a name."""
+    """Wrap a line at `width`, with later lines indented below its first word after the label. Longer words, such as
+    paths, stay whole."""
     if len(line) <= width:
         return [line]
     found = LABEL.match(line)

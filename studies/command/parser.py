@@ -1,6 +1,5 @@
-"""What the command understands. A command's own arguments, and the module that carries it out, are looked up when it is
-the one that is asked for: help and version come at once.
-"""
+"""The parser of the command line. The arguments and the module of a command are loaded only when it is called, so help
+and version are fast."""
 
 import argparse
 import os
@@ -16,8 +15,8 @@ Adder = Callable[[argparse.ArgumentParser], None]
 
 
 class Command(NamedTuple):
-    """A command: what it does in words, how its arguments are added, and the function of a module that carries it
-    out."""
+    """A command: its description, the function that adds its arguments, and the function of a module that performs
+    it."""
 
     text: str
     add: Adder
@@ -39,7 +38,7 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """Read the command line, None that of the process; ends the process where it is not understood."""
+    """Parse the command line (None: that of the process); ends the process on a fault."""
     given = sys.argv[1:] if arguments is None else arguments
     parser = parser_for(given)
     asked = next((word for word in given if not word.startswith("-")), None)

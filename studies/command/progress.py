@@ -1,4 +1,4 @@
-"""What is being done, how far a run has come and how long it will still take, on standard error."""
+"""Current stage, progress and remaining time of a run, on standard error."""
 
 import logging
 import sys
@@ -46,7 +46,7 @@ class Progress:
             self._quiet = True
 
     def begin_anew(self) -> None:
-        """Measure the pace from the next step on: what was waited for since the first is no measure of it."""
+        """Restart the measurement of the pace at the next step, without the time of waiting."""
         self._first_step = None
 
     def _draw(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
@@ -99,7 +99,7 @@ class Stages(logging.Handler):
         self._clock: Clock | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Tell what begins, unless that is what was told last."""
+        """Show the new stage, unless it was shown last."""
         text, over = record.getMessage(), getattr(record, "over", False)
         if over and self._waited is not None:
             self._waited()
@@ -136,7 +136,7 @@ class Stages(logging.Handler):
 
 
 class Clock:
-    """Tells `every` so many seconds how many have passed, beside what is being done, until it is stopped."""
+    """Shows the elapsed time next to the current stage `every` so many seconds, until it is stopped."""
 
     def __init__(self, every: float, tell: Callable[[float], None]) -> None:
         self._every, self._tell, self._start = every, tell, monotonic()
@@ -156,8 +156,7 @@ class Clock:
 
 @contextmanager
 def stages(quiet: bool = False, told: Sequence[str] = TOLD, waited: Callable[[], None] | None = None) -> Iterator[None]:
-    """Tell on standard error what packages or modules say that they begin; `waited` is called where they say that what
-    held everything up is over."""
+    """Show the stages that packages or modules log on standard error; `waited` is called at the end of a wait."""
     if quiet:
         yield
         return
@@ -177,8 +176,8 @@ def stages(quiet: bool = False, told: Sequence[str] = TOLD, waited: Callable[[],
 
 
 class StudyProgress:
-    """How many rows of a study are done and which was the last, in one line that is written over on a terminal;
-    elsewhere a line where a row has other words than the one before."""
+    """Progress of a study: the number of completed rows and the last of them, in one line that a terminal overwrites;
+    elsewhere one line per new text."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr

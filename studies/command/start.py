@@ -1,5 +1,5 @@
-"""Where the command begins: it is read before the libraries are loaded, and an interrupt meanwhile ends in a sentence
-too."""
+"""Entry point of the command: arguments are read before the libraries are loaded, and an interrupt ends in a
+sentence."""
 
 import codecs
 import gc

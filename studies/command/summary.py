@@ -136,7 +136,7 @@ def contact_line(contact: ContactRecord) -> str:
 
 
 def wound_lines(contact: ContactRecord) -> list[str]:
-    """Tell how a wound is closed, if by a thread: by what force, how well, and how its edges stand."""
+    """Return the line on a stitched wound: closure force, closed area and eversion."""
     if not contact.stitches:
         return []
     shares = [(one.load_share, one.stitch) for one in contact.stitches if one.load_share is not None]
@@ -155,7 +155,7 @@ def _strain(summary: dict[str, Any]) -> str:
 
 
 def range_line(met: Mapping[str, Any]) -> str:
-    """Tell how far the tissue was strained and turned, by what `summary.json` has under `range`."""
+    """Return the line on strains and rotations of the tissue, from `range` of `summary.json`."""
     holes = met["piercings"].values()
     strain, turn = (max((hole[name] for hole in holes), default=0.0) for name in ("mean_strain", "turn"))
     return (

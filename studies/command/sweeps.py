@@ -57,7 +57,7 @@ def cases_of(options: argparse.Namespace) -> list[Settings]:
 
 
 def report(table: SweepTable, folder: Path) -> list[str]:
-    """Return what became of a sweep, for a person."""
+    """Return the result of a sweep in lines for a person."""
     statuses, unsupported = table["exit_status"].values, table["unsupported"].values
     count = {word: sum(status == number for status in statuses) for word, number in STATUSES.items()}
     told = ", ".join(f"{number} {word}" for word, number in count.items() if number)
@@ -82,7 +82,7 @@ def rows(table: SweepTable) -> list[dict[str, object]]:
 
 
 def verdict_lines(one: Refined) -> list[str]:
-    """Return what a quantity does under refinement, for a person."""
+    """Return the verdict on a quantity in lines for a person."""
     told = {name.partition(",")[0]: text for name, text in in_words(one).items() if name not in ("quantity", "unit")}
     return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in told.items() if text)]
 
@@ -101,8 +101,8 @@ class Teller:
             print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
 
     def tell(self, told: Told) -> None:
-        """Write a line of the case that is done, and of the time that is left by the pace of those before; those that
-        are refused before any is run tell no pace."""
+        """Write a line on the completed case and the remaining time; cases that were refused beforehand do not
+        count."""
         if self._quiet:
             return
         if self._first is None and told.exit_status != REFUSED:
@@ -120,7 +120,7 @@ class Teller:
 
 
 def run_refinement(options: argparse.Namespace) -> int:
-    """``suture refine``: what numbers of a scenario do under refinement, in words."""
+    """``suture refine``: convergence of numbers of a scenario, in words."""
     told = Teller(options.json)
     told.begin(options.levels)
     try:

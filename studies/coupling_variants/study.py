@@ -129,8 +129,7 @@ def settle(assembly: Assembly) -> tuple[System, State]:
 
 @dataclass(frozen=True)
 class Way:
-    """How a step is taken, and the energy [J] that it took from nowhere, of the step and of where the thread met the
-    holes in the step before."""
+    """A way to take a step, and the energy [J] that the step created."""
 
     take: Take
     created: Callable[[System, Array, Step], float]
@@ -271,8 +270,7 @@ def error_at(cost: float, runs: Sequence[Row]) -> float:
 
 
 def stable_text(runs: Sequence[Row]) -> str:
-    """Write the largest stable step [ms] as far as the ladder of steps tells; where only coarse ones are stable,
-    those."""
+    """Return the largest stable step [ms] of the tested ones, in words."""
     stable = [run.dt / MILLI for run in runs if run.stable]
     largest = largest_stable(runs) / MILLI
     if not stable:

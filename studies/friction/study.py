@@ -131,7 +131,7 @@ def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State
 
 
 def slips(mu: float, half: float, pull: float, hold: float) -> bool:
-    """Tell whether the rod slips towards its pulled end."""
+    """Return whether the rod slips towards its pulled end."""
     return bool(begin(*rod(mu, half, pull, hold)).step(DT).state.sigma[0] < 0.0)
 
 
@@ -162,8 +162,8 @@ def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
-    """Return what the second pass makes of a gliding rod under equal pulls: the tension changes by its friction, from
-    the hold up or from the pull down."""
+    """Return the tensions of a gliding rod after the second pass, which changes the tension by its friction, from the
+    hold up or from the pull down."""
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
@@ -252,7 +252,7 @@ def coefficients(rows: Sequence[Row]) -> list[float]:
 
 
 def error(rows: Sequence[Row]) -> float:
-    """Return the largest error of the ratios that settled, over theirs of theory; NaN where there are none."""
+    """Return the largest relative error of the settled ratios against theory; NaN if none settled."""
     return max((row.error for row in rows if row.settled), default=float("nan"))
 
 
@@ -294,7 +294,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the orders of the holes in a row, and what did not settle."""
+    """Return the orders of the holes in a row, and the runs that did not settle."""
     out = []
     for mu in coefficients(rows):
         runs = rows_of_kind(rows, "holes in a row", mu)

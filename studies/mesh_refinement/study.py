@@ -85,7 +85,7 @@ class Row:
 
     @property
     def sizes(self) -> tuple[float, str]:
-        """What the ladder refines: cell or footprint [m], time step [s], or one over the spans [-]; and in words."""
+        """The refined size: cell or footprint [m], time step [s], or one over the spans [-]; and its name."""
         h = f"h = {self.h / MILLI:.3g} mm"
         return {
             "cells": (self.h, h),
@@ -97,7 +97,7 @@ class Row:
 
     @property
     def size(self) -> float:
-        """What the ladder refines, in its unit."""
+        """The refined size, in its unit."""
         return self.sizes[0]
 
     @property
@@ -199,7 +199,7 @@ def formal_order(runs: Sequence[Row]) -> float:
 
 
 def expected_order(runs: Sequence[Row], quantity: str) -> str:
-    """Write the order of theory in words: −1 of what has no limit."""
+    """Return the theoretical order in words; −1 for numbers without a limit."""
     if runs[0].ladder == "footprint" or not runs[0].footprint:
         return "-1" if quantity.startswith("compliance") else "none"
     return f"{formal_order(runs):.3g}"
@@ -216,7 +216,7 @@ def verdict_text(runs: Sequence[Row], quantity: str) -> str:
 
 
 def can_change(ladder: str, quantity: str) -> bool:
-    """Tell whether a ladder can change a quantity: the organ's compliance knows no thread."""
+    """Return whether a ladder can change a quantity: the organ's compliance knows no thread."""
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
 
@@ -264,7 +264,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw every quantity over the cells, errors and the orders of theory, and what the other ladders change."""
+    """Draw every quantity over the cells, errors with theoretical orders, and the other ladders."""
     cells = {variant: runs_of_ladder(rows, "cells", variant) for variant in VARIANTS}
     sizes = {"x": sorted({run.h / MILLI for run in rows if run.ladder == "cells"})}
     places = [
@@ -313,7 +313,7 @@ def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str
 
 
 def changes(rows: Sequence[Row], ladder: str, x: str, unit: str) -> Item:
-    """Draw how far the quantities are from those of the finest run, over what is refined."""
+    """Draw the distance of the quantities from the finest run, over the refined size."""
     finest, *runs = runs_of_ladder(rows, ladder, SUBGRID)
     off = {
         name: lambda run, key=key: abs(getattr(run, key) / getattr(finest, key) - 1.0)

@@ -224,7 +224,7 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
 
 
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
-    """Tell whether a run in a folder can go on; not where it never got as far as its scenario.
+    """Return whether a run in a folder can go on; not where it never got as far as its scenario.
 
     Raises `ScenarioError` where the folder holds the run of another scenario. A longer duration alone makes no other
     scenario of one in time.

@@ -52,7 +52,7 @@ def manifest(folder: Path) -> dict[str, Any] | None:
 
 
 def holds_run(folder: Path) -> bool:
-    """Tell whether a folder holds a run, finished or not; not one that never got as far as its scenario."""
+    """Return whether a folder holds a run, finished or not; not one that never got as far as its scenario."""
     return manifest(folder) is not None and (folder / SCENARIO).is_file()
 
 

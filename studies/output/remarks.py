@@ -396,7 +396,7 @@ def remark(code: str, where: str, message: str) -> Remark:
 
 
 def any_unsupported(remarks: Iterable[Remark]) -> bool:
-    """Tell whether a remark says that a number is not supported."""
+    """Return whether a remark says that a number is not supported."""
     return any(each.unsupported for each in remarks)
 
 

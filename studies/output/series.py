@@ -331,7 +331,7 @@ def sealed(body: bytes) -> bytes:
 
 
 def is_whole(data: bytes) -> bool:
-    """Tell whether a frame's file is as it was written: VTK finds no end of some that are not. One of an earlier
+    """Return whether a frame's file is as it was written: VTK finds no end of some that are not. One of an earlier
     version has no checksum; it ends with its last tag."""
     found = SEAL.search(data[-SEALED:])
     return sealed(data[:-SEALED]) == data if found else data.endswith(b"</VTKFile>\n")

@@ -1,4 +1,4 @@
-"""Where the camera of a picture stands, what it sees of a point, and where labels cover nothing.
+"""Camera of a picture: its position, projections of points, and free places for labels.
 
 The camera looks along one direction without perspective, so that one scale bar holds for the whole picture, and the
 pixel of a point is a linear function of its place.

@@ -41,7 +41,7 @@ def write_macro(path: Path) -> list[str]:
 
 
 def has_screen(environment: Mapping[str, str], system: str) -> bool:
-    """Tell whether a window can be opened."""
+    """Return whether a window can be opened."""
     return system in ("win32", "darwin") or any(environment.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 

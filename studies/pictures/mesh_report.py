@@ -28,9 +28,8 @@ NO_REGION, NO_CELL = 0, -1  # what the array `region` holds in addition to the r
 
 @dataclass(frozen=True)
 class MeshScene:
-    """What is drawn of a mesh: points `(n, 3)` [m], cells `(m, 4)`, a region's number for each, the facets `(k, 3)` of
-    the wound's lips, the places of the piercings `(p, 3)` [m], and a title.
-    """
+    """A mesh to be drawn: points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of the
+    wound's lips, the places of the piercings `(p, 3)` [m], and a title."""
 
     points: Array
     cells: Indices
@@ -133,7 +132,7 @@ def paraview(mesh: skfem.MeshTet, indicators: Array | None = None) -> meshio.Mes
 
 
 def scene_of(mesh: skfem.MeshTet, scenario: Scenario) -> MeshScene:
-    """Gather what is drawn of a mesh."""
+    """Return the scene of a mesh."""
     lips = [mesh.facets[:, facets].T for name, facets in (mesh.boundaries or {}).items() if name.startswith("lip_")]
     sites = np.reshape([hole.place for hole in scenario.piercing], (-1, 3))
     facets = np.concatenate([np.empty((0, 3), dtype=np.int64), *lips])

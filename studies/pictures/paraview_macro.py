@@ -16,7 +16,7 @@ LONGEST = 0.16  # length of the longest arrow over that
 
 
 def main() -> None:
-    """Draw what is selected, or the run in the folder that is the first argument."""
+    """Draw the selection, or the run in the folder of the first argument."""
     source = simple.GetActiveSource() or simple.PVDReader(FileName=str(Path(sys.argv[1]) / "results.pvd"))
     named = source.FileName
     folder = Path(named if isinstance(named, str) else named[0]).parent
@@ -99,7 +99,7 @@ def names_in(folder: Path) -> list[str]:
 
 
 def colour(shown: Any, view: Any, array: str, title: str) -> None:
-    """Colour a representation by an array, with a bar that says what it is."""
+    """Colour a representation by an array, with a labelled bar."""
     simple.ColorBy(shown, ("POINTS", array))
     shown.RescaleTransferFunctionToDataRange(True, False)
     shown.SetScalarBarVisibility(view, True)

@@ -27,7 +27,7 @@ VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # when and where 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What became of a picture: `line` says it to a person; `failure` is why there is none, empty where there is."""
+    """The result of drawing a picture: `line` for a person, and the reason of a `failure`, empty if it was drawn."""
 
     line: str
     failure: str = ""
@@ -78,5 +78,5 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
 
 
 def words_of(done: "subprocess.CompletedProcess[bytes]") -> str:
-    """Return what a child said last, without when and where in VTK."""
+    """Return the last message of a child process, without the time and place in VTK."""
     return last_words(done.returncode, VTK_PLACE.sub("", done.stderr.decode(errors="replace")))

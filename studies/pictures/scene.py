@@ -37,6 +37,6 @@ Film = tuple[list[Frame], OrganTopology | None, str]
 
 
 def frame_of(snapshot: "Snapshot") -> Frame:
-    """Return what is drawn of a snapshot."""
+    """Return the frame of a snapshot."""
     holes = tuple(Hole(hole.name, hole.s, hole.x, hole.force, hole.state) for hole in snapshot.piercings)
     return Frame(snapshot.time, snapshot.thread, holes, snapshot.organ)

@@ -75,7 +75,7 @@ BARS = (0.34, 0.04, 0.97, 0.165)  # the same of the bars of colours with their t
 
 @dataclass(frozen=True)
 class Stage:
-    """What stays the same in the pictures of a run: the organ's mesh, a title, the scale and the camera."""
+    """The constant parts of a run's pictures: the organ's mesh, a title, the scale and the camera."""
 
     topology: OrganTopology | None
     title: str
@@ -84,7 +84,7 @@ class Stage:
 
 
 def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str) -> Stage:
-    """Return the stage on which what is aimed at and every arrow of all frames are seen."""
+    """Return the stage that shows the aimed points and every arrow of all frames."""
     scale = scale_of(frames)
     seen = np.concatenate([part for frame in frames for part in (aimed_at(frame), scale.tips(frame))])
     return Stage(topology, title, scale, camera_on(seen, SIZE, MARGINS))
@@ -159,7 +159,7 @@ def _axes(camera: Camera) -> Any:
 
 
 def props_of(frame: Frame, stage: Stage) -> list[Any]:
-    """Return what is drawn of a frame, with what is written and measured in its picture."""
+    """Return the props of a frame, with the texts and scales of its picture."""
     organ = [] if stage.topology is None else _organ(stage.topology, frame, stage.scale)
     return [*organ, *_thread(frame, stage.scale), *_piercings(frame, stage.scale), *_names(frame, stage),
             *_words(frame, stage)]  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the pictures of a frame have in common: the part to be seen, colours, labels."""
+"""Common parts of the pictures of a frame: the visible region, colours, labels."""
 
 import pickle
 from collections.abc import Sequence
@@ -79,7 +79,7 @@ class Scale:
 
 
 def scale_of(frames: Sequence[Frame]) -> Scale:
-    """Return the scale to which frames are drawn together: what is aimed at is seen in each."""
+    """Return the common scale of frames, which shows the aimed points in each."""
     points = np.concatenate([part for frame in frames for part in (aimed_at(frame), places_of(frame))])
     stresses = [frame.organ.von_mises for frame in frames if frame.organ is not None]
     force = max((float(np.linalg.norm(hole.force)) for frame in frames for hole in frame.piercings), default=0.0)
@@ -159,7 +159,7 @@ def force_text(force: float) -> str:
 
 
 def legend(scale: Scale) -> str:
-    """Say what the arrows are; nothing where there are none."""
+    """Return the legend of the arrows, empty without arrows."""
     return f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
 
 

@@ -1,1 +1,1 @@
-"""The refinement of a scenario: whether a number of it converges, at which order, and to what."""
+"""The refinement of a scenario: convergence, order and limit of a number."""

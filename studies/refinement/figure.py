@@ -27,12 +27,12 @@ def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:
 
 
 def has_limit(one: Refined) -> bool:
-    """Tell whether a quantity has a limit."""
+    """Return whether a quantity has a limit."""
     return one.verdict is not None and not isnan(one.verdict.limit)
 
 
 def numbers(label: str, one: Refined) -> Item:
-    """Return the panel of the numbers over the size of what is refined, with the limit and the interval."""
+    """Return the panel of the numbers over the refined size, with the limit and the interval."""
     items = [curve(1.0 / np.array(one.factors), one.numbers, None, "o-", COLOURS[0])]
     if one.verdict is not None and has_limit(one):
         items.append(level("y", one.verdict.limit, "limit", ":"))

@@ -19,8 +19,8 @@ Finer = Callable[[Scenario, float], Settings]  # the keys of a scenario refined 
 
 @dataclass(frozen=True)
 class Kind:
-    """Something that can be refined: what it is in words, the keys of a scenario finer by a factor, the order of theory
-    by which errors fall, and why a scenario has none of it, None where it has."""
+    """A quantity that can be refined: its name, the keys of a scenario finer by a factor, the theoretical order of the
+    errors, and the reason why a scenario has none, or None."""
 
     words: str
     finer: Finer
@@ -72,7 +72,7 @@ def no_footprints(scenario: Scenario) -> str | None:
 
 
 def order_of_cells(scenario: Scenario) -> float:
-    """Return the order in the size of cells of what a footprint averages: 2 of P1; of P2 h⁴ ln(a/h), seen as 3
+    """Return the order in the cell size of averages over a footprint: 2 for P1; 3 for P2, from h⁴ ln(a/h)
     (`studies.mesh_refinement`)."""
     return 3.0 if scenario.tissue is not None and scenario.tissue.element == "P2" else 2.0
 
@@ -95,8 +95,8 @@ DISCRETE = ("h", "dt", "control_points")  # what `all` refines: a footprint is o
 
 @dataclass(frozen=True)
 class Ladder:
-    """Levels of a scenario from the coarsest, which is the scenario itself: `settings` and `factor` of each, what is
-    refined, and the order of theory."""
+    """Levels of a scenario from the coarsest, which is the scenario itself: `settings` and `factor` of each, the
+    refined quantity, and the theoretical order."""
 
     kinds: tuple[str, ...]
     settings: tuple[Settings, ...]
@@ -125,7 +125,7 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
 
 
 def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
-    """Return what is refined; of `all` what the scenario has. Raises `ScenarioError`."""
+    """Return the refined quantities; for `all` those of the scenario. Raises `ScenarioError`."""
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if over not in KINDS:
@@ -143,7 +143,7 @@ def finer(scenario: Scenario, kinds: tuple[str, ...], factor: float) -> Settings
 
 
 def effective(scenario: Scenario, kinds: tuple[str, ...]) -> Callable[[Mapping[str, Any], float], float]:
-    """Return what tells the factor of a level from its keys: of steps and spans as they were rounded."""
+    """Return the function for the factor of a level from its keys, with rounded steps and spans."""
 
     def told(settings: Mapping[str, Any], factor: float) -> float:
         if kinds == ("dt",) and "solve.load_steps" in settings:

@@ -26,7 +26,7 @@ def refine(
     workers: Workers | None = None,
     tell: Tell = tell_nothing,
 ) -> tuple[Refined, ...]:
-    """Refine a scenario level by level into a folder, and return what each quantity does.
+    """Refine a scenario level by level into a folder, and return the result for each quantity.
 
     `base`: a file or a shipped scene by its name, tables, or a scenario. `quantity`: numbers of the summary by their
     dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint", or "all"
@@ -61,7 +61,7 @@ def check_names(table: SweepTable, names: Sequence[str]) -> None:
 
 
 def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
-    """Return what a quantity does over the levels of a table. Raises `ScenarioError` for one that is no number."""
+    """Return the convergence of a quantity over the levels of a table. Raises `ScenarioError` if it is not a number."""
     column = asked_column(table, name, "--quantity")
     done = [status == 0 for status in table["exit_status"].values]
     values = tuple(
@@ -87,13 +87,13 @@ def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
 
 
 def title(one: Refined, kinds: Sequence[str]) -> str:
-    """Say what was refined, and by how much."""
+    """Return the refined quantity and the factors, in words."""
     what, factors = ", ".join(KINDS[kind].words for kind in kinds), ", ".join(f"{factor:.3g}" for factor in one.factors)
     return f"Refined: {what}, by {factors}. Order of theory {one.theory:g}."
 
 
 def in_words(one: Refined) -> dict[str, str]:
-    """Write what was found for a person, by its headings."""
+    """Return the findings as lines for a person, under their headings."""
     said = one.verdict
     order = "" if said is None else "swings" if isnan(said.order) else f"{said.order:.2f}"
     limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"

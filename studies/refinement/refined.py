@@ -1,4 +1,4 @@
-"""What a number does under refinement."""
+"""Convergence of a number under refinement."""
 
 from dataclasses import asdict, dataclass
 from math import isfinite, isnan, nan
@@ -11,9 +11,8 @@ NO_VERDICT = "no verdict"
 
 @dataclass(frozen=True)
 class Refined:
-    """What a quantity does under refinement: its `numbers` from the coarsest level, NaN of one that was not completed,
-    `factors` by which the levels are finer, the order of theory, and the verdict, None with fewer than three numbers.
-    """
+    """Convergence of a quantity: its `numbers` from the coarsest level, NaN for a failed one, the `factors` of the
+    levels, the theoretical order, and the verdict, None with fewer than three numbers."""
 
     quantity: str
     unit: str
@@ -33,7 +32,7 @@ class Refined:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The interval of the grid-convergence index about the finest number, None where there is none."""
+        """The interval of the grid-convergence index about the finest number, or None."""
         if self.verdict is None or not isfinite(self.verdict.index):
             return None
         half = self.verdict.index * abs(self.finest)

@@ -1,1 +1,1 @@
-"""Reports: one page of HTML that says what runs, studies and sweeps have found, with nothing to be fetched."""
+"""Reports: one offline HTML page on runs, studies and sweeps."""

@@ -1,4 +1,4 @@
-"""What a report draws over time: the tables of runs as series, and which of them a chart shows."""
+"""Charts of a report over time: the tables of runs as series, and the series of each chart."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -40,12 +40,12 @@ class Series:
 
     @property
     def label(self) -> str:
-        """What a legend calls the quantity, without the run."""
+        """Name of the quantity in a legend, without the run."""
         return f"{self.item}: {self.column}" if self.item else self.column
 
     @property
     def key(self) -> str:
-        """What the quantity is called among all of a report, without the run."""
+        """Unique name of the quantity in a report, without the run."""
         return f"{self.table}: {self.label}"
 
     def record(self) -> dict[str, Any]:
@@ -98,12 +98,12 @@ def thinned(rows: int) -> NDArray[np.int64]:
 
 
 def plain(values: Array) -> list[float | None]:
-    """Return numbers of six digits for JSON, None for what is not finite."""
+    """Return numbers of six digits for JSON, None for numbers that are not finite."""
     return [float(f"{value:.6g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
 def chart_records(series: Iterable[Series]) -> list[dict[str, Any]]:
-    """Return the charts that have something to show, each with the keys of what it shows."""
+    """Return the charts with data, each with the keys of its series."""
     told = list(series)
     charts = []
     for title, columns in CHARTS:

@@ -18,7 +18,7 @@ MISSING = (
 
 
 def plotly_script() -> str:
-    """Return plotly's program as one text. Raises `ResultsError` where it is not installed."""
+    """Return plotly's program as one text. Raises `ResultsError` if plotly is not installed."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:
@@ -27,7 +27,7 @@ def plotly_script() -> str:
 
 
 def whole_page(title: str, body: Iterable[str], data: Mapping[str, Any]) -> str:
-    """Return a page that needs no other file; what it may load is forbidden in its head."""
+    """Return a page that needs no other file; its head forbids loading any."""
     parts = {name: (HERE / f"page.{name}").read_text(encoding="utf-8") for name in ("html", "css", "js")}
     numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return Template(parts["html"]).substitute(
@@ -46,7 +46,7 @@ def escaped(value: object) -> str:
 
 
 def number_text(value: object) -> str:
-    """Return a number with four digits, or any other value as it is; nothing of what there is not."""
+    """Return a number with four digits, or any other value unchanged; empty for None."""
     if value is None:
         return ""
     if isinstance(value, float):
@@ -57,7 +57,7 @@ def number_text(value: object) -> str:
 
 
 def cell(value: object) -> object:
-    """Return a value of a table, None for what is not a number."""
+    """Return a number of a table, or None."""
     return None if isinstance(value, float) and math.isnan(value) else value
 
 

@@ -44,8 +44,7 @@ HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
 
 @dataclass(frozen=True)
 class Rows:
-    """A study, a sweep or a refinement: what it asked, what is said of it, its rows, its figure in base64, and its
-    origin."""
+    """A study, a sweep or a refinement: its question, remarks, rows, figure in base64, and origin."""
 
     name: str
     question: str
@@ -78,7 +77,7 @@ def write_report(folders: Sequence[Path], path: Path) -> list[str]:
 
 
 def labels(folders: Sequence[Path]) -> list[str]:
-    """Name runs by their folders, by as much of the path as tells them apart."""
+    """Return names of runs: the shortest parts of their paths that differ."""
     whole = [folder.resolve() for folder in folders]
     counts = Counter(folder.name for folder in whole)
     return [folder.name if counts[folder.name] == 1 else "/".join(folder.parts[-2:]) for folder in whole]
@@ -156,7 +155,7 @@ def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
 
 
 def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bool) -> Iterator[str]:
-    """Yield what a report says of runs, in its order."""
+    """Yield the sections of a report on runs, in order."""
     yield page.heading("Remarks")
     for name, run in runs.items():
         yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(run.title)
@@ -209,7 +208,7 @@ def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
 
 
 def part(summary: Mapping[str, Any], *keys: str) -> Any:
-    """Return what stands in a summary below keys, None where there is nothing."""
+    """Return the part of a summary below keys, or None."""
     found: Any = summary
     for key in keys:
         found = found.get(key) if isinstance(found, Mapping) else None
@@ -233,7 +232,7 @@ def events_section(name: str, run: RunResults) -> Iterator[str]:
 
 
 def rows_sections(rows: Rows, number: int) -> Iterator[str]:
-    """Yield what a report says of a study or a sweep, in its order."""
+    """Yield the sections of a report on a study or a sweep, in order."""
     yield page.heading(rows.name)
     yield f"<p>{page.escaped(rows.question)}</p>"
     yield "<h3>Remarks</h3>"
@@ -252,8 +251,7 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
 
 
 def axes_of(table: Table) -> tuple[str, str]:
-    """Choose what is drawn over what first: the last column of numbers that changes over the first, which is no count
-    of the cases."""
+    """Choose the first axes: the last and the first column of numbers that change, except the count of cases."""
     varied = [name for name in table.numeric if name != "case" and changes(table.columns[name])] or table.numeric
     return (varied[0], varied[-1]) if varied else ("", "")
 

@@ -39,7 +39,7 @@ class Skin:
 
 
 def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
-    """Return a run's view as the page reads it; the organ is left out where there is none. Raises `ResultsError`."""
+    """Return a run's view for the page, without the organ if there is none. Raises `ResultsError`."""
     with refused_if_torn(run.folder / "frames"):
         return _view_record(run, name, budget)
 
@@ -112,8 +112,8 @@ def decimated(points: Array, skin: Skin, most: int) -> Skin:
 
 
 def field_names(organ: Any) -> list[tuple[str, str]]:
-    """List the fields that can be chosen, each with its unit: von Mises' stress first, then what else there is at every
-    node or in every cell."""
+    """Return the fields that can be chosen, with units: von Mises stress first, then the other nodal and cell
+    fields."""
     scalars = [
         name
         for data in (organ.point_data, organ.cell_data)

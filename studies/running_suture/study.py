@@ -291,7 +291,7 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
 
 
 def pull(line: Line, mu: float, force: Array, seconds: float) -> Line:
-    """Lead the hand, let the suture come to rest, and note what the law of friction makes of it."""
+    """Move the hand, let the suture come to rest, and record the prediction of the law of friction."""
     line = lead(lead(line, force, seconds), force, REST)
     ratios = np.array([bent_ratio(mu, turn) for turn in line.turns])
     return replace(line, law=tensions_by_law(line.law, line.hand, ratios))
@@ -417,7 +417,7 @@ def reach(run: Sequence[Row]) -> int:
 
 
 def reaches_knot(run: Sequence[Row]) -> bool:
-    """Tell whether a pull is felt as far as the run goes, so that it does not tell how far."""
+    """Return whether a pull is felt up to the last stitch of the run, so that its reach is unknown."""
     return reach(run) == max(row.stitches for row in run) - 1
 
 
@@ -515,7 +515,7 @@ def tensions_drawn_anew(run: Sequence[Row]) -> dict[int, Row]:
 
 
 def reach_verdict(run: Sequence[Row]) -> str:
-    """Tell whether the reach is the published one."""
+    """Return whether the reach is the published one."""
     if reaches_knot(run):
         return "the row is too short to tell"
     return "agrees" if reach(run) <= PUBLISHED_REACH else "DISAGREES"

@@ -68,7 +68,7 @@ def known_keys() -> tuple[Key, ...]:
 
 
 def _is_within(some: list[str], parts: list[str]) -> bool:
-    """Tell whether words stand among others in the same order, the first of both being one."""
+    """Return whether words stand among others in the same order, the first of both being one."""
     rest = iter(parts)
     return some[0] == parts[0] and all(part in rest for part in some)
 

@@ -78,7 +78,7 @@ def dotted_key(parts: Iterable[object]) -> str:
 
 
 def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
-    """Tell whether a list is too short only because one of its items has been refused."""
+    """Return whether a list is too short only because one of its items has been refused."""
     loc = detail["loc"]
     inner = (other["loc"] for other in details if len(other["loc"]) > len(loc))
     return detail["type"] == "too_short" and any(other[: len(loc)] == loc for other in inner)

@@ -84,5 +84,5 @@ def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:
 
 
 def is_there(hole: Piercing, time: float) -> bool:
-    """Tell whether the thread is in a hole at a time [s], unless it has slid out."""
+    """Return whether the thread is in a hole at a time [s], unless it has slid out."""
     return hole.from_ <= time and (hole.until is None or time < hole.until)

@@ -134,7 +134,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
 
 
 def is_compiled(solve: model.Solve) -> bool:
-    """Tell whether steps are taken by compiled loops: where they are asked for, and unless said otherwise in time.
+    """Return whether steps are taken by compiled loops: where they are asked for, and unless said otherwise in time.
 
     A run in time has hundreds of steps, one at rest a handful, which take less than to load the loops. Loops that
     nothing keeps would be compiled for every run.
@@ -153,7 +153,7 @@ def shareable(store: Store | None, given: Given) -> Store:
 
 
 def is_known(hole: model.Piercing) -> bool:
-    """Tell whether the abscissa of a piercing is known before the first step."""
+    """Return whether the abscissa of a piercing is known before the first step."""
     return hole.s is not None or hole.from_ == 0.0
 
 
@@ -409,7 +409,7 @@ def organ_of(
 
 
 def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
-    """Tell whether steps of an organ are made in its Krylov space: where they are asked to be, or where that pays.
+    """Return whether steps of an organ are made in its Krylov space: where they are asked to be, or where that pays.
 
     How long a run is does not count: one that is lengthened goes on as it began.
     """

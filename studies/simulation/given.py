@@ -181,14 +181,14 @@ NOTHING = Given()
 
 
 def is_law_by_name(value: object) -> bool:
-    """Tell whether something is laws of friction by the names of piercings."""
+    """Return whether something is laws of friction by the names of piercings."""
     laws = value.items() if isinstance(value, Mapping) else [(None, None)]
     needs = ("static", "kinetic", "slope")
     return all(isinstance(name, str) and all(callable(getattr(law, n, None)) for n in needs) for name, law in laws)
 
 
 def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
-    """Tell whether the unknowns of two bases are at the same places."""
+    """Return whether the unknowns of two bases are at the same places."""
     x, y = one.doflocs, other.doflocs
     return x.shape == y.shape and bool(np.allclose(x, y, rtol=0.0, atol=TOGETHER * np.ptp(y)))
 

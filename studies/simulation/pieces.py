@@ -71,7 +71,7 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
-    """Tell whether a piece has an end of the thread on which something acts."""
+    """Return whether a piece has an end of the thread on which something acts."""
     ends = ((0, thread.start), (pieces - 1, thread.end))
     return any(piece == k and end.kind != "free" for k, end in ends)
 

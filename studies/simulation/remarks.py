@@ -460,12 +460,12 @@ def unstable(would_stay: bool) -> list[Remark]:
 
 
 def rubs(assembly: Assembly) -> bool:
-    """Tell whether something has friction, by which the end depends on the way there."""
+    """Return whether something has friction, by which the end depends on the way there."""
     return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
 def has_slid(assembly: Assembly, step: StepRecord) -> bool:
-    """Tell whether a thread that rubs in its holes was drawn through one by more than its diameter."""
+    """Return whether a thread that rubs in its holes was drawn through one by more than its diameter."""
     diameter = section_of(assembly.scenario.thread).diameter
     drawn = (abs(hole.slip) for hole in step.piercings)
     return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > SLID * diameter
@@ -507,7 +507,7 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
 
 
 def moves(energy: EnergyRecord) -> bool:
-    """Tell whether a run in time still moves at its end, by its kinetic energy."""
+    """Return whether a run in time still moves at its end, by its kinetic energy."""
     return unrest(energy.kinetic, energy.of_deformation) > SETTLED
 
 

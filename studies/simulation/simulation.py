@@ -189,7 +189,7 @@ class Simulation:
             self.on_step(record)
 
     def is_on_grid(self, now: OrganRun) -> bool:
-        """Tell whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
+        """Return whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
 
@@ -252,7 +252,7 @@ class Simulation:
         return solve.duration - (number - 1) * solve.dt if number == self.steps else solve.dt
 
     def is_whole(self, dt: float) -> bool:
-        """Tell whether a step of so many seconds is as long as the others, but for round-off."""
+        """Return whether a step of so many seconds is as long as the others, but for round-off."""
         return abs(dt - self.scenario.solve.dt) < WHOLE * self.scenario.solve.dt
 
     def snapshot(self, now: OrganRun) -> Snapshot:

@@ -73,7 +73,7 @@ class Timing:
 
 
 def is_led(end: End) -> TypeGuard[Driven | Fixed]:
-    """Tell whether an end is held by its place alone, so that a hand may move it."""
+    """Return whether an end is held by its place alone, so that a hand may move it."""
     return isinstance(end, Driven | Fixed) and not isinstance(end, Clamped)
 
 

@@ -166,7 +166,7 @@ def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple
 
 
 def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> bool:
-    """Tell whether two balls touch one each of two surfaces, of which it is known how far points are from them."""
+    """Return whether two balls touch one each of two surfaces, of which it is known how far points are from them."""
     places, touched = np.array([one.place, other.place]), TOUCHED * one.footprint
     a, b = first(places), second(places)
     return bool(max(a[0], b[1]) <= touched or max(b[0], a[1]) <= touched)

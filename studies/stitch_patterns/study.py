@@ -114,7 +114,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Finely:
-    """How finely a stitch is run: load steps, and control points a ring."""
+    """Resolution of a stitch: load steps, and control points per ring."""
 
     load_steps: int
     control_points: int
@@ -262,12 +262,12 @@ def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
 
 
 def across(way: Way, run: Run) -> float:
-    """Return what the thread pulls the right lip by, across the wound [N]."""
+    """Return the force of the thread on the right lip, across the wound [N]."""
     return float(run.state.lam[way.on_right, 0].sum())
 
 
 def is_sliding(way: Way, run: Run) -> bool:
-    """Tell whether the thread slides towards its nearer hand in all rings but the two in the middle at most."""
+    """Return whether the thread slides towards its nearer hand in all rings but the two in the middle at most."""
     half = (len(way.places) - 1) // 2
     sigma = run.state.sigma
     return bool((sigma[:half] > 0.0).all() and (sigma[-half:] < 0.0).all())
@@ -332,7 +332,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Say what was fitted, what agrees, how far the capstan is off, and what is left open."""
+    """Return remarks on the fit, the agreement, the error of the capstan, and open points."""
     middle = middle_case(rows)
     out = [*(case_words(rows, case) for case in cases_of(rows)), spread_words(rows, middle[0], middle[2])]
     out.append(
@@ -358,7 +358,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def case_words(rows: Sequence[Row], case: Case) -> str:
-    """Say what a case predicts, and how far it is off."""
+    """Return the prediction of a case and its error, in words."""
     loads, said = loads_of(rows, case), []
     for name, steps in loads.items():
         if name != FITTED:
@@ -373,7 +373,7 @@ def case_words(rows: Sequence[Row], case: Case) -> str:
 
 
 def spread_words(rows: Sequence[Row], throw: float, fitted: float) -> str:
-    """Say what becomes of the predictions over the spread of the pull that μ is fitted to, by the capstan."""
+    """Return the spread of the predictions over that of the fitted pull, by the capstan, in words."""
     away = [fitted + sign * PATTERNS[FITTED].spread for sign in (-1.0, 1.0)]
     others = dict.fromkeys(row.pattern for row in rows if row.pattern != FITTED)
     pulls = {name: [predicted_by_capstan(name, throw, pull) for pull in away] for name in others}
@@ -388,7 +388,7 @@ def middle_case(rows: Sequence[Row]) -> Case:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw published and predicted pulls, what they depend on, the load steps, and the tension along the thread."""
+    """Draw published and predicted pulls, their dependences, the load steps, and the tension along the thread."""
     case = middle_case(rows)
     loads, strands = loads_of(rows, case), loads_of(rows, case, "strand")
     names, same = list(loads), [other for other in cases_of(rows) if other[1:] == cases_of(rows)[0][1:]]

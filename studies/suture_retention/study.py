@@ -182,7 +182,7 @@ def main(
 
 
 def run(case: Case) -> Iterator[Row]:
-    """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
+    """Yield every load step; if one fails, the last equilibrium again with the name of the failure."""
     simulation = prepare(scenario(case))
     for now, failed in steps_until_failure(simulation):
         yield row_of(case, simulation, now, failed)
@@ -231,7 +231,7 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
 
 
 def uniaxial_stretch(case: Case, nominal: float) -> float:
-    """Return what a strip is stretched by under a nominal stress [Pa]; 1 before it is drawn."""
+    """Return the stretch of a strip under a nominal stress [Pa]; 1 without stress."""
     if nominal <= 0.0:
         return 1.0
     return 1.0 + nominal / case.tissue.slope if case.variant == LINEAR else case.tissue.stretch(nominal)
@@ -282,7 +282,7 @@ def number(value: float) -> str:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Say what the fits are worth, what was predicted, on what it depends, and what failed."""
+    """Return remarks on the fits, the predictions, their dependences, and failures."""
     names = list(dict.fromkeys(row.name for row in rows))
     out = [fit_words(name) for name in names]
     found = runs_of(rows)
@@ -304,7 +304,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def fit_words(name: str) -> str:
-    """Say what a tissue was fitted to."""
+    """Return the fit of a tissue, in words."""
     of = TISSUES[name]
     return (
         f"{name}: E = {of.slope / KILO:.4g} kPa and b = {of.stiffening:.2f} by two points of a uniaxial test, for a "

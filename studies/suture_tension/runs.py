@@ -1,4 +1,4 @@
-"""The runs: a thread that draws up two holes of a block, and what is measured of it.
+"""The runs: a thread draws up two holes of a block, and is measured.
 
 A thread comes down into one hole of a block, runs below its surface to the other and up again. Its start is held, its
 end is drawn up by a dead load T, so that in linear theory both holes are drawn up by T and towards each other by T.
@@ -136,12 +136,12 @@ class Row(Case):
 
     @property
     def case(self) -> Case:
-        """What was run."""
+        """The case of the run."""
         return Case(**{f.name: getattr(self, f.name) for f in fields(Case)})
 
     @property
     def moved(self) -> float:
-        """How far the hole that moved farther did [m]."""
+        """Displacement of the hole that moved farther [m]."""
         return float(max(np.hypot(self.entry_along, self.entry_normal), np.hypot(self.exit_along, self.exit_normal)))
 
     @property
@@ -200,7 +200,7 @@ def last_step(case: Case) -> Row:
 
 
 def run(case: Case) -> Iterator[Row]:
-    """Yield every load step; where one fails, the last equilibrium once more with the name of what failed."""
+    """Yield every load step; if one fails, the last equilibrium again with the name of the failure."""
     simulation = prepare(scenario(case))
     before = simulation.beginning()
     for now, failed in steps_until_failure(simulation):

@@ -135,7 +135,7 @@ def main(
 
 
 def case_text(row: Row) -> str:
-    """Write what a row's case is, in words."""
+    """Return a row's case, in words."""
     return row.name or VARIED[row.sweep](row)
 
 
@@ -172,7 +172,7 @@ def triple(*values: float, unit: float = 1.0) -> str:
 
 
 def stress_cell(prefix: str) -> Callable[[Row], str]:
-    """Return the writer of the measured stresses of a place [kPa], or of what theory says of them."""
+    """Return the writer of the measured or theoretical stresses of a place [kPa]."""
     kinds = KINDS[:2] if prefix.startswith("theory") else KINDS
 
     def cell(row: Row) -> str:
@@ -183,7 +183,7 @@ def stress_cell(prefix: str) -> Callable[[Row], str]:
 
 
 def row_verdict(row: Row) -> str:
-    """Return what a row is worth."""
+    """Return the verdict on a row."""
     if row.failed:
         return f"FAILED: {row.failed.split(':')[0]}"
     if row.material != "linear":
@@ -237,7 +237,7 @@ def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
 
 
 def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, float]:
-    """Return τ and u/a at which the linear organ is off by DEPARTURE, infinite where it is not that far."""
+    """Return τ and u/a at which the error of the linear organ is DEPARTURE, infinite if it stays smaller."""
     off = np.abs(departures(linear, runs))
     if not np.any(off > DEPARTURE):
         return float("inf"), float("inf")
@@ -305,7 +305,7 @@ def slopes(rows: Sequence[Row]) -> list[str]:
 
 
 def over_theory(quantity: str, row: Row) -> float:
-    """Return a quantity over what theory says of it, NaN where none is known."""
+    """Return a quantity over its theoretical value, NaN if that is unknown."""
     return float(getattr(row, quantity) / getattr(row, f"theory_{quantity.removeprefix('exit_')}", float("nan")))
 
 
@@ -333,7 +333,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def shortcomings(row: Row) -> list[str]:
-    """Return what failed, is beyond, did not settle, is too coarse or not made up for in a row."""
+    """Return the shortcomings of a row: failure, range, unrest, coarse cells."""
     name, out = f"{row.sweep}, {case_text(row)}, {row.load:.3g} N", []
     if row.failed:
         out.append(f"{name}: FAILED beyond, {row.failed}")

@@ -97,7 +97,7 @@ def make_ready(data: Mapping[str, Any]) -> None:
 
 
 def tally_of(simulation: Simulation) -> Tally:
-    """Return what gathers the summary of a simulation."""
+    """Return the tally of a simulation."""
     run = simulation
     return Tally(run.scenario, run.tissue_dofs, run.subgrid, run.remarks, refinement=run.refinement)
 
@@ -131,7 +131,7 @@ def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot
 
 
 def in_words(error: BaseException) -> str:
-    """Return what an error says, its kind where it says nothing."""
+    """Return the message of an error, or its kind."""
     return str(error) or type(error).__name__
 
 

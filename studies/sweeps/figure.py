@@ -62,7 +62,7 @@ def folded(words: str, width: int) -> str:
 
 
 def add_legend(drawing: Figure, title: str, lines: int) -> None:
-    """Add a legend of so many lines beside the axes, which stay as large as they were."""
+    """Add a legend of so many lines next to the axes, which keep their size."""
     legend = drawing.legend(title=title, loc="outside right upper", ncols=ceil(lines / MOST))
     box = legend.get_window_extent()
     width, height = drawing.get_size_inches()

@@ -1,4 +1,4 @@
-"""What is varied in a sweep: the values that keys of a scenario take, case by case."""
+"""The grid of a sweep: the values of keys of a scenario, case by case."""
 
 import csv
 import tomllib

@@ -39,8 +39,8 @@ STARTS = 3  # cases whose start is tried for the names of columns
 
 @dataclass(frozen=True)
 class Told:
-    """How far a sweep has come: `done` of `count` cases, `settings` and `exit_status` of the last, and its `error`, a
-    sentence, empty where it was completed."""
+    """Progress of a sweep: `done` of `count` cases, `settings` and `exit_status` of the last, and its `error`, empty if
+    it was completed."""
 
     done: int
     count: int
@@ -98,7 +98,7 @@ def sweep(
 
 
 def check_over(over: object) -> None:
-    """Refuse what is neither lists of values by key nor a list of settings. Raises `ScenarioError`."""
+    """Refuse any argument except lists of values by key or a list of settings. Raises `ScenarioError`."""
     lists = over.values() if isinstance(over, Mapping) else [over]
     if any(isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) for values in lists):
         raise ScenarioError(
@@ -109,7 +109,7 @@ def check_over(over: object) -> None:
 
 
 def base_tables(base: Base) -> dict[str, Any]:
-    """Return the tables of what is to be varied."""
+    """Return the tables of the varied scenario."""
     if isinstance(base, Scenario):
         return tables(base)
     return dict(base) if isinstance(base, Mapping) else read(base)
@@ -145,7 +145,7 @@ def check_folder(folder: Path, kind: str = "sweep") -> None:
 
 
 def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
-    """Tell whether a folder holds a sweep, or a refinement, finished or not."""
+    """Return whether a folder holds a sweep, or a refinement, finished or not."""
     return read_json(folder / MARK).get("kind") == kind
 
 
@@ -205,7 +205,7 @@ def known_case(kept: Path, digest: str) -> dict[str, Any]:
 
 
 def record(result: Result) -> dict[str, Any]:
-    """Return a result as its file has it, read back: what is no finite number is None."""
+    """Return a result as read back from its file: numbers that are not finite are None."""
     plain: dict[str, Any] = json.loads(as_json(result.record()))
     return plain
 

@@ -37,7 +37,7 @@ class Column:
 
     @property
     def kind(self) -> type:
-        """What its values are: float, int, bool, or str where they are unlike."""
+        """Type of its values: float, int, bool, or str if they differ."""
         kinds = {type(value) for value in self.values if value is not None}
         if kinds <= {int, float} and kinds:
             return float if float in kinds else int
@@ -56,8 +56,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Case:
-    """A row: the values that keys have, and what became of it: `exit_status`, `summary`, and the number of `cells` of
-    the organ, None without one."""
+    """A row: the values of keys, and the result: `exit_status`, `summary`, and the number of `cells` of the organ, None
+    without one."""
 
     settings: Mapping[str, Any]
     exit_status: int
@@ -92,7 +92,7 @@ class SweepTable:
 
     @property
     def csv(self) -> str:
-        """The table in CSV: numbers with all their digits, nothing where there is none."""
+        """The table in CSV: numbers with all their digits, empty for None."""
         rows = zip(*(map(written, column.converted) for column in self.columns), strict=True)
         return comma_separated([[column.heading for column in self.columns], *map(list, rows)])
 

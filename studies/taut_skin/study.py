@@ -136,7 +136,7 @@ class Row:
 
     @property
     def of_tension(self) -> float:
-        """What all stitches bear over what the uncut sheet bears there, σ₀ t L [-]."""
+        """Force of all stitches over that of the uncut sheet, σ₀ t L [-]."""
         return sum(self.forces) / (self.tension * self.length) if self.tension else float("nan")
 
 
@@ -206,7 +206,7 @@ class TautHands(Hands):
         return nodes[order], at[nodes[order, 0], 1]
 
     def gaps(self, state: State, y: Array) -> Array:
-        """Return how far apart what lay across from one another is, across the wound, at y [m]."""
+        """Return the gap between opposite points of the wound at y [m]."""
         body, (nodes, at) = self.finite.elasticity, self.pairs
         x = body.points[:, 0] + body.nodal(self.finite.displacement(state.organ))[:, 0]
         end = 0.5 * self.case.length
@@ -290,7 +290,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Say what the slit bears, what is predicted of each pair, and what was not closed."""
+    """Return remarks on the slit, the predictions of each pair, and wounds that were not closed."""
     out = []
     for row in rows:
         if not row.width:

@@ -123,7 +123,7 @@ class Row:
 
     @property
     def over_theory(self) -> float:
-        """All stitches together over what they are on an infinite sheet [-]."""
+        """Force of all stitches over that on an infinite sheet [-]."""
         return sum(self.forces) / (len(self.forces) * self.theory)
 
     @property
@@ -203,7 +203,7 @@ class Case:
 
     @property
     def places(self) -> Array:
-        """Where the stitches are along the wound, each over a share of its own [m]."""
+        """Places of the stitches along the wound, each in the middle of its share [m]."""
         n = max(round(self.length / self.pitch), 1)
         return np.asarray((np.arange(n) - 0.5 * (n - 1)) * self.length / n)
 
@@ -250,7 +250,7 @@ def nearest_abscissa(path: Sequence[Sequence[float]], point: Sequence[float]) ->
 
 @dataclass(frozen=True)
 class Hands:
-    """What draws the stitches of a case, and looks at the lips."""
+    """The hands that draw the stitches of a case and measure the lips."""
 
     case: Case
     assembly: Assembly
@@ -376,7 +376,7 @@ def uniform_traction(hands: Hands) -> float:
 
 
 def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant: str = "") -> Row | None:
-    """Return one of them, None where it is not there."""
+    """Return one of the rows, or None."""
     return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, variant)), None)
 
 
@@ -462,7 +462,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def sentence(c: Comparison) -> str:
-    """Write a prediction and what is published of it."""
+    """Return a prediction and the published value, in words."""
     first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
     off = 100.0 * (c.predicted_force / c.published - 1.0)
     return (
@@ -473,7 +473,7 @@ def sentence(c: Comparison) -> str:
 
 
 def where_largest(rows: Sequence[Row]) -> list[str]:
-    """Tell which stitch takes most, compared with what is published."""
+    """Return the stitch with the largest force, compared with the published one, in words."""
     out, plain = [], [row for row in rows if not row.variant]
     if in_turn := [row for row in plain if row.way == IN_TURN]:
         peaks = [1 + int(np.argmax(row.tied)) for row in in_turn]
@@ -493,7 +493,7 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
 
 
 def changes(rows: Sequence[Row]) -> list[str]:
-    """Return what a finer mesh, a larger sheet and other stitches change."""
+    """Return the changes by a finer mesh, a larger sheet and other stitches."""
     out = []
     for row in rows:
         plain = row_with(rows, row.wound, row.way)

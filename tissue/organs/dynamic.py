@@ -259,7 +259,7 @@ class DynamicOrgan(MeshedOrgan):
         return Products(MU, MV, self.elastic_force(state.U) if state.KU is None else state.KU)
 
     def is_elastic_force(self, U: Array, force: Array) -> bool:
-        """Tell whether a force is K U but for round-off, as seen along two random directions."""
+        """Return whether a force is K U but for round-off, as seen along two random directions."""
         if self.choice.name == MULTIGRID:
             return False
         Z, KZ = self._probes

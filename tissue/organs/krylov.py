@@ -346,7 +346,7 @@ class KrylovOrgan(OrganOfModes):
 
 
 def has_space(organ: DynamicOrgan) -> bool:
-    """Tell whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in the
+    """Return whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in the
     same way on every machine, and goes on there from a checkpoint of another."""
     try:
         check_held(organ)

@@ -173,7 +173,7 @@ class OrganOfModes:
         return self.full.load_resultants(state)
 
     def has_loads_of(self, state: OrganState, times: Sequence[float]) -> bool:
-        """Tell whether the parts of the loads at the `times` [s] are those of a state."""
+        """Return whether the parts of the loads at the `times` [s] are those of a state."""
         shares = state.shares
         return shares is None or all(bool((self.surface.shares(time, 1.0) == shares).all()) for time in times)
 
