@@ -38,7 +38,7 @@ class ReferenceMeans:
 
     @property
     def apart(self) -> "ReferenceMeans":
-        """The same with `slopes` of the means of s_ic times those of s_jd: what acts on the mean slope of a cell."""
+        """The same with `slopes` of the means of s_ic times those of s_jd, for terms of the mean slope of a cell."""
         mean = self.fluxes.sum(axis=0)  # of the four linear functions, which sum to one
         mean[np.abs(mean) <= NONE] = 0.0
         return replace(self, slopes=np.einsum("ic,jd->ijcd", mean, mean))

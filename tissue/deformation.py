@@ -1,4 +1,4 @@
-"""What a field of displacements does to a body at finite strain: deformation gradient, stretches, Cauchy stress."""
+"""Kinematics of a body at finite strain: deformation gradient, stretches, Cauchy stress."""
 
 import numpy as np
 

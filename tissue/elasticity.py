@@ -143,7 +143,7 @@ class Elasticity:
         return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
 
     def connectivity(self) -> tuple[Array, Indices, Indices]:
-        """Return `(points, cells, nodes)`: what a file of the organ needs, and the map from nodes to unknowns."""
+        """Return `(points, cells, nodes)`: the mesh for a file of the organ, and the map from nodes to unknowns."""
         return self.points, self.cells, self.nodes
 
     def nodal(self, field: Array) -> Array:
@@ -213,8 +213,7 @@ def numbering(mesh: MeshTet, element: str) -> Basis:
 
 
 class Assembled(NamedTuple):
-    """K [N/m] and M [kg], `(N, N)`, of what stays with the cells; flux and pressure of `nodal_dilatation`, None where
-    all of it does."""
+    """K [N/m] and M [kg], `(N, N)`, of the terms within cells; flux and pressure of `nodal_dilatation`, or None."""
 
     K: csr_matrix
     M: csr_matrix

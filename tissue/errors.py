@@ -2,7 +2,7 @@
 
 
 class TissueError(ValueError):
-    """An organ, material or site that cannot be: one sentence with the value, what is allowed and the remedy."""
+    """An impossible organ, material or site: one sentence with the value, the allowed values and the remedy."""
 
 
 class FactorError(RuntimeError):

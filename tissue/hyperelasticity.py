@@ -29,9 +29,8 @@ NONE = (1.0, 1.0, 1.0)  # stretches that are none
 
 @dataclass(frozen=True)
 class Pattern:
-    """Where blocks of local matrices stand in a sparse one: `block` `(…)` numbers those of each cell, and `order` puts
-    the numbers of all blocks where the data of a matrix of `indices`, `indptr` and `shape` expects them.
-    """
+    """The pattern of local matrices in a sparse one: `block` `(…)` numbers those of each cell, and `order` sorts the
+    numbers of all blocks into the data of a matrix of `indices`, `indptr` and `shape`."""
 
     block: Indices
     order: Indices
@@ -106,7 +105,7 @@ class Hyperelasticity:
 
     @cached_property
     def density(self) -> Density:
-        """W without what is averaged at the vertices."""
+        """W without the terms averaged at the vertices."""
         distortion = self.distortion or Exponential(self.body.material.lame_mu)
         whole = Sum([distortion, Volumetric(self.kappa)])
         stretches = np.asarray(self.prestretch, dtype=float)
@@ -198,8 +197,8 @@ class Hyperelasticity:
         return bool(determinant(F).min() > 0.0)
 
     def energy_at_points(self, F: Array) -> Array:
-        """Return the stored energy of each point of the cells, shape `(q, c)` [J]; of what is averaged at the vertices
-        a point has the share that it adds there."""
+        """Return the stored energy of each point of the cells, shape `(q, c)` [J], with its share of the terms averaged
+        at the vertices."""
         stored = self.weights * self.density.energy(F)
         if self.body.pressure is not None:
             J = determinant(F)

@@ -1,4 +1,4 @@
-"""How the loops over cells and over fields are compiled: by Numba, when each is first called, and kept on disk."""
+"""Decorators for loops over cells and fields: Numba compiles each at its first call and caches it on disk."""
 
 import logging
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Strain and rotation of the organ, cell by cell: what small-strain elasticity takes to be small.
+"""Strain and rotation of the organ, cell by cell, which small-strain elasticity takes as small.
 
 Linear elasticity reads strain and rotation off one gradient, ε = sym ∇U and ω = ½ curl U. It leaves out what is of
 second order in either, and no displacement tells how much that is: a body may go far without straining.
@@ -22,7 +22,7 @@ PAIRS = ((0, 1), (1, 2), (0, 2))  # of axes, in VTK's order of a symmetric tenso
 
 
 class Strains(NamedTuple):
-    """What a displacement does to cells: what `cell_strain`, `energy_density` and `nodal_volume_ratio` return."""
+    """Strain measures of cells: the results of `cell_strain`, `energy_density` and `nodal_volume_ratio`."""
 
     strain: Array
     rotation: Array
@@ -121,9 +121,8 @@ def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
 
 
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
-    """Return the strain energy per volume of each cell, on its mean, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and
-    half of pressure times dilatation for what is averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`.
-    """
+    """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and half of
+    pressure times dilatation for terms averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`."""
     return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
 
 

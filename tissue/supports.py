@@ -55,9 +55,7 @@ def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) 
 
 
 def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
-    """Return the facets of a boundary. Raises `TissueError`, naming those that exist, where there is none of
-    that name.
-    """
+    """Return the facets of a boundary. Raises `TissueError` with the known names if it does not exist."""
     boundaries = mesh.boundaries or {}
     if name not in boundaries:
         known = ", ".join(sorted(boundaries)) or "none at all"

@@ -65,8 +65,8 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 
 def would_stay_after(now: OrganRun) -> bool:
-    """Return whether the thread would stay at rest where the last step has brought it, if there is one; in time where it
-    is pressed alone."""
+    """Return whether the thread would stay at rest where the last step has brought it, if there is one; in time where
+    it is pressed alone."""
     ended = [(step.solution, step.new) for step in now.taken[-1:]]
     if now.at_once and not ended:
         ended = [(solution_at(now.system, now.state), now.state)]

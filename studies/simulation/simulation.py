@@ -189,7 +189,7 @@ class Simulation:
             self.on_step(record)
 
     def is_on_grid(self, now: OrganRun) -> bool:
-        """Return whether a run of a longer duration comes by the same state; not by the end of a last step cut short."""
+        """Return whether a longer run reaches the same state; False for a last step that was cut short."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
 

@@ -1,4 +1,4 @@
-"""What a strain-energy density is: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of them.
+"""Strain-energy densities: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of densities.
 
 Deformation gradients F have shape `(3, 3, …)`, the points behind the components, so that numbers per point or per cell
 broadcast against them. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and A_ijkl = ∂P_ij/∂F_kl [Pa]

@@ -12,7 +12,7 @@ I3 = np.eye(3)
 
 @dataclass(frozen=True)
 class Invariant:
-    """Ī and what its derivatives are made of: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`, `scale` = J^(−2/3), and M."""
+    """Ī and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`, `scale` = J^(−2/3), and M."""
 
     value: Array
     Q: Array

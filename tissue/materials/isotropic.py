@@ -1,4 +1,4 @@
-"""Isotropic tissue: neo-Hookean, exponentially stiffening, and what resists a change of volume.
+"""Isotropic tissue: neo-Hookean and exponential densities, and the volumetric term.
 
     W = μ/(2b) (exp(b (Ī₁ − 3)) − 1) + κ/2 (J − 1)²,    Ī₁ = J^(−2/3) tr FᵀF
 

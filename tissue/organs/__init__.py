@@ -1,1 +1,1 @@
-"""What a thread may pierce: an elastic organ at rest or in motion, or points fixed in space."""
+"""Organs that a thread may pierce: an elastic body at rest or in motion, or points fixed in space."""

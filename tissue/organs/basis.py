@@ -41,7 +41,7 @@ class ModalBasis:
 
 @dataclass(frozen=True)
 class Krylov:
-    """Vectors `(N, r)` orthonormal in K, the first `inner` of them without the last block, and what M makes of them.
+    """Vectors V `(N, r)` orthonormal in K, the first `inner` of them without the last block, and M V.
 
     `M` is VᵀMV, and `missed` R of the vectors without and with the last block.
     """
@@ -103,11 +103,11 @@ class Orthonormal:
 
     @property
     def KV(self) -> Array:
-        """What K makes of them, shape `(N, r)`."""
+        """K V, shape `(N, r)`."""
         return np.asarray(self._room[1, :, : self._size])
 
     def extend(self, X: Array) -> Array:
-        """Add what vectors `(N, k)` bring in that is new, and return it, orthonormal."""
+        """Add the new directions of vectors `(N, k)`, and return them, orthonormal."""
         lengths = self._lengths(X)
         X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
         for tolerance in (DEPENDENT, 0.5):  # the second time round-off alone is taken off
@@ -127,7 +127,7 @@ class Orthonormal:
         self._room[:, :, before : self._size] = X, KX
 
     def without(self, X: Array) -> Array:
-        """Return what is left of vectors `(N, k)` beside those that are there."""
+        """Return vectors `(N, k)` without their components in the basis."""
         return X - self.V @ (self.KV.T @ X)
 
     def _lengths(self, X: Array) -> Array:

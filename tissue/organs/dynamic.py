@@ -79,7 +79,7 @@ class DynamicOperator(LipCompliance):
         to it."""
 
         def guess() -> Array:
-            """Return the field as if acceleration and site forces stayed what they are."""
+            """Return the field for constant acceleration and site forces."""
             if not self.a:
                 return np.asarray(-self.W @ state.f_y)
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
@@ -216,7 +216,7 @@ class DynamicOrgan(MeshedOrgan):
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
     ) -> LinearAnswer:
-        """Return the answer of a step as above, in which what faces what is known."""
+        """Return the answer of a step as above, with a known pairing."""
         operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
         shares = self.shares_at(time, share)
         load = self.load_under(shares)
@@ -340,7 +340,7 @@ class DynamicOrgan(MeshedOrgan):
 
     @cached_property
     def mobility(self) -> tuple[Array, Array]:
-        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh: what has no mass takes no impulse."""
+        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh, without massless springs."""
         N = self.mesh_size
         W, C = compliance(mass_solver(csr_matrix(self.M[:N, :N]), self.places, self.choice.name), self.sites.Y)
         return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C

@@ -1,4 +1,4 @@
-"""What faces what: the point of a surface of triangles in front of each of some points, and the surface's normal there.
+"""Pairing of points with a surface of triangles: the point of the surface that each faces, and the normal there.
 
 A point in front of which the surface ends faces its edge as far as half a triangle, within which the share of the area
 around it is still over the surface, and nothing beyond.

@@ -115,7 +115,7 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Displaced(LipCompliance):
-    """A tangent as linear answers ask for it: W = A⁻¹ Zᵀ Jᵀ `(N, 9p)` and C `(9p, 9p)`."""
+    """A tangent in the form of a linear answer: W = A⁻¹ Zᵀ Jᵀ `(N, 9p)` and C `(9p, 9p)`."""
 
     organ: MeshedOrgan
     A: csr_matrix
@@ -151,7 +151,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Forces:
-    """What acts on the organ: site forces `f_y` (9p,), and the `push` Gᵀ p of the lips over its unknowns `(N,)` [N]."""
+    """Forces on the organ: site forces `f_y` (9p,), and the `push` Gᵀ p of the lips over its unknowns `(N,)` [N]."""
 
     f_y: Array
     push: Array
@@ -383,7 +383,7 @@ class FiniteOrgan(MeshedOrgan):
         return float(self.M.diagonal().max(initial=0.0))
 
     def tolerance(self, motion: Motion, point: Point) -> float:
-        """Return what the residual may be of a solved step [N]."""
+        """Return the accepted residual of a solved step [N]."""
         inertia = motion.a * self._largest_mass * float(np.abs(point.U).max(initial=0.0))
         return RESIDUAL * point.scale + self._round_off + ROUND_OFF * inertia
 
@@ -421,8 +421,8 @@ class FiniteOrgan(MeshedOrgan):
         return float(np.abs(pull - point.r).max(initial=0.0))
 
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
-        """Return what the organ makes least in a step under constant forces [J]; inf where a cell is inverted. The
-        work of pressures is that from `start` (N,) straight to U."""
+        """Return the potential that the organ minimises in a step under constant forces [J]; inf if a cell is inverted.
+        The work of pressures is along the straight path from `start` (N,) to U."""
         out = self.law.energy(F) - float((motion.load + forces.push) @ U)
         out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
         if self.surface.follows:
@@ -494,7 +494,7 @@ class FiniteOrgan(MeshedOrgan):
     # --- what the coupling asks -------------------------------------------------------------------------------
 
     def motion(self, scheme: TimeScheme, past: Sequence[OrganState], shares: Array | None) -> Motion:
-        """Return what inertia and loads do in a step of `scheme` from the states `past`, the newest first."""
+        """Return the inertia and loads of a step of `scheme` from the states `past`, the newest first."""
         load = self.load_under(shares)
         if not (self.inertia and scheme.a):
             return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares)
@@ -505,7 +505,7 @@ class FiniteOrgan(MeshedOrgan):
 
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
-        prestretch, unless lips that may touch would cross there. Raises `TissueError` where there is none."""
+        prestretch, unless contact surfaces would cross there. Raises `TissueError` if no such state exists."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
         undeformed = OrganState(rest, rest, rest, none, self.no_contact, shares=self.no_shares)
         if self.inertia:
@@ -596,7 +596,7 @@ class FiniteOrgan(MeshedOrgan):
         return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array) -> Pairing:
-        """Return what faces what under a displacement of the free unknowns `(N,)`, along the normals as they lie."""
+        """Return the pairing under a displacement of the free unknowns `(N,)`, along the current normals."""
         if self.gaps is None:
             return self.pairing(None)
         return self.slipping_from(U, self.pairing(self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)))
@@ -700,7 +700,7 @@ class FiniteOrgan(MeshedOrgan):
         return F, self.law.forces(F)[0][self.elasticity.free]
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new`, and what was done on the way from `old` [J].
+        """Return the energies at `new`, and the work done from `old` to it [J].
 
         The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells
         and the springs, of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.

@@ -24,8 +24,8 @@ class FixedAnswer(SiteAnswer[OrganState]):
 
 @dataclass(frozen=True)
 class FixedSites:
-    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`. `directed` tells of each whether a direction
-    was given; nothing is known where it is empty."""
+    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`. `directed` says of each whether a direction
+    was given; empty if unknown."""
 
     y0: Array
     directed: tuple[bool, ...] = ()

@@ -47,7 +47,7 @@ class FloatingOrgan(DynamicOrgan):
         return float(np.mean(body.material.youngs_modulus) * np.cbrt(volume) / (body.M.sum() / 3.0))
 
     def drag(self, begins: bool) -> Drag:
-        """Return the drag of a step, firmer where a load step `begins`: what is to hold a body may not reach it yet."""
+        """Return the drag of a step, larger if a load step `begins`, because contact may not hold the body yet."""
         return Drag((FIRST if begins else LATER) * self._cube)
 
     def answer(

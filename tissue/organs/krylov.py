@@ -1,4 +1,4 @@
-"""An organ with inertia solved in the Krylov space of what pulls at it, to the accuracy of a solve of all its unknowns.
+"""An organ with inertia, solved in the Krylov space of its loads to the accuracy of a solution for all unknowns.
 
     V = [K⁻¹F, (K⁻¹M) K⁻¹F, …, (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads],   U = V η
 
@@ -52,8 +52,8 @@ ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is 
 
 @dataclass(frozen=True)
 class KrylovState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of as many vectors as they are long [√J, …], or the fields of the whole organ;
-    `work` is the largest norm of the forces so far [√J]."""
+    """A state whose U, V, A are η, η̇, η̈ of as many vectors as they are long [√J, …], or the fields of the whole
+    organ; `work` is the largest norm of the forces so far [√J]."""
 
     work: float = 0.0
 
@@ -69,7 +69,7 @@ class Level:
     missed: Array
 
     def left(self, state: OrganState) -> float:
-        """Return the norm in K⁻¹ of what a state leaves of the equations of motion of all unknowns [√J]."""
+        """Return the norm in K⁻¹ of the residual of the equations of motion for all unknowns [√J]."""
         return float(np.linalg.norm(self.missed @ self.modes.rates(state)))
 
     def forces(self, state: OrganState) -> float:
@@ -78,8 +78,8 @@ class Level:
         return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
 
     def shortfall(self, scheme: TimeScheme) -> float:
-        """Return the part by which a site's compliance in a step falls short of that of all unknowns, at most [-]: by
-        the square of what its answer to a pull leaves of the equations, as Galerkin's do."""
+        """Return the largest relative deficit of a site's compliance in a step [-]: the square of the residual of its
+        response to a unit force, as for every Galerkin solution."""
         operator = self.modes.operator(scheme.a, scheme.d)
         left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
         own = operator.C.diagonal()
@@ -99,7 +99,7 @@ class Space:
 
     @property
     def vectors(self) -> Array:
-        """What there is so far, shape `(N, r)`."""
+        """The vectors of the basis so far, shape `(N, r)`."""
         return self._basis.V
 
     def level(self, blocks: int) -> Level:
@@ -203,7 +203,7 @@ class KrylovOrgan(OrganOfModes):
             """Return the answer, of a level as wide as it takes."""
 
             def excess(level: Level, answer: KrylovAnswer) -> float:
-                """Return what an answer misses over what it may."""
+                """Return the residual of an answer over its bound."""
                 return level.shortfall(scheme) / SHORT if f_y is None else self._excess(level, answer.accept(f_y))
 
             found = self._widened(level, answer, lambda wider: self._answer(wider, scheme, past, time, share), excess)
@@ -339,15 +339,15 @@ class KrylovOrgan(OrganOfModes):
         return 0 if self.level(state) is None else state.U.size
 
     def residual(self, state: OrganState) -> float:
-        """Return what a state leaves of the equations of motion over the largest forces so far [-]; nothing of one of
-        the whole organ."""
+        """Return the residual of the equations of motion over the largest forces so far [-]; None for a state of the
+        whole organ."""
         level, work = self.level(state), work_of(state)
         return 0.0 if level is None or not work else level.left(state) / work
 
 
 def has_space(organ: DynamicOrgan) -> bool:
-    """Return whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in the
-    same way on every machine, and goes on there from a checkpoint of another."""
+    """Return whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in
+    the same way on every machine, and goes on there from a checkpoint of another."""
     try:
         check_held(organ)
     except TissueError:

@@ -123,12 +123,12 @@ class Gaps:
 
     @cached_property
     def start(self) -> Array:
-        """What each left node faces in the reference shape, shape `(k, 7)`."""
+        """The pairing of each left node in the reference shape, shape `(k, 7)`."""
         return self._stacked([part.start for part in self.parts])
 
     @cached_property
     def nodes(self) -> Indices:
-        """Left node of each pair, and that nearest to what it faces in the reference shape, shape `(k, 2)`."""
+        """Left node of each pair, and the node nearest to its facing point in the reference shape, shape `(k, 2)`."""
         nodes, weights = self.weights(self.start)
         return np.column_stack([self.left, nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
 
@@ -144,13 +144,13 @@ class Gaps:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Where the pairs of each part are among all."""
+        """Slices of the pairs of each part."""
         ends = np.cumsum([0, *(len(part.left) for part in self.parts)]).tolist()
         return tuple(slice(first, last) for first, last in pairwise(ends))
 
     @cached_property
     def rims(self) -> tuple[tuple[Rim, Rim], ...]:
-        """Where the left and the right side of each part end on the outer surface of the organ."""
+        """Rims of the left and the right side of each part on the outer surface of the organ."""
         each = [(part.triangles, part.facets[:, :3]) for part in self.parts]
         return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
 
@@ -166,7 +166,7 @@ class Gaps:
 
     @cached_property
     def extent(self) -> float:
-        """How long the sides are [m]: so far away is said to be what faces nothing."""
+        """Length of the sides [m], which is the gap of a node that faces nothing."""
         return float(np.ptp(self.body.points[self.lip_nodes], axis=0).max())
 
     @cached_property
@@ -192,8 +192,8 @@ class Gaps:
         return np.concatenate([part.hats.T @ part.vertex_pressure(p[pairs]) for part, pairs in own])
 
     def slides(self, displacement: Array) -> Array:
-        """Return how far each pair has slid, the way of what it faced at first past its left node along the surface,
-        shape `(k,)` [m], from the `displacement` of all nodes `(n, 3)` [m]."""
+        """Return the sliding distance of each pair along the surface since the reference, shape `(k,)` [m], from the
+        `displacement` of all nodes `(n, 3)` [m]."""
         nodes, weights = self.weights(self.start)
         past = np.sum(weights[..., None] * displacement[nodes], axis=1) - displacement[self.left]
         d = self.start[:, 4:]
@@ -201,8 +201,8 @@ class Gaps:
         return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
     def facing(self, points: Array, displacement: Array, turns: bool = False) -> Array | None:
-        """Return what each left node faces, shape `(k, 7)`: facet, −1 where it faces none, the barycentric coordinates
-        in it, and d. None where no pair has slid: it is that of the reference.
+        """Return the pairing of each left node, shape `(k, 7)`: facet (−1: none), barycentric coordinates in it, and d.
+        None if no pair has slid, so that the reference pairing is valid.
 
         `points` `(n, 3)` [m] are all nodes of the reference, `displacement` as for `slides`. Surfaces that turn, each
         of which faces the nearest point, have none of the reference where a normal has turned by more than TURNED.
@@ -219,14 +219,14 @@ class Gaps:
         return float(np.linalg.norm(now - before, axis=1).max(initial=0.0))
 
     def crossed(self, U: Array) -> float:
-        """Return how far nodes are beyond what they face under a displacement of all unknowns (N,) [m], at most, over
-        the extent of the surfaces [-]."""
+        """Return the largest overlap of nodes under a displacement of all unknowns (N,) [m], over the extent of the
+        surfaces [-]."""
         gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
 
     def apart(self, displacement: Array, turns: bool = False) -> Array:
-        """Return the gaps between what faces what under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m],
-        along `along`, or to the nearest point where surfaces turn."""
+        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m], along
+        `along`, or to the nearest point if surfaces turn."""
         facing = self.facing(self.body.points, displacement, turns)
         at = self.start if facing is None else facing
         return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
@@ -258,7 +258,7 @@ class Gaps:
         return S
 
     def rest(self, facing: Array) -> Array:
-        """Return the gaps between what faces what in the reference shape, shape `(k,)` [m]."""
+        """Return the gaps of the pairs in the reference shape, shape `(k,)` [m]."""
         gaps = self.sums(facing) @ self.body.points[self.lip_nodes].ravel()
         sunk = np.concatenate([part.sunk for part in self.parts])
         return np.where(facing[:, 0] < 0.0, self.extent, gaps + sunk)
@@ -301,8 +301,8 @@ def tangents(normals: Array) -> Array:
 
 
 def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction: Sequence[float] = ()) -> Gaps:
-    """Return the gaps between pairs of boundaries of the mesh by name, with a coefficient of `friction` for each two,
-    none where it is not given.
+    """Return the gaps between pairs of boundaries of the mesh by name, with a coefficient of `friction` for each pair,
+    0 by default.
 
     The left of two is that with the smaller facets, or the only one that is not held: nodes that are farther apart than
     those they press on leave some of these without a force. Raises `TissueError` where they overlap by more than SUNK

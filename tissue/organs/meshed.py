@@ -71,7 +71,7 @@ class OrganState:
 
 @dataclass(frozen=True)
 class Pairing:
-    """What faces what during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes,
+    """The pairing during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes,
     with slips counted from the start of the step.
 
     `facing` as in a state: None means the pairs of the reference.
@@ -100,8 +100,8 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `friction` is what surfaces that rub take,
-    `prestretch` what a prestretch stores in the reference shape, where the organ is not deformed."""
+    """Energies at the end of a step and work done during it [J]; `friction` is the dissipation of contact friction,
+    `prestretch` the energy of a prestretch in the reference shape."""
 
     kinetic: float
     elastic: float
@@ -193,7 +193,7 @@ class SiteAnswer(Generic[Body]):
 
 @dataclass(frozen=True)
 class LinearAnswer:
-    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and what its factored operator knows.
+    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and its factored operator.
 
     `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation;
     `pairing` is what faces what on the lips.
@@ -248,9 +248,7 @@ class LinearAnswer:
 
 @dataclass(frozen=True, eq=False)
 class MeshedOrgan:
-    """What a dynamic and a quasi-static organ share: the body, its sites and the blocks over the free
-    unknowns.
-    """
+    """Common part of dynamic and quasi-static organs: the body, its sites and the blocks over the free unknowns."""
 
     elasticity: Elasticity
     sites: Sites
@@ -359,14 +357,14 @@ class MeshedOrgan:
         return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
 
     def pairing(self, facing: Array | None) -> Pairing:
-        """Return the gaps between what faces what, and the slips since the reference."""
+        """Return the gaps of the pairs, and the slips since the reference."""
         if self.gaps is None or facing is None:
             return self._matched
         sums = self._sums(self.gaps, facing)
         return Pairing(csr_matrix(sums @ self.lip_rows), self.with_slips(self.gaps.rest(facing)), sums, facing)
 
     def paired_anew(self, U: Array) -> Pairing:
-        """Return what faces what under a displacement of the free unknowns `(N,)`."""
+        """Return the pairing under a displacement of the free unknowns `(N,)`."""
         if self.gaps is None:
             return self._matched
         body = self.elasticity
@@ -388,8 +386,8 @@ class MeshedOrgan:
         return EMPTY if state.p is None else state.p
 
     def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the friction of each pair's left node on what it faces, shape `(pairs, 3)` [N], and whether it slips,
-        shape `(pairs,)`."""
+        """Return the friction of each pair's left node on its facing point, shape `(pairs, 3)` [N], and whether the
+        pair slips, shape `(pairs,)`."""
         out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
         if self.gaps is None or not self.gaps.rough.size:
             return out, np.zeros(self.pairs, dtype=bool)
@@ -410,8 +408,8 @@ class MeshedOrgan:
         return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
 
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
-        """Return what the forces `(k,)` take along `ways` of the gaps and slips `(k,)` [m]: the pushes −p·Δg, which are
-        the integrator's, and friction [J]."""
+        """Return the energy that the forces `(k,)` take along changes `ways` of the gaps and slips `(k,)` [m]: the
+        pushes −p·Δg, which count as the integrator's, and friction [J]."""
         k = self.pairs
         return -float(p[:k] @ ways[:k]), -float(p[k:] @ ways[k:])
 
@@ -463,7 +461,7 @@ class MeshedOrgan:
 
     @property
     def directed(self) -> tuple[bool, ...]:
-        """Whether each site was given a direction; empty where that is not known."""
+        """Whether each site was given a direction; empty if unknown."""
         return self.sites.directed
 
     @property
@@ -515,7 +513,7 @@ class Sprung:
 
 @dataclass(frozen=True)
 class Remade:
-    """A matrix whose solver is made anew each time that it is asked, and takes no memory in between."""
+    """A matrix whose solver is rebuilt for each use, and takes no memory in between."""
 
     A: csr_matrix
     made: Callable[[csr_matrix], Solver]

@@ -109,7 +109,7 @@ class Modes:
         return np.asarray(y0 + self.Y[:, : self.size] @ U[: self.size])
 
     def rates(self, state: OrganState) -> Array:
-        """Return η̈ + α η̇, which times μ is what inertia and its damping take, `(n,)`."""
+        """Return η̈ + α η̇, `(n,)`, which times μ is the force of inertia and its damping."""
         return np.asarray(state.A + self.rayleigh[0] * state.V)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
@@ -129,7 +129,7 @@ class Modes:
 
 @dataclass(frozen=True, eq=False)
 class OrganOfModes:
-    """What organs that go on by modes have of the `full` one, with its mesh, its sites and its loads."""
+    """Common part of organs that move by modes of the `full` one, with its mesh, sites and loads."""
 
     full: DynamicOrgan
 
@@ -165,7 +165,7 @@ class OrganOfModes:
 
     @property
     def choice(self) -> SolverChoice:
-        """What solved it for its basis."""
+        """The solver of its basis."""
         return self.full.choice
 
     def load_resultants(self, state: OrganState) -> Array:

@@ -124,8 +124,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of any step under `share` of the loads at `time` [s]: the equilibrium without site forces
-        is known in advance. What faces what is sought in the field, for one back-substitution where lips touch."""
+        """Return the answer of any step under `share` of the loads at `time` [s], from the known equilibrium without
+        site forces. The pairing is found in that field, for one back-substitution with contact."""
         operator, shares = self._operator, self.shares_at(time, share)
         pairing = self._paired_after(past, scheme) if self.pairs and past else self.pairing(None)
 

@@ -34,7 +34,8 @@ TIMES_HELD = 4  # vectors, K times them, and the products and copies of a block 
 
 @dataclass(frozen=True)
 class ReducedState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of the model that answers, followed by those of its check, `(r + c,)` [√J, …].
+    """A state whose U, V, A are η, η̇, η̈ of the model that answers, followed by those of its check, `(r + c,)` [√J,
+    …].
 
     `drift` is Σ‖Δr‖ of the check so far [√J].
     """
@@ -86,7 +87,7 @@ def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
-    """Refuse what no small basis is made of, and one for which there is no memory. Raises `TissueError`."""
+    """Refuse organs without a small basis, and a basis that exceeds the memory. Raises `TissueError`."""
     check_held(organ)
     if blocks < 0 or not (0 <= modes <= organ.mesh_size // 2):
         raise TissueError(
@@ -177,7 +178,7 @@ class ReducedOrgan(OrganOfModes):
         shares = self.full.shares_at(time, share)
 
         def accept(U: Array, V: Array, A: Array, f_y: Array) -> ReducedState:
-            """Return the state of a motion, with what the check has left open until then."""
+            """Return the state of a motion, with the error estimates so far."""
             new = ReducedState(U, V, A, f_y, shares=shares)
             return replace(new, drift=drift_of(past[0]) + self._left_open(new, past[0]))
 
@@ -226,8 +227,8 @@ class ReducedOrgan(OrganOfModes):
         return ReducedState(U, V, A, f_y, shares=state.shares, drift=drift)
 
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
-        """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier than
-        in the mesh, whose nodes alone take an impulse."""
+        """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier
+        than in the mesh, whose nodes alone take an impulse."""
         own = self.reduction.size
 
         def struck(j: Array, p: Array) -> ReducedState:

@@ -1,4 +1,4 @@
-"""Where a surface that may touch another ends on the outer surface of the organ: the rim of a wound's side.
+"""The rim of a wound's side: the edge of a contact surface on the outer surface of the organ.
 
 Beside each edge of a rim lies a facet of the outer surface. Where it turns so that it rises towards the edge, the edge
 is everted by that angle. An organ that turns as a whole everts one side of a wound by what it takes from the other.

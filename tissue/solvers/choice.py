@@ -74,7 +74,7 @@ def solver(
 
 
 def named(A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pattern: Pattern | None = None) -> Solver:
-    """Return what `solver` does, and say nothing of it."""
+    """Return the solver named `solver`, without a log entry."""
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 

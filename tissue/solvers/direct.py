@@ -1,4 +1,4 @@
-"""Sparse Cholesky and LU factors by the libraries that are installed: what back-substitutes, and how.
+"""Sparse Cholesky and LU factors by the installed libraries, with their back-substitution.
 
 - SuperLU comes with scipy: LU in symmetric mode, twice the entries and a tenth of the speed of the other two.
 - CHOLMOD comes with cvxopt, whose wheels bring SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
@@ -49,13 +49,13 @@ def is_installed(method: str) -> bool:
 
 @dataclass(eq=False)
 class Pattern:
-    """What is found once for matrices whose entries stand at the same places; that of the last such matrix is kept."""
+    """A cache of the symbolic factorisation for matrices with equal patterns; the last one is kept."""
 
     _rows: list[Any] = field(default_factory=list, repr=False)
     _found: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def once(self, what: str, A: csr_matrix, find: Callable[[], Any]) -> Any:
-        """Return what `find` returns, or returned for an earlier matrix with the entries of A."""
+        """Return the result of `find`, cached for matrices with the pattern of A."""
         rows = [A.indptr, A.indices]
         if not self._rows or not all(map(np.array_equal, self._rows, rows)):
             self._rows, self._found = rows, {}
@@ -94,7 +94,7 @@ def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
 
 
 def indefinite(A: csr_matrix) -> BackSubstitution:
-    """Factorise by SuperLU with row exchanges, for what is not definite. Raises `FactorError` where it is singular."""
+    """Factorise an indefinite matrix by SuperLU with row exchanges. Raises `FactorError` if it is singular."""
     try:
         return splu(csc_matrix(A)).solve
     except RuntimeError as error:

@@ -104,12 +104,12 @@ def factorize_indefinite(A: csr_matrix) -> Factor:
 
 
 def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` unless ‖Ax − b‖ is within what is `allowed` of its scale, column by column."""
+    """Raise `FactorError` if ‖Ax − b‖ exceeds the `allowed` part of its scale, column by column."""
     check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b, allowed)
 
 
 def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` unless the size of a residual is within what is `allowed` of its scale, for each column."""
+    """Raise `FactorError` if the size of a residual exceeds the `allowed` part of its scale, for each column."""
     scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
     if not np.all(residual <= allowed * scale):  # also catches what is not a number
         worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))

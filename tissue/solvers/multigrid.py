@@ -67,8 +67,8 @@ class Level:
 
 @dataclass(frozen=True)
 class Fields:
-    """What a cycle writes on a level, `(n, k)` each: right-hand side, last correction of the smoother and product with
-    the matrix; and `(m, k)` the right-hand side of the next `coarse` level, then its answer."""
+    """Work arrays of a cycle on a level, `(n, k)` each: right-hand side, last correction of the smoother and product
+    with the matrix; and `(m, k)` the right-hand side of the next `coarse` level, then its solution."""
 
     b: Single
     d: Single

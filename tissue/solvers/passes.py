@@ -26,8 +26,8 @@ def dot(a: Array, b: Array) -> Array:
 
 @compiled
 def conjugation(r: Array, q: Array, z: Array | Single) -> tuple[Array, Array]:
-    """Return r·z and q·z of residuals, what their last change was a multiple of, and what the preconditioner makes of
-    r, shape `(k,)` each."""
+    """Return r·z and q·z, shape `(k,)` each, of residuals r, their last change q up to a factor, and the preconditioned
+    residuals z."""
     new, turned = np.zeros(r.shape[1]), np.zeros(r.shape[1])
     for i in range(r.shape[0]):
         for k in range(r.shape[1]):

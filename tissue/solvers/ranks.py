@@ -16,7 +16,7 @@ from tissue.solvers.choice import Solver
 
 
 class Ranks(Protocol):
-    """Processes that make the same calls: what is asked of an `mpi4py.MPI.Comm`."""
+    """Processes that make the same calls, with the used members of `mpi4py.MPI.Comm`."""
 
     def Get_rank(self) -> int:
         """Return the number of this process, from zero."""
@@ -25,7 +25,7 @@ class Ranks(Protocol):
         """Return how many processes there are."""
 
     def allgather(self, sendobj: Array) -> list[Array]:
-        """Return what every process sends, in their order, once all of them have called."""
+        """Return the data of every process, in their order, once all of them have called."""
 
 
 @dataclass(frozen=True)
