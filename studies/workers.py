@@ -25,7 +25,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 CLUSTER = "pip install 'suturefem[cluster]'"
-ENDED = "a process was ended from outside, perhaps for want of memory; take fewer --jobs: what is done is kept"
+ENDED = "a process was ended from outside, perhaps for want of memory; take fewer --jobs: completed work is kept"
 TIMEOUT = 30.0  # s, after which a scheduler that does not answer is said not to
 
 
@@ -195,7 +195,7 @@ class Cluster:
                 for future in distributed.as_completed(futures):
                     yield numbers[future.key], future.result()
             except distributed.KilledWorker as error:
-                raise WorkersError(f"workers of the cluster are gone ({error}); what is done is kept") from None
+                raise WorkersError(f"workers of the cluster are gone ({error}); completed work is kept") from None
             finally:
                 client.cancel(futures)
 

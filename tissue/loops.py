@@ -28,7 +28,7 @@ class SoundCache(FunctionCache):  # type: ignore[misc]
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # pickle raises whatever the bytes lead to
-            log.warning("compiled loops in %s are torn (%s); they are compiled anew", self.cache_path, error)
+            log.warning("compiled loops in %s are damaged (%s); they are compiled again", self.cache_path, error)
             self.flush()
             return None
 

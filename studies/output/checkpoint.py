@@ -22,7 +22,7 @@ from studies.scenario import ScenarioError
 
 CHECKPOINT = "checkpoint.npz"
 CHECKSUM_LENGTH = 64  # hexadecimal digits of SHA-256
-ANEW = "run with --overwrite to begin anew"
+ANEW = "run with --overwrite to start again"
 
 Arrays = Mapping[str, NDArray[Any]]
 Record = TypeVar("Record")

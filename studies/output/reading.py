@@ -60,7 +60,7 @@ def refused_if_torn(path: Path | str) -> Iterator[None]:
     except ResultsError:
         raise
     except TORN as error:
-        raise ResultsError(f"{path} is torn ({error or type(error).__name__}); run the scenario anew") from error
+        raise ResultsError(f"{path} is damaged ({error or type(error).__name__}); run the scenario again") from error
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class FrameFiles:
         if path is None:
             return None
         if not path.is_file():
-            raise ResultsError(f"{path} is not there, though results.pvd names it; run the scenario anew")
+            raise ResultsError(f"{path} is not there, though results.pvd names it; run the scenario again")
         with refused_if_torn(path), pv.vtk_verbosity("off"):
             if not is_whole(path.read_bytes()):
                 raise ValueError("it is not as it was written")
@@ -193,7 +193,7 @@ def read_run_table(path: Path) -> Table:
     wanted = {"time": "f", "step": "f"} | ({ITEM[path.stem]: "U"} if path.stem in ITEM else {})
     for name, kind in wanted.items():
         if name not in table.columns or table.columns[name].dtype.kind != kind:
-            raise ResultsError(f"{path} is torn (its column {name} is lost); run the scenario anew")
+            raise ResultsError(f"{path} is damaged (its column {name} is lost); run the scenario again")
     return table
 
 
@@ -202,7 +202,7 @@ def read_table(path: Path) -> Table:
     with refused_if_torn(path), path.open(encoding="utf-8", newline="") as file:
         head, *rows = list(csv.reader(file)) or [[]]
     if not head:
-        raise ResultsError(f"{path} is empty; run the scenario anew")
+        raise ResultsError(f"{path} is empty; run the scenario again")
     whole = [row for row in rows if len(row) == len(head)]  # the last one may be torn
     matches = [cast(re.Match[str], HEADING.fullmatch(text)) for text in head]
     cells = zip(*whole, strict=True) if whole else [()] * len(head)

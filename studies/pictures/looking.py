@@ -23,7 +23,7 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
     and for a file of another kind."""
     run = read_run(folder)
     if not run.frames:
-        raise ResultsError(f"{folder} is refused: it has no frames; run the scenario anew")
+        raise ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
     if out is not None:
         return [drawn_into(run, out, time)]
     lacking = window(folder) if has_screen(os.environ, sys.platform) else "no screen"

@@ -89,7 +89,7 @@ def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
 def title(one: Refined, kinds: Sequence[str]) -> str:
     """Return the refined quantity and the factors, in words."""
     what, factors = ", ".join(KINDS[kind].words for kind in kinds), ", ".join(f"{factor:.3g}" for factor in one.factors)
-    return f"Refined: {what}, by {factors}. Order of theory {one.theory:g}."
+    return f"Refined: {what}, by {factors}. Theoretical order {one.theory:g}."
 
 
 def in_words(one: Refined) -> dict[str, str]:

@@ -93,7 +93,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1)
 def remark_list(remarks: Sequence[Mapping[str, str]]) -> str:
     """Return remarks, those first that say that a number is not supported."""
     if not remarks:
-        return "<p>No remarks: nothing is to be said against the numbers.</p>"
+        return "<p>No remarks: all numbers are supported.</p>"
     ordered = sorted(remarks, key=lambda remark: remark.get("severity") != "unsupported")
     words = ("severity", "message", "code", "where")
     items = [

@@ -26,8 +26,8 @@ from studies.sweeps.sweep import MARK, holds_sweep
 from studies.sweeps.table import counted
 
 UNENDED = (
-    "The run has not ended, or its summary is torn: it goes on, or was killed. Go on with --resume; what it has so far "
-    "follows."
+    "The run has not ended, or its summary is damaged. If it was killed, continue it with --resume. Its results so far "
+    "follow."
 )
 MOST_ROWS = 200  # of a table that is shown whole
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")

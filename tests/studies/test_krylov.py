@@ -268,7 +268,7 @@ def test_the_memory_of_a_machine_does_not_choose(monkeypatch: pytest.MonkeyPatch
     machine is refused, with the key that solves it whole: it would neither have the same numbers nor go on from a
     checkpoint."""
     monkeypatch.setattr("tissue.organs.reduced.free_memory", lambda: 1e5)
-    with pytest.raises(tissue.TissueError, match=r'GB can be had; set solve\.organ = "whole"'):
+    with pytest.raises(tissue.TissueError, match=r'GB are available; set solve\.organ = "whole"'):
         prepared(*FINE)
     assert isinstance(prepared(*FINE, WHOLE).assembly.organ, tissue.DynamicOrgan)
 

@@ -368,10 +368,10 @@ def test_what_a_run_was_writing_as_it_began_is_gone_with_the_next(tmp_path: Path
 
 
 TORN = {
-    "results.pvd": "run with --overwrite to begin anew",
-    "scenario.toml": "run with --overwrite to begin anew",
+    "results.pvd": "run with --overwrite to start again",
+    "scenario.toml": "run with --overwrite to start again",
     MARK: "holds other files than results",
-    CHECKPOINT: "run with --overwrite to begin anew",
+    CHECKPOINT: "run with --overwrite to start again",
     "summary.json": "",
 }
 

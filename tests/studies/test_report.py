@@ -181,7 +181,7 @@ def test_a_torn_scenario_or_summary_is_read_as_none(run: Path, tmp_path: Path, t
     (folder / "scenario.toml").write_bytes(b"title = \xff\n[tissue")
     write_report([folder], tmp_path / "page.html")
     body = (tmp_path / "page.html").read_text(encoding="utf-8").partition("<script")[0]
-    assert "its summary is torn" in body and "nothing is to be said" not in body
+    assert "its summary is damaged" in body and "all numbers are supported" not in body
     assert read_run(folder).title == "torn"
 
 

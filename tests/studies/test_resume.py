@@ -327,7 +327,7 @@ def test_another_scenario_is_refused(
     message = capsys.readouterr().err
     assert message.startswith("suture: --resume is refused: ")
     assert said in message
-    assert "run with --overwrite to begin anew" in message
+    assert "run with --overwrite to start again" in message
 
 
 def test_another_mesh_is_refused(tmp_path: Path) -> None:
@@ -379,7 +379,7 @@ def test_a_damaged_folder_is_refused(
         write_checkpoint(out, {name: array for name, array in held.items() if name != damage})  # of another version
     capsys.readouterr()
     assert start(file, out, "--resume") == command.REFUSED
-    assert "run with --overwrite to begin anew" in capsys.readouterr().err
+    assert "run with --overwrite to start again" in capsys.readouterr().err
     assert (out / "summary.json").is_file() or damage == "state.q"  # that is found out once the run is prepared
     assert start(file, out, "--overwrite") == 0
 

@@ -39,7 +39,7 @@ def test_torn_files_of_compiled_loops_are_made_anew(
     [file] = tmp_path.rglob(kind)
     file.write_bytes(torn)
     assert loaded(path).twice(3.0) == 6.0
-    assert "are torn" in caplog.text and str(file.parent) in caplog.text
+    assert "are damaged" in caplog.text and str(file.parent) in caplog.text
     caplog.clear()
     again = loaded(path)
     assert again.twice(3.0) == 6.0 and sum(again.twice.stats.cache_hits.values()) == 1 and not caplog.text

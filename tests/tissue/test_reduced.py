@@ -166,7 +166,7 @@ def test_organs_of_which_no_basis_is_made_are_refused(monkeypatch: pytest.Monkey
     with pytest.raises(tissue.TissueError, match="blocks = -1"):
         tissue.reduce_organ(organ_of(9e-3), -1)
     monkeypatch.setattr("tissue.organs.reduced.free_memory", lambda: 1e5)
-    with pytest.raises(tissue.TissueError, match="GB can be had; take fewer blocks"):
+    with pytest.raises(tissue.TissueError, match="GB are available; take fewer blocks"):
         tissue.reduce_organ(organ_of(9e-3), 2)
     wound = Wound(0.01, 0.005)
     cut = tissue.elasticity(cut_block(wound), SOFT, "P1", ("bottom",))

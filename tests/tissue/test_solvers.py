@@ -77,7 +77,7 @@ def test_auto_takes_what_is_installed_and_what_there_is_room_for(monkeypatch: py
     assert organ(inertia=True).choice == choice.SolverChoice(best, 2)
     monkeypatch.setattr(choice, "free_memory", lambda: 0.5 * factor / choice.SHARE)
     assert organ(inertia=True).choice.name == choice.MULTIGRID
-    with pytest.raises(tissue.TissueError, match=r"solver = 'superlu': the factor of .* GB can be had; take 'multi"):
+    with pytest.raises(tissue.TissueError, match=r"solver = 'superlu': the factor of .* GB are available; take 'multi"):
         organ("superlu", inertia=True)
 
 

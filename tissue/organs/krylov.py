@@ -225,7 +225,7 @@ class KrylovOrgan(OrganOfModes):
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
             if level.blocks == most or left * falls ** (most - level.blocks) > 1.0:
-                log.info("organ: %d vectors miss %.1g times what they may: solved whole", level.modes.size, left)
+                log.info("organ: residual of %d vectors %.1g times its bound: solved whole", level.modes.size, left)
                 return None
             before, level = left, self.space.level(level.blocks + 1)
             if level.modes.size == self.full.size:  # the whole organ, by whose size a state is known

@@ -302,7 +302,7 @@ class MeshedOrgan:
         if need > room:
             raise TissueError(
                 f"contact: the {self.pairs} pairs of nodes on the lips take about {need / GIGA:.2g} GB and "
-                f"{room / GIGA:.2g} GB can be had; take a coarser mesh at the lips, or leave out contact"
+                f"{room / GIGA:.2g} GB are available; take a coarser mesh at the lips, or leave out contact"
             )
         G = self.gaps.G
         if k > self.pairs:

@@ -118,7 +118,7 @@ def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> N
     if need > room:
         raise TissueError(
             f"reduction: making {vectors} vectors of {organ.size} unknowns takes about {need / GIGA:.2g} GB and "
-            f"{room / GIGA:.2g} GB can be had; {remedy}"
+            f"{room / GIGA:.2g} GB are available; {remedy}"
         )
 
 

@@ -118,7 +118,7 @@ def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> Solver
     remedy = "'multigrid' or a coarser mesh" if by_nodes else "a coarser mesh"
     raise TissueError(
         f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
-        f"{room / GIGA:.2g} GB can be had; take {remedy}"
+        f"{room / GIGA:.2g} GB are available; take {remedy}"
     )
 
 
