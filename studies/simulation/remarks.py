@@ -177,7 +177,7 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
         text += f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, that of E and ν {mu:.4g} Pa"
     out = [remark("handed-over", "prepare", text)]
     if given.stiffness is not None:
-        text = "stress and energy of cells are computed with E and ν, not with the stiffness from Python"
+        text = "stress and energy of cells are computed with E and ν, not with the given stiffness"
         out.append(remark("stress-of-e-nu", "tissue", text))
     return out
 

@@ -254,7 +254,7 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
         (bare, "a tract's balls need a radius"),
         (cut, "cuts the thread between them, at 0.01 m"),
         (fixed, "need at least .* raise it, or take a larger tract.spacing"),
-        (shallow, "nowhere a radius, 0.0015 m, deep in the organ"),
+        (shallow, "nowhere deeper in the organ than the radius, 0.0015 m"),
     ):
         with pytest.raises(ScenarioError, match=said):
             prepare(parse(tables))
