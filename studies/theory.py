@@ -28,7 +28,7 @@ STEP = 1e-4  # of a footprint, over which displacements are differenced
 
 def point_ratio(mu: float, turn: float) -> float:
     """Return (1 + μt)/(1 − μt), t = tan θ/2, of one hole whose tangent is half-way, which turns a thread by `turn`
-    [rad]; infinite where it locks."""
+    [rad]; infinite if it locks."""
     mt = mu * np.tan(turn / 2)
     return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
 

@@ -32,8 +32,8 @@ SETTLED = 1e-4  # kinetic over elastic energy: what still swings is below 1 % of
 
 @dataclass(frozen=True)
 class Verdict:
-    """`kind` is "converged", "unresolved", "pre-asymptotic" or "diverging"; observed `order`, NaN where the number
-    swings; Richardson's `limit`, NaN where there is none; `index`, half the width of the interval about the finest
+    """`kind` is "converged", "unresolved", "pre-asymptotic" or "diverging"; observed `order`, NaN if the number
+    swings; Richardson's `limit`, NaN if there is none; `index`, half the width of the interval about the finest
     number, over that number."""
 
     kind: str
@@ -116,7 +116,7 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
 
 
 def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> float:
-    """Return half the width of the interval over the finest number; infinite where the changes do not fall."""
+    """Return half the width of the interval over the finest number; infinite if the changes do not fall."""
     spread = float(np.ptp(f) / abs(f[0]))
     if p <= FLAT or (np.isnan(p) and abs(f[0] - f[1]) > abs(f[1] - f[2])):
         return float("inf")
@@ -181,6 +181,6 @@ def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
 
 
 def unrest(kinetic: float, elastic: float) -> float:
-    """Return the kinetic over elastic energy, zero where nothing moves and infinite where nothing but motion is
+    """Return the kinetic over elastic energy, zero where nothing moves and infinite if nothing but motion is
     there."""
     return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

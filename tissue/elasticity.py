@@ -49,7 +49,7 @@ class Elasticity:
 
     `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`; `clamped` and `free` number the unknowns,
     and together they are all of them. `pressure` [Pa/m], shape `(vertices, N)`, gives the part of λ div U that is
-    averaged at the vertices, None where all of it stays with the cells. Made by `elasticity`.
+    averaged at the vertices, None if all of it stays with the cells. Made by `elasticity`.
     """
 
     mesh: MeshTet

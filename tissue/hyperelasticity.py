@@ -172,7 +172,7 @@ class Hyperelasticity:
         return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
 
     def energy(self, F: Array) -> float:
-        """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf where a cell is
+        """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf if a cell is
         inverted.
 
         It is measured from tissue without prestretch: the reference shape's own, `energy_of_prestretch`, is in it.

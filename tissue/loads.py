@@ -102,7 +102,7 @@ class Facets:
 
 
 def build_facets(body: Elasticity, name: str) -> Facets:
-    """Return the facets of the boundary of that name. Raises `TissueError` where the mesh names none such, and
+    """Return the facets of the boundary of that name. Raises `TissueError` if the mesh names none such, and
     for one inside the body."""
     mesh, facets = body.mesh, facets_of(body.mesh, "load", name)
     if np.any(mesh.f2t[1, facets] >= 0):

@@ -24,7 +24,7 @@ class SoundCache(FunctionCache):  # type: ignore[misc]
     is killed, or a full disk, may leave them so, and Numba would end every later run in an error of pickle."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the function compiled for a signature, None where it is to be compiled."""
+        """Return the function compiled for a signature, None if it is to be compiled."""
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:  # pickle raises whatever the bytes lead to

@@ -59,7 +59,7 @@ CASES = {  # what else is set
 @dataclass(frozen=True)
 class Reduced:
     """An organ in a small basis, and the whole one: medians of a step, of one of many made `at_once` and of the organ's
-    part of a step [ms], None where there is no thread. Of the largest way of a hole: the largest error of its place,
+    part of a step [ms], None if there is no thread. Of the largest way of a hole: the largest error of its place,
     and what the basis says of that, the difference and the bound; and the least bound over the error of its step."""
 
     case: str
@@ -83,7 +83,7 @@ class Reduced:
 
     @property
     def steps_per_second(self) -> float | None:
-        """Steps of thread and small basis in a second of one core, made at once; None where there is no thread."""
+        """Steps of thread and small basis in a second of one core, made at once; None if there is no thread."""
         return None if self.at_once is None else 1.0 / (self.at_once * MILLI)
 
 

@@ -42,7 +42,7 @@ MEGA, MILLI = 1e6, 1e-3
 
 @dataclass(frozen=True)
 class Row:
-    """One solver on one organ: times [s] and memory [bytes]; None where it does not apply. An iterative solver's
+    """One solver on one organ: times [s] and memory [bytes]; None if it does not apply. An iterative solver's
     `rough_columns` are those that a quasi-static organ takes, and `left` is what they leave of its compliance."""
 
     unknowns: int

@@ -135,7 +135,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class End:
-    """How a scenario ended: its `cause`, with the `words` of an error, what was counted until then, None where it was
+    """How a scenario ended: its `cause`, with the `words` of an error, what was counted until then, None if it was
     refused, and the codes of what the run says of itself, `said`."""
 
     cause: str

@@ -165,7 +165,7 @@ def range_line(met: Mapping[str, Any]) -> str:
 
 
 def print_summary(scenario: Scenario, recorder: Recorder, status: Status, picture: str = "") -> None:
-    """Print the end of a run; `picture` says how that was drawn, empty where none was asked for."""
+    """Print the end of a run; `picture` says how that was drawn, empty if none was asked for."""
     step, summary = recorder.last_step, recorder.summary(status)
     lines = [*summary_lines(scenario, summary)]
     table = piercing_lines(step.piercings) if step else []

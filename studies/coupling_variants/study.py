@@ -261,7 +261,7 @@ def error_text(runs: Sequence[Row]) -> str:
 
 def error_at(cost: float, runs: Sequence[Row]) -> float:
     """Return the error of the stable runs at a number of linear systems, straight between its neighbours in logarithms;
-    NaN where the ladder of steps does not reach it."""
+    NaN if the ladder of steps does not reach it."""
     known = sorted((run.solves, run.error) for run in runs if run.stable)
     if not known or not known[0][0] <= cost <= known[-1][0]:
         return float("nan")

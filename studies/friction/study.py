@@ -178,7 +178,7 @@ def two_passes(mu: float, turn: float) -> list[Row]:
 
 
 def inverse(x: float) -> float:
-    """Return 1/x, infinite where nothing is left to hold."""
+    """Return 1/x, infinite if nothing is left to hold."""
     return float(1.0 / x) if x > 0.0 else float("inf")
 
 

@@ -72,7 +72,7 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
-    """Read the folder's checkpoint; None where a run did not get as far as its first.
+    """Read the folder's checkpoint; None if a run did not get as far as its first.
 
     Raises `ScenarioError` for one that is not as it was written, to the last bit, or by another version.
     """

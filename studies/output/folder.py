@@ -226,7 +226,7 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     """Return whether a run in a folder can go on; not where it never got as far as its scenario.
 
-    Raises `ScenarioError` where the folder holds the run of another scenario. A longer duration alone makes no other
+    Raises `ScenarioError` if the folder holds the run of another scenario. A longer duration alone makes no other
     scenario of one in time.
     """
     folder = Path(folder)
@@ -252,7 +252,7 @@ def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tupl
 
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
-    """Read the summary of a run that came to the end of the scenario; None where it did not, or that is longer now."""
+    """Read the summary of a run that came to the end of the scenario; None if it did not, or that is longer now."""
     try:
         summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):  # none, or torn: written anew at the end of the run that goes on

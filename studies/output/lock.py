@@ -16,7 +16,7 @@ AGAIN = 0.2  # s in which a lock is asked for again: the run that held it may be
 def locked(folder: Path | str) -> Iterator[None]:
     """Lock a folder for a run; the folder is made if it is missing.
 
-    Raises `ScenarioError` where another run is, and for a folder that cannot be made or written.
+    Raises `ScenarioError` if another run is, and for a folder that cannot be made or written.
     """
     folder = Path(folder)
     lock = FileLock(folder / LOCK, timeout=AGAIN)

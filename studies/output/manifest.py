@@ -46,7 +46,7 @@ def files_of(scenario: Scenario) -> list[str]:
 
 
 def manifest(folder: Path) -> dict[str, Any] | None:
-    """Read the manifest of a folder; None where it holds none that this code wrote."""
+    """Read the manifest of a folder; None if it holds none that this code wrote."""
     found = read_json(folder / MARK)
     return found if "suturefem" in found and isinstance(found.get("files"), list) else None
 

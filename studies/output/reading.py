@@ -98,7 +98,7 @@ class FrameFiles:
     parts: Mapping[str, Path]
 
     def read(self, part: str) -> Any:
-        """Read a part as pyvista has it; None where the frame has none. Raises `ResultsError` for a file that is torn
+        """Read a part as pyvista has it; None if the frame has none. Raises `ResultsError` for a file that is torn
         or gone."""
         import pyvista as pv
 
@@ -160,7 +160,7 @@ class RunResults:
 
 
 def read_run(folder: Path | str) -> RunResults:
-    """Read the run in a folder. Raises `ResultsError` where it holds none."""
+    """Read the run in a folder. Raises `ResultsError` if it holds none."""
     if not isinstance(folder, str | PathLike):
         raise ResultsError(f"{folder!r} is refused: it names no folder; give one that suture run --out wrote")
     folder = Path(folder)

@@ -33,7 +33,7 @@ class StitchRecord:
     pair: str  # of surfaces that it draws together
     left_force: float  # that draws the first of them to the other one [N]
     right_force: float  # that draws the other one [N]
-    load_share: float | None  # of what all stitches draw them by [-], None where that is nothing
+    load_share: float | None  # of what all stitches draw them by [-], None if that is nothing
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class GapRecord:
     pair: str
     way: float  # along the rim in the reference shape [m]
     x: Array  # (3,) place [m]
-    edge_gap: float | None  # of the rim there [m], None where it faces nothing
+    edge_gap: float | None  # of the rim there [m], None if it faces nothing
     largest_gap: float | None  # of the surface behind it [m], likewise
     largest_pressure: float  # there [Pa]
 
@@ -202,7 +202,7 @@ class StepRecord:
 
     @property
     def spans_between(self) -> float | None:
-        """Spans between the two holes that are nearest to one another along the thread [-], None where there are no
+        """Spans between the two holes that are nearest to one another along the thread [-], None if there are no
         two."""
         number = self.apart()
         return number if np.isfinite(number) else None
@@ -214,7 +214,7 @@ class StepRecord:
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:
-        """All that the steps after this one depend on, None where nothing is kept."""
+        """All that the steps after this one depend on, None if nothing is kept."""
         return None if self.kept is None else self.kept()
 
 
@@ -224,7 +224,7 @@ class RunRecord:
 
     status: str
     error: str  # empty unless it failed or was interrupted
-    last: StepRecord | None  # None where it did not get as far as its start
+    last: StepRecord | None  # None if it did not get as far as its start
     newton_iterations: int  # of all steps
     constraint_max: float  # over all steps [m]
     seconds: float  # wall-clock time of all steps, compiling their loops left out [s]
@@ -247,7 +247,7 @@ class Extremes:
     cell_energy: Array  # (p,) strain energy per volume of them [Pa]
     forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
     switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
-    chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN where it did not
+    chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN if it did not
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]

@@ -248,7 +248,7 @@ def _joined(parts: Iterable[Markup]) -> Markup:
 
 
 def _unit_key(unit: str) -> str:
-    """Write a unit as VTK keeps it; nothing where there is none."""
+    """Write a unit as VTK keeps it; nothing if there is none."""
     key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>\n'
     return key if unit else ""
 

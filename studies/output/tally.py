@@ -68,7 +68,7 @@ class Tally:
 
     @property
     def whole_from(self) -> int | None:
-        """The first step for which an organ gave its Krylov space up and was solved whole, None where it did not."""
+        """The first step for which an organ gave its Krylov space up and was solved whole, None if it did not."""
         return None if self._whole_from == NEVER else self._whole_from
 
     def see(self, organ: OrganRecord | None) -> None:

@@ -46,7 +46,7 @@ def has_screen(environment: Mapping[str, str], system: str) -> bool:
 
 
 def window(folder: Path) -> str:
-    """Open a window and wait until it is closed; return why there was none, empty where there was."""
+    """Open a window and wait until it is closed; return why there was none, empty if there was."""
     with tempfile.TemporaryDirectory() as scratch:
         done = run_module("studies.pictures.window", Path(scratch), [folder.resolve()], patience=None)
     return words_of(done) if done.returncode else ""

@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def part_of(source: Any, name: str, array: str) -> Any:
-    """Return a part of the run by its name, None where the run has none with that array."""
+    """Return a part of the run by its name, None if the run has none with that array."""
     block = simple.ExtractBlock(registrationName=f"{name} block", Input=source, Selectors=[f"/Root/{name}"])
     part = simple.MergeBlocks(registrationName=name, Input=block)
     simple.UpdatePipeline(time=simple.GetAnimationScene().AnimationTime, proxy=part)

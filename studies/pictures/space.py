@@ -96,7 +96,7 @@ def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: 
 
 
 def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
-    """Draw a frame on a stage into a PNG file. Raises `RuntimeError` where the renderer draws nothing."""
+    """Draw a frame on a stage into a PNG file. Raises `RuntimeError` if the renderer draws nothing."""
     window, renderer = vtkRenderWindow(), vtkRenderer()
     window.SetOffScreenRendering(True)
     window.SetSize(*SIZE)

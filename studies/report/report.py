@@ -116,7 +116,7 @@ def read_sweep(folder: Path) -> Rows:
 
 
 def drawn(folder: Path) -> str:
-    """Return the figure of a folder in base64, empty where it has none."""
+    """Return the figure of a folder in base64, empty if it has none."""
     figure = folder / "figure.png"
     return base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else ""
 

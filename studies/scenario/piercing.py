@@ -173,12 +173,12 @@ class Piercing(ScenarioTable):
 
     @property
     def line(self) -> Vector | None:
-        """Direction of the line that finds a place on the surface, None where the nearest is sought."""
+        """Direction of the line that finds a place on the surface, None if the nearest is sought."""
         return self.along or (None if isinstance(self.direction, str) else self.direction)
 
     @property
     def moved(self) -> float | None:
-        """Distance from `near` to the place found on the surface [m], None where none is sought."""
+        """Distance from `near` to the place found on the surface [m], None if none is sought."""
         return None if self.near is None else dist(self.near, self.place)
 
     def _check_place(self) -> None:

@@ -45,7 +45,7 @@ def as_key(key: str) -> str:
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Find the known word that looks most like ``word``; None where none does."""
+    """Find the known word that looks most like ``word``; None if none does."""
     if len(word) > LONGEST_WORD:
         return None
     matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)

@@ -179,7 +179,7 @@ class Scenario(ScenarioTable):
 
     @property
     def without_krylov(self) -> str:
-        """Why no step of the organ can be made in its Krylov space, empty where it can."""
+        """Why no step of the organ can be made in its Krylov space, empty if it can."""
         organ = self.tissue
         if organ is None:
             return "there is no organ; add [tissue]"

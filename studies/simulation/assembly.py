@@ -60,7 +60,7 @@ BEARING_DIAMETERS = 10.0  # of the thread, where there is no footprint, or no bi
 class Assembly:
     """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
     makes stress from displacement, None without an organ, `depths`, which tells how deep points lie in it (k,) [m], and
-    what was handed over from Python. `fit` tells how its cells were refined, None where they are as given. `holes` are
+    what was handed over from Python. `fit` tells how its cells were refined, None if they are as given. `holes` are
     its piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread."""
 
     scenario: Scenario
@@ -77,7 +77,7 @@ class Assembly:
 
     @property
     def begin_abscissae(self) -> Array:
-        """Abscissa at which each piercing begins, `(p,)` [m]; NaN where the thread is nearest to it then."""
+        """Abscissa at which each piercing begins, `(p,)` [m]; NaN for the nearest point of the thread."""
         known = [is_known(hole) for hole in self.holes]
         return np.where(known, self.s, np.nan)
 
@@ -158,7 +158,7 @@ def is_known(hole: model.Piercing) -> bool:
 
 
 def length_of(scenario: Scenario, path: RoundedPath) -> float:
-    """Return the rest length of the thread [m]. Raises `ScenarioError` where it would be laid stretched beyond any
+    """Return the rest length of the thread [m]. Raises `ScenarioError` if it would be laid stretched beyond any
     suture."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
@@ -265,7 +265,7 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
 
 
 def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
-    """Return the times and angles by which an end is turned, None where none are given."""
+    """Return the times and angles by which an end is turned, None if none are given."""
     return None if table.turn is None else np.array(table.turn)
 
 
@@ -316,7 +316,7 @@ def piercing_of(
 
 
 def hand_of(rows: Sequence[Sequence[float]] | None) -> Array | None:
-    """Return the rows of a hand, shape `(k, 2)`, NaN where it lets go; None without one."""
+    """Return the rows of a hand, shape `(k, 2)`, NaN if it lets go; None without one."""
     return None if rows is None else np.array([row if len(row) == 2 else (row[0], np.nan) for row in rows])
 
 
@@ -348,7 +348,7 @@ def stored_body(
     scenario: Scenario, holes: Sequence[model.Piercing], mesh: skfem.MeshTet | None, store: Store, given: Given
 ) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
     """Return the organ's discrete elasticity, None without an organ, of what the store has of it or as it is handed
-    over, and how its cells were refined, None where they are as given."""
+    over, and how its cells were refined, None if they are as given."""
     if mesh is None:
         return None, None
     sites = [site_of(hole, scenario) for hole in holes]
@@ -441,7 +441,7 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between surfaces that press on one another, None where all may cross. Those of a wound's lips are
+    """Return the gaps between surfaces that press on one another, None if all may cross. Those of a wound's lips are
     between the nodes that match."""
     shape = None if scenario.tissue is None else scenario.tissue.mesh
     parts: list[tissue.Part] = []

@@ -68,7 +68,7 @@ def _arrays(part: csr_matrix | Array) -> tuple[Array, ...]:
 
 
 def _read(file: Path) -> tissue.Reduction | None:
-    """Return what a file has, None where there is none or one that is not as it was written, to the last bit."""
+    """Return what a file has, None if there is none or one that is not as it was written, to the last bit."""
     try:
         data = file.read_bytes()
     except OSError:

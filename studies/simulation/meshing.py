@@ -332,7 +332,7 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
 
 
 def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
-    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite where none
+    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite if none
     is given."""
     if table.strength is None and all(region.strength is None for region in table.region):
         return np.inf

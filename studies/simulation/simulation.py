@@ -204,7 +204,7 @@ class Simulation:
         return self.scenario.solve.start == "rest"
 
     def beginning(self) -> OrganRun:
-        """Return the run before the first step. Raises `RestError` where it is to start at rest, and there is none."""
+        """Return the run before the first step. Raises `RestError` if it is to start at rest, and there is none."""
         if not self._starts_at_rest:
             return self.laid()
         with threadpool_limits(limits=1, user_api="blas"):
@@ -421,7 +421,7 @@ def refuse_open_ties(simulation: Simulation) -> None:
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
-    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` where there is none, the
+    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` if there is none, the
     constraints cannot be met, or statics or a start at rest asks for the equilibrium of dead loads that have none."""
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)

@@ -81,7 +81,7 @@ class Wound:
 
     def eversion(self, points: Array) -> float | None:
         """Return by how much the outer surface on both sides has risen towards the edges, together [rad], with all
-        nodes of the organ at `points` `(n, 3)` [m]; None where a side has no edge on it."""
+        nodes of the organ at `points` `(n, 3)` [m]; None if a side has no edge on it."""
         return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
     def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:

@@ -266,7 +266,7 @@ def measured_ranges(rows: Sequence[Row]) -> list[str]:
 
 
 def limits(runs: Sequence[Row]) -> tuple[float, float]:
-    """List the tension at which the holes have moved by LINEAR footprints, infinite where they have not, and that at
+    """List the tension at which the holes have moved by LINEAR footprints, infinite if they have not, and that at
     which the bearing strain T/(d ℓ E) is LINEAR [N]; below the first load step both are proportional."""
     loads, moved = [0.0, *(row.load for row in runs)], [0.0, *(row.moved / row.footprint for row in runs)]
     moving = float(np.interp(LINEAR, moved, loads)) if moved[-1] > LINEAR else float("inf")

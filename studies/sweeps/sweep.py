@@ -116,7 +116,7 @@ def base_tables(base: Base) -> dict[str, Any]:
 
 
 def plan(base: Mapping[str, Any], cases: Sequence[Settings]) -> list[Planned]:
-    """Return the cases with their digests. Raises `ScenarioError` where every one is refused."""
+    """Return the cases with their digests. Raises `ScenarioError` if every one is refused."""
     planned = [planned_case(settings, changed(base, settings)) for settings in cases]
     if all(case.refused for case in planned):
         raise ScenarioError(planned[0].refused.splitlines())
@@ -199,7 +199,7 @@ def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
 
 
 def known_case(kept: Path, digest: str) -> dict[str, Any]:
-    """Read a case that was run before; empty where it was not, or its file is torn."""
+    """Read a case that was run before; empty if it was not, or its file is torn."""
     known = read_json(kept / f"{digest}.json")
     return known if {"exit_status", "summary"} <= known.keys() else {}
 

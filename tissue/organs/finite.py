@@ -589,7 +589,7 @@ class FiniteOrgan(MeshedOrgan):
         return bool(drop.max() > DROP * max(abs(works[0]), abs(works[-1])))
 
     def _force_or_none(self, U: Array) -> Array | None:
-        """Return the force of the stored energy (N,) [N], None where it is not finite."""
+        """Return the force of the stored energy (N,) [N], None if it is not finite."""
         F = self.law.gradient(self.whole(U))
         with np.errstate(over="ignore", invalid="ignore"):
             force = self.law.forces(F)[0][self.elasticity.free]

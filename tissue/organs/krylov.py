@@ -111,7 +111,7 @@ class Space:
         return self._levels[blocks]
 
     def level_of(self, vectors: int) -> Level:
-        """Return the organ in so many vectors. Raises `TissueError` where no number of blocks has them."""
+        """Return the organ in so many vectors. Raises `TissueError` if no number of blocks has them."""
         while vectors not in self._ends and len(self._ends) <= MOST:
             self._extend()
         if vectors not in self._ends:
@@ -220,7 +220,7 @@ class KrylovOrgan(OrganOfModes):
         excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
         """Return the first of an answer and those of wider levels without `excess`, what it misses over what it may,
-        None where it is not to be seen that one of them has none, by AT_ONCE wider at most than it or than FIRST."""
+        None if it is not to be seen that one of them has none, by AT_ONCE wider at most than it or than FIRST."""
         before, most = np.inf, min(MOST, max(level.blocks, FIRST) + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
@@ -303,7 +303,7 @@ class KrylovOrgan(OrganOfModes):
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
         """Return masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and what a step may leave: as part of
-        the largest forces, and by round-off [√J]. None where the loads at the `times` [s] are not those of the state,
+        the largest forces, and by round-off [√J]. None if the loads at the `times` [s] are not those of the state,
         and where that is one of the whole organ."""
         level = self.level(state)
         if level is None or not self.has_loads_of(state, times):

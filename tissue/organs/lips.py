@@ -275,7 +275,7 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and the right one.
 
     `vertices` `(v, 2)`: each vertex of the left lip and its partner, itself where the lips meet. `normal` (3,)
-    points from the left lip to the right one. Raises `TissueError` where the lips cross, or no pair can move.
+    points from the left lip to the right one. Raises `TissueError` if the lips cross, or no pair can move.
     """
     n, pairs = _unit(normal), np.asarray(vertices, dtype=np.intp)
     partner = np.arange(body.mesh.nvertices)
@@ -305,7 +305,7 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction:
     0 by default.
 
     The left of two is that with the smaller facets, or the only one that is not held: nodes that are farther apart than
-    those they press on leave some of these without a force. Raises `TissueError` where they overlap by more than SUNK
+    those they press on leave some of these without a force. Raises `TissueError` if they overlap by more than SUNK
     of a facet, or nothing of them can move.
     """
     parts = [_between(body, names) for names in between]

@@ -53,7 +53,7 @@ class OrganState:
     `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
     linear organ. `shares` `(l,)` are the parts of the loads that act
     (`tissue.loads`), None of an organ without loads. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
-    and stiffness that the step has left, None where it left none.
+    and stiffness that the step has left, None if it left none.
     """
 
     U: Array

@@ -215,7 +215,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
         """Return the elastic energy under gravity and loads alone [J], how far they move the sites, and the forces that
-        these bear, `(9p,)` each; None where the loads at the `times` [s] are not those of the state, or surfaces may
+        these bear, `(9p,)` each; None if the loads at the `times` [s] are not those of the state, or surfaces may
         touch."""
         shares = state.shares
         changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)

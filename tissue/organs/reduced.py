@@ -208,7 +208,7 @@ class ReducedOrgan(OrganOfModes):
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
         """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check,
-        Rayleigh's α and β, and that nothing else is asked of a step; None where the loads at the `times` [s] are not
+        Rayleigh's α and β, and that nothing else is asked of a step; None if the loads at the `times` [s] are not
         those of the state."""
         shares, given = state.shares, self.reduction
         if not self.has_loads_of(state, times):

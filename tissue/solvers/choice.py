@@ -93,7 +93,7 @@ def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
 def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> SolverChoice:
     """Choose the solver for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
 
-    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` where the solver named is
+    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` if the solver named is
     unknown, is not installed, cannot be had or asks for more memory than there is.
     """
     if name not in SOLVERS:

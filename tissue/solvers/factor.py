@@ -97,7 +97,7 @@ def factorize(
 def factorize_indefinite(A: csr_matrix) -> Factor:
     """Factorise a symmetric matrix by LU with row exchanges, whatever the signs of its eigenvalues.
 
-    Raises `FactorError` where it is singular.
+    Raises `FactorError` if it is singular.
     """
     A = csr_matrix(A)
     return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.indefinite(A))

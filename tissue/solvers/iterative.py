@@ -52,7 +52,7 @@ class ConjugateGradients:
         return x
 
     def iterate(self, b: Array, guess: Array | None = None, rough: bool = False) -> tuple[Array, int]:
-        """Return the solution, and the number of iterations. Raises `FactorError` where they have not converged."""
+        """Return the solution, and the number of iterations. Raises `FactorError` if they have not converged."""
         from tissue.solvers import passes
 
         shape, b = b.shape, b.reshape(len(b), -1)
@@ -96,7 +96,7 @@ class ConjugateGradients:
 def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> ConjugateGradients:
     """Return conjugate gradients for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns, by multigrid.
 
-    Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` where A is not
+    Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` if A is not
     symmetric.
     """
     A = csr_matrix(A)

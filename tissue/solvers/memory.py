@@ -9,7 +9,7 @@ UNKNOWN = float("inf")
 def free_memory(proc: Path = Path("/proc/meminfo"), group: Path = Path("/sys/fs/cgroup")) -> float:
     """Return the bytes that can be had without swapping, within a container's limit.
 
-    The result is infinite where the system does not say.
+    The result is infinite if the system does not say.
     """
     return min(_available(proc), _allowed(group))
 
