@@ -188,7 +188,7 @@ def direct_term(distance: float, nu: float) -> Array:
 
 
 def image_term(distance: float, depth: float, nu: float) -> Array:
-    """Return what the surface adds to that where both points lie at one depth [m], shape `(2, 2)`, E = 1: Mindlin's."""
+    """Return Mindlin's term of the surface for two points at one depth [m], shape `(2, 2)`, E = 1."""
     x, c, R = distance, depth, float(np.hypot(distance, 2.0 * depth))
     k, free = 3.0 - 4.0 * nu, 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu)
     along = 1.0 / R + k * x**2 / R**3 + 2.0 * c**2 / R**3 * (1.0 - 3.0 * x**2 / R**2)

@@ -1,5 +1,5 @@
-"""`suture bench many`: an organ in a small basis beside the whole one, many tensions on one organ beside as many runs,
-and the main job from the command to its picture.
+"""`suture bench many`: a small basis against the whole organ, many tensions on one organ against single runs, and the
+main job from the command to its picture.
 
 The small basis is measured on the main job's block, with what it says of its own error beside the error; that is done
 once more for a soft block without damping, pulled within 2 ms, where it is hardest. Times are those of the processor,
@@ -59,8 +59,8 @@ CASES = {  # what else is set
 @dataclass(frozen=True)
 class Reduced:
     """An organ in a small basis, and the whole one: medians of a step, of one of many made `at_once` and of the organ's
-    part of a step [ms], None if there is no thread. Of the largest way of a hole: the largest error of its place,
-    and what the basis says of that, the difference and the bound; and the least bound over the error of its step."""
+    part of a step [ms], None if there is no thread. Relative to the largest displacement of a hole: its largest error,
+    and the basis' own difference and bound; and the smallest bound over the error of its step."""
 
     case: str
     tissue_unknowns: int

@@ -43,7 +43,7 @@ MEGA, MILLI = 1e6, 1e-3
 @dataclass(frozen=True)
 class Row:
     """One solver on one organ: times [s] and memory [bytes]; None if it does not apply. An iterative solver's
-    `rough_columns` are those that a quasi-static organ takes, and `left` is what they leave of its compliance."""
+    `rough_columns` are those of a quasi-static organ, and `left` is the error of their compliance."""
 
     unknowns: int
     element: str

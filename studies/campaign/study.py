@@ -1,4 +1,4 @@
-"""How many realistic scenarios arrive, and what ends the others?
+"""The campaign: random realistic scenarios, how many complete, and the causes that end the others.
 
 Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default settings. Each ends in one
 of five ways: it completes, is refused before its first step, or stops at a step, at a flip of the thread through a
@@ -135,8 +135,8 @@ class Tally:
 
 @dataclass(frozen=True)
 class End:
-    """How a scenario ended: its `cause`, with the `words` of an error, what was counted until then, None if it was
-    refused, and the codes of what the run says of itself, `said`."""
+    """The end of a scenario: its `cause`, with the `words` of an error, the counts until then, None if it was refused,
+    and the codes of its remarks, `said`."""
 
     cause: str
     words: str = ""
@@ -145,8 +145,8 @@ class End:
 
 
 def made_by(now: OrganRun, new: OrganRun) -> Iterator[tuple[bool, float]]:
-    """Yield of each accepted step that led from one run to another, parts of one included, whether it is of BDF2, and
-    what it made of the energy that there was after it, beyond what the one before lent [-]."""
+    """Yield for each accepted step between two runs, parts of steps included, whether it is of BDF2, and the relative
+    energy that it created beyond what the previous step took [-]."""
     energies = now.energies
     for step in new.taken:
         after = audit_step(now.system, energies, step)
@@ -256,7 +256,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Say whether what was to arrive did, which steps made energy, and list every case that did not complete."""
+    """Return remarks on completion and on steps that created energy, and list every case that did not complete."""
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
     asked = (("gentle cases", gentle, ASKED), ("sudden dead loads", sudden, ASKED_SUDDEN))
     out = [arrived(name, group, share_asked) for name, group, share_asked in asked if group]
@@ -286,8 +286,8 @@ def makes(scheme: str, rows: Sequence[Row], made: Sequence[float], bound: float)
 
 
 def agreement(rows: Sequence[Row]) -> list[str]:
-    """Say how many of the cases that were run again agree with themselves in steps a quarter as long, and of each that
-    does not by how much and what it says of itself."""
+    """Return how many of the repeated cases agree with steps a quarter as long, and for each other case the difference
+    and its remarks, in words."""
     again = [row for row in rows if not np.isnan(row.forces_apart)]
     if not again:
         return []

@@ -83,9 +83,8 @@ class Progress:
 
 
 class Stages(logging.Handler):
-    """Tells what is being done before a step is done, elsewhere than on a terminal a line for each; there one line that
-    is written over, with how long that has taken so far, until a record that is `over`, which stays, or the end. After
-    such a record `waited` is called, if given."""
+    """Shows the stage before the first step: one line per stage, or on a terminal one overwritten line with the elapsed
+    time, until a record that is `over`, which stays, or the end. After such a record `waited` is called, if given."""
 
     def __init__(
         self, stream: TextIO | None = None, every: float = TICK, waited: Callable[[], None] | None = None

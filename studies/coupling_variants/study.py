@@ -56,7 +56,7 @@ COLOUR_OF = dict(zip(("monolithic", "staggered", "linear"), COLOURS, strict=Fals
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One run. `created` is over `external_work`, what the hand puts in while it gives, in the run of reference."""
+    """One run. `created` is over `external_work`, the work of the hand in the reference run."""
 
     way: str = measured("", lambda at: at.way)
     inertia: bool = measured("", lambda at: at.tissue.inertia)  # of the organ
@@ -105,8 +105,7 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
 
 
 def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
-    """Run one organ in all ways with all steps. The linear step knows no compliance that the spline lacks at a hole:
-    it, and what it is compared with, do without."""
+    """Run one organ in all ways with all steps; the linear step has its own start and reference."""
     coarsest = step_counts[0]
     with_it = settle(assemble(scenario))
     without = settle(assemble(scenario.model_copy(update={"solve": scenario.solve.model_copy(update=LINEAR)})))
@@ -151,8 +150,8 @@ LINEAR = {"scheme": "linear"}
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one run showed, up to where it broke off: [m], [m], [J], [J], places of the exit `(k, 3)` [m] at the times
-    that all runs share, and the number of linear systems."""
+    """Results of one run up to its end: [m], [m], [J], [J], places of the exit `(k, 3)` [m] at the times that all runs
+    share, and the number of linear systems."""
 
     completed: bool
     drift: float

@@ -50,8 +50,8 @@ def surface(topology: OrganTopology) -> Indices:
 
 @dataclass(frozen=True)
 class Scale:
-    """What the pictures of one or several frames are drawn to: corners of the box of what is aimed at [m], ranges of
-    the colours of stress [Pa] and tension [N], and the largest force of a hole [N], zero without any."""
+    """The common scale of the pictures of frames: corners of the box of the aimed points [m], ranges of the colours of
+    stress [Pa] and tension [N], and the largest force of a hole [N], zero without any."""
 
     low: Array  # (3,)
     high: Array  # (3,)
@@ -93,8 +93,8 @@ def scale_of(frames: Sequence[Frame]) -> Scale:
 
 
 def aimed_at(frame: Frame) -> Array:
-    """Return the points of the thread that a picture is to show, shape `(k, 3)` [m]: all of a thread in its holes, and
-    of pieces in none what lies no further off than those are long, for a piece that is cut free may fly away."""
+    """Return the points of the thread that a picture shows, shape `(k, 3)` [m]: the pieces in holes, and free pieces no
+    farther away than those are long."""
     pieces = frame.thread.split()
     bounds = np.split(frame.thread.s, np.cumsum(frame.thread.pieces[:-1]))
     held = [hole.s for hole in frame.piercings if hole.state != LEFT]
@@ -117,8 +117,8 @@ def forces_of(frame: Frame) -> Array:
 
 
 def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
-    """Choose the range of the colours, zero in it; the highest and the lowest 0.5 %, at the holes, are not to drown the
-    rest and have the colours of its ends, and what is `least` or less is nothing."""
+    """Return the range of the colours, with zero in it; the highest and lowest 0.5 % have the end colours, and values
+    up to `least` count as zero."""
     low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
     return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 

@@ -1,6 +1,5 @@
-"""The figure of a refinement: each number over the levels, its limit and its interval, and how far it is from the
-limit beside the order of theory.
-"""
+"""The figure of a refinement: each number over the levels, its limit and interval, and its distance from the limit with
+the theoretical order."""
 
 from collections.abc import Sequence
 from math import isnan

@@ -465,8 +465,8 @@ def pad(cells: Sequence[str], count: int) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """State the calibration, what it predicts compared with the published, what the checks change, and what no run
-    supports."""
+    """Return remarks on the calibration, the predictions against the published values, the checks, and the limits of
+    every run."""
     return [*calibration(rows), *predictions(rows), *consistency(rows), *limits(rows)]
 
 
@@ -484,8 +484,8 @@ def calibration(rows: Sequence[Row]) -> list[str]:
 
 
 def predictions(rows: Sequence[Row]) -> list[str]:
-    """State what was not used to calibrate: the reach and the later pulls at the second stitch as one pull predicts
-    them, and those of stitches placed for each hold."""
+    """Return the predictions that were not calibrated: the reach and the later pulls at the second stitch for one pull,
+    and those of stitches placed for each hold."""
     run = reference(rows)
     felt = f"felt {reach(run)} stitches back, published at most {PUBLISHED_REACH}"
     out = [f"predicted, one pull: {felt}: {reach_verdict(run)}"]
@@ -534,7 +534,7 @@ def sequence(tensions: dict[int, Row]) -> str:
 
 
 def consistency(rows: Sequence[Row]) -> list[str]:
-    """Compare two stitches back: what is changed by what should not matter."""
+    """Compare two stitches back under changes that should have no effect."""
     usual = rows_at(reference(rows))[BACK].tension
     checks = {run[0].check: rows_at(run)[BACK].tension for run in runs(rows) if run[0].check not in ("", CALIBRATED)}
     return [f"{name}: {100 * (found / usual - 1.0):+.2g} % two stitches back" for name, found in checks.items()]

@@ -270,8 +270,8 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
 
 
 def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: float) -> Friction | None:
-    """Return the friction of a hole, that handed over added to the scenario's, None of an ideal one. Where none is
-    given, a rough hole imposes its direction over what of its `bite` is its own [m]."""
+    """Return the friction of a hole, with that from Python, None for an ideal one. Without a given channel, a rough
+    hole guides the thread over its part of its `bite` [m]."""
     table, own = hole.friction, given.friction.get(hole.name)
     if table is None and own is None:
         return None
@@ -364,8 +364,8 @@ def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: S
 
 
 def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Store, points: Array) -> Array:
-    """Return how deep points `(k, 3)` lie in the organ below its nearest surface, shape `(k,)` [m], of what the store
-    has of it; negative outside, and without an organ infinitely."""
+    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m], from the store if it has it;
+    negative outside, and infinite without an organ."""
     if body is None:
         return np.full(len(points), -np.inf)
     mesh = body.mesh

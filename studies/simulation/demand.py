@@ -28,9 +28,9 @@ MILLI = 1e-3
 def demanding(
     scenario: Scenario, section: Section, path: RoundedPath, s: Array, E: Array, strength: float | None
 ) -> list[Remark]:
-    """Judge how far a thread would draw and turn its holes, which are at the abscissae `s` (p,) of the `path` [m] in
-    tissue of E (p,) [Pa], infinite without an organ; and whether it is pulled beyond its `strength` [N], None where
-    that is not known."""
+    """Return remarks on the predicted displacement and turn of holes at the abscissae `s` (p,) of the `path` [m] in
+    tissue of E (p,) [Pa], infinite without an organ; and on loads above the thread's `strength` [N], None if
+    unknown."""
     holes, length = scenario.piercing, scenario.thread.length or path.length
     springs = np.array([spring(hole, modulus) for hole, modulus in zip(holes, E, strict=True)])
     tensions, ways = strand_tensions(scenario, length, section.EA, springs), directions(scenario)

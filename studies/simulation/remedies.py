@@ -29,8 +29,8 @@ IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, Th
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of a copy with other `settings` by the `time` [s] that it was followed to: it "ends" well, is "past"
-    where the run failed, "fails", is "slow" and takes more than `MOST` corrections, or is "refused"."""
+    """The result of a copy with other `settings`, computed to the `time` [s]: it "ends" well, is "past" the failure,
+    "fails", is "slow" and takes more than `MOST` corrections, or is "refused"."""
 
     settings: Settings
     outcome: Literal["ends", "past", "fails", "slow", "refused"]

@@ -85,9 +85,8 @@ class Simulation:
 
     @property
     def subgrid(self) -> dict[str, dict[str, Any]]:
-        """By piercing, and by tract of the ball that most is added to, what the organ's mesh is too coarse for
-        (`tissue.sites.subgrid.Missing`), where that is added.
-        """
+        """Compliance that the organ's mesh is too coarse to show and that is added (`tissue.sites.subgrid.Missing`), by
+        piercing, and for a tract of the ball with the largest share."""
         sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
         named = zip(self.assembly.holes, sites.missing if sites else (), strict=False)
         known = [(hole, gap.record()) for hole, gap in named if gap is not None]
@@ -118,9 +117,9 @@ class Simulation:
 
     @property
     def methods(self) -> dict[str, str | None]:
-        """By what the run is solved; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps
-        begin "whole", in its "krylov" space or in a small "basis"; None without one. A recorder adds from which step
-        on the space was given up."""
+        """The solution methods; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps begin
+        "whole", in its "krylov" space or in a small "basis"; None without one. A recorder adds the step at which the
+        space was abandoned."""
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None

@@ -104,8 +104,8 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
 
 
 def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
-    """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of what lies deep
-    enough: the thread presses hardest at the ends, where a ball has to be on any spacing for this to converge fast."""
+    """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of the deep part. Balls
+    at both ends make this converge fast, because the thread presses hardest there."""
     balls: list[tuple[float, float, int]] = []
     for part, (low, high) in enumerate(way.deep.tolist()):
         count = int(np.ceil((high - low) / (tract.spacing or radius) * (1.0 - ROUND_OFF)))

@@ -29,8 +29,8 @@ SIDES = (False, True)  # on the right: the left side first
 
 @dataclass(frozen=True)
 class Bite:
-    """A hole beside a wound: of which `stitch`, whether on the `right`, where it was in the reference shape, `place`
-    (3,) [m], and the force that draws it to the other side, `drawn` [N]; a `ball` of a tract, or an opening."""
+    """A hole next to a wound: its `stitch`, whether it is on the `right`, its `place` (3,) in the reference shape [m],
+    and its force towards the other side, `drawn` [N]; a `ball` of a tract, or an opening."""
 
     stitch: str
     right: bool
@@ -41,8 +41,7 @@ class Bite:
 
 @dataclass(frozen=True)
 class Wound:
-    """Two of the surfaces that may touch, number `part` of `gaps`, and the `bites` beside them in the order of the
-    thread."""
+    """Two contact surfaces, number `part` of `gaps`, and the `bites` next to them in the order of the thread."""
 
     gaps: tissue.Gaps
     part: int
@@ -119,8 +118,8 @@ def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[Pier
 def bites_of(
     system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObservation], pairs: Indices, places: Array
 ) -> list[Bite]:
-    """Return every hole beside the `pairs` (p,) of nodes that are nearest to its place in the reference shape, `places`
-    (p, 3) [m]."""
+    """Return every hole next to the `pairs` (p,) of nodes that are nearest to its place in the reference shape,
+    `places` (p, 3) [m]."""
     d = gaps.start[pairs, 4:] / np.linalg.norm(gaps.start[pairs, 4:], axis=1)[:, None]
     right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
     drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]).reshape(-1, 3), d)

@@ -228,7 +228,8 @@ class Way:
         return np.minimum(turned_by, turned_by[-1] - turned_by)[:-1]
 
     def closing(self, law: Law) -> float:
-        """Return what the thread pulls the right lip by, across the wound, over the pull of each hand, by a `law`."""
+        """Return the force of the thread on the right lip, across the wound, over the pull of each hand, for a
+        `law`."""
         loss = np.concatenate([[0.0], np.cumsum(np.log([law(turn) for turn in self.turns]))])
         tensions = np.exp(-np.minimum(loss, loss[-1] - loss))[:, None] * self.headings
         return float((tensions[:-1] - tensions[1:])[self.on_right, 0].sum())

@@ -314,7 +314,7 @@ def fit_words(name: str) -> str:
 
 
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
-    """Say where the tissue is stretched as far as the strips that broke, and what was published."""
+    """Return where the tissue is stretched as far as broken strips, and the published force, in words."""
     of = TISSUES[name]
     at = where(runs, "stretch", of.broken, "force")
     words = f"within 10 mm, at {at:.3g} N," if np.isfinite(at) else "not within 10 mm,"

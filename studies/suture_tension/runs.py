@@ -51,7 +51,7 @@ THEORY = tuple(f"theory_{place}_{kind}" for place in ("mean", "ring") for kind i
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run to be made: `name` is a tissue, or in words what differs from the others of its `sweep`."""
+    """One run: `name` is a tissue, or the difference from the others of its `sweep` in words."""
 
     sweep: str
     name: str = ""
@@ -262,8 +262,8 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
 
 
 def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
-    """Return the compliance `(18, 18)` of the holes and how far they moved `(18,)`; in the sweep of cells, what the
-    mesh for stress makes of the forces of the run."""
+    """Return the compliance `(18, 18)` of the holes and their displacements `(18,)`; in the sweep of cells, those of
+    the stress mesh under the forces of the run."""
     organ = now.system.organ
     if case.sweep == "cells":
         C = fine_organ(geometry(case)).operator(0.0, 0.0).C / case.youngs_modulus
@@ -272,8 +272,8 @@ def hole_response(case: Case, now: OrganRun) -> tuple[Array, Array]:
 
 
 def theory_drawn_length(case: Case, load: float) -> float:
-    """Return what comes through the exit [m]: what holes that moved and the hand give, and stretch, less what the bends
-    take: 2√(EI/T)(1 − cos θ/2) of an elastica that turns by θ on one side of a hole."""
+    """Return the theoretical length drawn through the exit [m]: displacements of holes and hand, and stretch, minus the
+    length of the bends, 2√(EI/T)(1 − cos θ/2) of an elastica that turns by θ on one side of a hole."""
     held, between, pulled = case.tensions(load)
     if between == 0.0:
         return 0.0
@@ -289,7 +289,7 @@ def theory_drawn_length(case: Case, load: float) -> float:
 
 
 def geometry(case: Case) -> Case:
-    """Return the case without what stress under given forces does not depend on, nor on the ring."""
+    """Return the case without the keys that do not affect the stress under given forces, nor the ring."""
     kept = {name: getattr(case, name) for name in ("bite", "depth", "footprint", "holes", "refinement")}
     return replace(REFERENCE, **kept)
 

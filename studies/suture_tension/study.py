@@ -151,8 +151,8 @@ def runs_by_tissue(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def reached(runs: Sequence[Row]) -> list[Row]:
-    """Return load steps by load. What failed before its first one, the larger steps of a larger tension, has no numbers
-    of its own: it is said of the last that was reached."""
+    """Return load steps by load. A failed first step, the larger steps of a larger tension, has no numbers; it is
+    reported with the last step that was reached."""
     loaded = sorted((row for row in runs if row.load > 0.0), key=lambda row: (row.load, bool(row.failed)))
     failed = [row.failed for row in runs if row.load == 0.0]
     if loaded and failed and not loaded[-1].failed:
@@ -229,7 +229,7 @@ def verdict_on(rows: Sequence[Row], quantity: str) -> Verdict:
 
 
 def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
-    """Return by load how far the linear organ is off what a hole moves along in another material [-]; NaN beyond the
+    """Return by load the relative error of the linear organ's displacement against another material [-]; NaN beyond the
     linear organ's last load."""
     loads, moved = [row.load for row in linear], [row.exit_along for row in linear]
     same = np.interp([row.load for row in runs], [0.0, *loads], [0.0, *moved], right=np.nan)
@@ -324,7 +324,7 @@ def convergence(rows: Sequence[Row]) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the ranges by tissue, slopes, verdicts on the cells, and what is beyond, failed or not made up for."""
+    """Return the ranges by tissue, slopes, verdicts on the cells, and the shortcomings of rows."""
     cells = convergence(rows)
     out = [*ranges(rows), *measured_ranges(rows), *slopes(rows), *cells, *sweep_errors(rows)]
     if not cells:
@@ -441,8 +441,8 @@ def figure(rows: Sequence[Row]) -> Figure:
 def against_theory(
     runs: Sequence[Row], name: str, quantities: Mapping[str, Callable[[Array], float]], log: str = ""
 ) -> Item:
-    """Draw displacements over what was changed; lines are a half-space, of a depth from where holes are clear of the
-    surface."""
+    """Draw displacements over the varied quantity; lines are a half-space, from the depth at which holes are clear of
+    the surface."""
     values, case = [getattr(row, name) / MILLI for row in runs], runs[0].case
     least = CLEAR * case.footprint / MILLI if name == "depth" else min(values)
     over = np.linspace(least, max(*values, 2.0 * least * (name == "depth")), CURVE)

@@ -88,7 +88,8 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
 
 
 def make_ready(data: Mapping[str, Any]) -> None:
-    """Make the organ of a scenario given as tables, which is kept, and in time load what steps it: by two steps."""
+    """Make the organ of a scenario given as tables, which is cached, and load the loops of its time steps by two
+    steps."""
     solve = parsed(data).solve
     if solve.kind == "static":
         run_start(data)

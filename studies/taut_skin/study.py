@@ -89,7 +89,7 @@ class Skin:
 
     @cached_property
     def stretch(self) -> float:
-        """That in the plane at which the sheet bears its tension [-]."""
+        """Stretch in the plane at which the sheet bears its tension [-]."""
         return float(brentq(lambda x: self.tension_at(x) - self.tension, 1.0, 2.0)) if self.tension else 1.0
 
     @property
@@ -214,8 +214,8 @@ class TautHands(Hands):
 
 
 def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
-    """Return the wound closed bit by bit; `answer` is by how much the linear sheet's lips close at the stitches, as
-    each is drawn [-]. Broyden's method learns what stiffening and contact change."""
+    """Return the closed wound; `answer` is the closing of the linear sheet's lips per drawn stitch [-]. Broyden's
+    method learns the effects of stiffening and contact."""
     case, state = hands.case, hands.straight_state
     opened = hands.gaps(state, case.places)
     limit, bits = PRECISE * opened.max(), int(np.ceil(opened.max() / APPROACH))
@@ -248,8 +248,8 @@ def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed:
 
 @dataclass(frozen=True)
 class Ratio:
-    """What the second of a published pair of wounds takes over what the first does: published, as W/L says, and by
-    runs in one skin [-]."""
+    """Force of the second of a published pair of wounds over that of the first: published, by W/L, and by runs in one
+    skin [-]."""
 
     source: str
     skin: str

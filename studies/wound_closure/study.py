@@ -305,8 +305,7 @@ class Hands:
 
     @cached_property
     def answers(self) -> tuple[Array, Array]:
-        """What a length drawn at each stitch makes of the gaps at all of them [-] and of their forces [N/m], while the
-        lips are open."""
+        """Changes of all gaps [-] and forces [N/m] per length drawn at each stitch, while the lips are open."""
         y, length = self.case.places, 0.01 * self.case.width
         each = [self.draw(self.straight_state, length * unit) for unit in np.eye(len(y))]
         gaps = np.column_stack([self.gaps(state, y) - self.gaps(self.straight_state, y) for state in each])
@@ -314,9 +313,8 @@ class Hands:
         return gaps / length, forces / length
 
     def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
-        """Return the stitches `tying` drawn until the lips nearly touch at them, those `slack` as far as they bear
-        nothing, the others left as they are; and whether that was reached. Broyden's method learns what contact
-        changes."""
+        """Return the stitches `tying` drawn until the lips nearly touch there, those `slack` until they bear nothing,
+        the others unchanged; and whether that was reached. Broyden's method learns the effect of contact."""
         moving = tying | slack
         by_gap, by_force = self.answers
         answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
@@ -443,7 +441,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the agreement and disagreement in numbers; mesh, sheet and lips; what is beyond small strains."""
+    """Return agreement and disagreement in numbers; mesh, sheet and lips; shortcomings beyond small strains."""
     out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
     out += [*where_largest(rows), *changes(rows)]
     for row in rows:
@@ -516,7 +514,7 @@ def changes(rows: Sequence[Row]) -> list[str]:
 
 
 def beyond_small_bearing(rows: Sequence[Row]) -> list[str]:
-    """Return a remark where the holes are strained by more than what is small."""
+    """Return a remark if the strain of the holes is not small."""
     strains = [bearing_strain(max(row.forces), suture(SUTURE).diameter, THICKNESS, E) for row in rows]
     if max(strains) <= LINEAR:
         return []
@@ -527,7 +525,7 @@ def beyond_small_bearing(rows: Sequence[Row]) -> list[str]:
 
 
 def beyond_small_turns(row: Row) -> list[str]:
-    """Return a remark where closing turns and strains the sheet by more than what is small."""
+    """Return a remark if closing turns and strains the sheet too much."""
     slope = row.width / row.length
     if slope <= LINEAR:
         return []

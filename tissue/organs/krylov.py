@@ -219,8 +219,7 @@ class KrylovOrgan(OrganOfModes):
         answer_of: Callable[[Level], KrylovAnswer],
         excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
-        """Return the first of an answer and those of wider levels without `excess`, what it misses over what it may,
-        None if it is not to be seen that one of them has none, by AT_ONCE wider at most than it or than FIRST."""
+        """Return the narrowest Krylov answer whose residual bound is met, or None, at most AT_ONCE wider than FIRST."""
         before, most = np.inf, min(MOST, max(level.blocks, FIRST) + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
