@@ -52,12 +52,13 @@ from thread.kernels.travel import (
     place_curve,
     place_knots,
 )
-from thread.kernels.vectors import Vector, add_row, dot, sum_of
+from thread.kernels.vectors import add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how one ends
 LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
 HOW, TOTAL, SETS, OF_SET = range(4)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
+Limits = tuple[float, float, float, float]  # of a force, a gap, a direction, and a force along the thread
 
 
 class Knots(NamedTuple):
@@ -97,13 +98,14 @@ class Given(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] beside it;
-    the `least` largest force [N]; `gap` [m], `direction`; `longest` move [m] and largest `turn` of a tangent; margin
-    between two solved sets; `iterations` for one set, how many `sets`, and how many `returns` to one of them; whether
-    the thread `floats`."""
+    """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] besides,
+    which is `along` times that for a force along a thread whose knots travel; the `least` largest force [N]; `gap` [m],
+    `direction`; `longest` move [m] and largest `turn` of a tangent; margin between two solved sets; `iterations` for
+    one set, how many `sets`, and how many `returns` to one of them; whether the thread `floats`."""
 
     force: float
     rounded: float
+    along: float
     least: float
     gap: float
     direction: float
@@ -319,19 +321,20 @@ def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknow
         for x in range(3):
             if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
                 return False
-    limits = force, bounds.gap, bounds.direction
+    along = force + (bounds.along - 1.0) * bounds.rounded if given.ride.on else force
+    limits = force, bounds.gap, bounds.direction, along
     return are_holds_solved(law, z.sigma, given.rows, limits, r.holds, r.site, given.rounded)
 
 
 @loop
 def are_holds_solved(
-    law: Law, sigma: Array, rows: Flags, limits: Vector, holds: Array, site: Array, rounded: Array
+    law: Law, sigma: Array, rows: Flags, limits: Limits, holds: Array, site: Array, rounded: Array
 ) -> bool:
-    """Whether the law of sliding, Φ and the equations of the sites hold to the `limits` of a force [N], a gap [m] and a
-    direction [-], or the sites to what round-off moves them by, `rounded` (m, 9)."""
-    force, gap, direction = limits
+    """Whether the law of sliding, Φ and the equations of the sites hold to the `limits` of a force [N], a gap [m], a
+    direction [-] and a force along the thread [N], or the sites to what round-off moves them by, `rounded` (m, 9)."""
+    force, gap, direction, along = limits
     for k in range(len(holds)):
-        if not abs(holds[k, 0]) <= (gap if is_length(law, sigma, k) else force):
+        if not abs(holds[k, 0]) <= (gap if is_length(law, sigma, k) else along):
             return False
         for j in range(5):
             limit = gap if j < 3 else direction

@@ -40,7 +40,7 @@ from coupling.step.newton import Iterate, Problem, Solution, correct, force_tole
 from coupling.step.packets import fitted
 from coupling.step.sliding import law_of
 from coupling.step.solver import find, solve
-from coupling.step.stability import costs_nothing, downhill, given_a_little, is_squeezed, would_stay
+from coupling.step.stability import aside, costs_nothing, is_squeezed, would_stay
 from coupling.step.stepping import (
     Step,
     accept_organ,
@@ -163,8 +163,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
     if not is_squeezed(step.solution) or would_stay(step.solution, step.new):
         return step
     try:
-        aside = downhill(given_a_little(step.solution), z)
-        solution = let_lie(settle_stretch(find(problem, aside), find))
+        solution = let_lie(settle_stretch(solve(problem, aside(problem, z), downhill=True), find))
     except StepError as error:
         log.debug("the thread would not stay, and goes nowhere else: %s", error)
         return step

@@ -258,6 +258,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
     the thread's `strands`."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
+    by_place = thread.largest_bending + factor * thread.largest_mass
     return Scene(
         weight=plain(system.weight),
         along=with_own(along_of(system), "breaks", "axial", "greville", "share"),
@@ -269,7 +270,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         strength=strength,
         damping=float(thread.damping),
         epsilon=float(system.epsilon),
-        round_off=float(newton.ROUND_OFF * newton.rounded_by_place(problem)),
+        round_off=float(newton.ROUND_OFF * by_place),
         rounded=float(newton.ROUND_OFF * thread.EA),
         borne=float(borne_pressure(thread, factor) / thread.EA),
         create=CREATED,

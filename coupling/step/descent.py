@@ -23,6 +23,7 @@ from typing import Generic
 import numpy as np
 
 from coupling.arrays import Array
+from coupling.errors import StepError
 from coupling.interfaces import Body
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
@@ -33,6 +34,7 @@ from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_s
 PATIENCE = 4  # times the corrections of a plain solve
 ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
 SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
+ANSWERS = 3  # of a nonlinear organ, each of which a way downhill ends with
 LENGTHS = 9  # of a correction at most
 FIRMER = 10.0  # by which the tie grows where a correction would lead uphill, and falls after one that does not
 SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first tie, and the last
@@ -40,8 +42,21 @@ PUT = 3  # times that control points are put on the constraints at most: those o
 
 
 def descend(problem: Problem[Body], start: Iterate) -> Solution[Body]:
-    """Solve a step downhill from `start`. Raises `StepError`."""
-    return newton.solve(problem, start, Descent[Body](), PATIENCE)
+    """Solve a step downhill from `start`; with a nonlinear organ by the answer that it gave, then by Newton's method from
+    there, and if that does not converge by the answer there. Raises `StepError`."""
+    if problem.answer.linear:
+        return newton.solve(problem, start, Descent[Body](), PATIENCE)
+    made, z = 0, start
+    for _ in range(ANSWERS):
+        held = newton.solve(replace(problem, stands=True), z, Descent[Body](), PATIENCE)
+        made, z = made + held.iterations, held.iterate
+        try:
+            solution = newton.solve(problem, z)
+            return replace(solution, iterations=made + solution.iterations)
+        except StepError as error:
+            failed = error
+        problem = newton.follow(problem, z, held.residual)[0]
+    raise failed
 
 
 @dataclass
@@ -162,7 +177,7 @@ class Way(Generic[Body]):
         [J]; infinite where a residual is no number."""
         (problem, z, r), border = (at.problem, at.z, at.r), at.border
         rows = local_rows(problem, r.passage, border)
-        off = np.matvec(rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(len(rows), -1))
+        off = np.matvec(rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
         off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
         along = self.dq - put_back(problem, r.passage, rows, off)
         residual = r.thread.copy()

@@ -61,7 +61,7 @@ FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
-NEAR = 10.0  # shortest spans from the origin within which a strain has the digits of ROUND_OFF
+ALONG = 4.0  # of that round-off: the force along a thread whose knots travel is a difference of sums over two strands
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
 # In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
@@ -84,8 +84,9 @@ class Problem(Generic[Body]):
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
     all of it or on each control point (n,), which is then no part of `load`; `by_turns`: a correction turns no tangent
-    by more than LARGEST_TURN ; `along` makes a correction where the loads are
-    unknown too, and returns the problem under others with it, None where they are given (`coupling.rest.branch`).
+    by more than LARGEST_TURN; `stands`: the organ's answer is not asked again, whatever the forces are; `along` makes a
+    correction where the loads are unknown too, and returns the problem under others with it, None where they are given
+    (`coupling.rest.branch`).
     """
 
     system: System[Body]
@@ -105,6 +106,7 @@ class Problem(Generic[Body]):
     fields: tuple[tuple[Spline, Array], ...] = ()
     weight: float | Array = 1.0
     by_turns: bool = False
+    stands: bool = False
     along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
 
     @cached_property
@@ -285,6 +287,8 @@ def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
 def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
     """Ask the organ again under the forces of an iterate: the problem and the residual with its answer, and whether
     the answer stood. Raises `StepError` where it has none."""
+    if problem.stands:
+        return problem, r, True
     sites = len(problem.system.piercings)
     try:
         answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem.contact, z, r))
@@ -303,17 +307,12 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
 
 
 def rounded_force(problem: Problem[Body]) -> float:
-    """Return the round-off of forces that cancel [N]."""
-    place = np.abs(problem.q_ref[:, :3]).max()
-    return ROUND_OFF * float(problem.system.thread.EA + place * rounded_by_place(problem))
-
-
-def rounded_by_place(problem: Problem[Body]) -> float:
-    """Return the stiffness by which the distance of the thread from the origin is rounded to a force [N/m]: against
-    bending, by inertia, and against stretch, since a strain is a difference of places over the shortest span."""
-    thread = problem.system.thread
-    stretching = thread.EA / (NEAR * thread.spline.spacing.min())
-    return float(stretching + thread.largest_bending + problem.mass_factor * thread.largest_mass)
+    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, which has fewer digits
+    where the thread is further from the origin than it is long."""
+    thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
+    by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
+    far = max(1.0, place / (thread.spline.end - thread.spline.start))
+    return ROUND_OFF * float(thread.EA * far + by_place * place)
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
@@ -324,7 +323,8 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     free = np.abs(r.thread)
     free.ravel()[problem.system.held] = 0.0
     torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
-    limits, rounded = (force, gap, DIRECTION_TOLERANCE), rounded_places(problem)
+    along = force + (ALONG - 1.0) * rounded_force(problem) if thread.travels else force
+    limits, rounded = (force, gap, DIRECTION_TOLERANCE, along), rounded_places(problem)
     return bool(
         free[:, :3].max() <= force
         and (free.shape[1] == 3 or free[:, 3].max() <= torque)

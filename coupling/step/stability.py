@@ -10,18 +10,14 @@ where it is not positive among them, it is not among all. What falls by sliding 
 
 A step in time ends at such a point where the motion away from it is faster than the step sees: one that grows by more
 than e² in a step is damped by backward Euler. A straight strand that is pushed from one end would stay straight and be
-squeezed. It goes aside there, downhill to the nearest minimum, from which Newton's method solves the whole step.
+squeezed. It is moved aside there, and goes downhill to the next minimum (`coupling.step.descent`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Generic
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.linalg.lapack import dpbtrf
-from scipy.optimize import minimize
 from scipy.sparse import dia_array
 
 from coupling.arrays import Array
@@ -39,19 +35,16 @@ from coupling.step.newton import (
     evaluate,
     thread_matrix,
 )
+from coupling.step.solver import solve
 from coupling.step.tension import is_pressed
 from coupling.system import State
 from thread.banded import diagonal_of, half_band_of
-from thread.riding import put_on
 from thread.thread import Thread
 
 NEUTRAL = 1e-3  # of the stiffness against the softest bending, or of inertia: what a motion that costs nothing is given
 FIRM = 30.0  # times the thread's own stiffness: what holes give way by then is 1e-4 of that stiffness
 ASIDE = (0.36, 0.48, 0.8)  # where a thread goes that might go any way: along no axis
 BENT = 1e-6  # of the distance of control points, by which they lie aside of one another: a bow that there is grows
-BALANCED = 1e-3  # of the thread's unit of force: where the minimum is near enough for Newton's method
-WIDEST = 1e3  # of the first step off a saddle: the trust region at most
-PATIENCE = 300  # steps of it
 MANY = 1500  # coordinates of control points: the second derivatives of more, in full, take minutes
 
 
@@ -128,13 +121,13 @@ def borne_pressure(thread: Thread, mass_factor: float) -> float:
     return float(max(by_inertia, 0.25 * np.pi**2 * thread.force_unit))
 
 
-def go_aside(solution: Solution[Body], solve: Callable[[Problem[Body], Iterate], Solution[Body]]) -> Solution[Body]:
+def go_aside(solution: Solution[Body]) -> Solution[Body]:
     """Return the solution of a step that the thread resists: the same, or one downhill of it where the thread would
     buckle. Raises `StepError` where none is found."""
     problem, z = solution.problem, solution.iterate
     if not is_squeezed(solution, problem.mass_factor) or holds(solution):
         return solution
-    found = solve(problem, downhill(problem, z))
+    found = solve(problem, aside(problem, z), downhill=True)
     if not holds(found):
         cause = "the thread is pressed along itself where it would buckle, and no way aside was found"
         raise nowhere(problem, cause)
@@ -146,105 +139,44 @@ def nowhere(problem: Problem[Body], cause: str) -> StepError:
     return StepError(problem.time - problem.dt, problem.dt, cause)
 
 
-def downhill(problem: Problem[Body], z: Iterate) -> Iterate:
-    """Return the iterate at the minimum downhill from a solution in which the thread does not resist. Raises
-    `StepError` for a thread of more than MANY coordinates."""
+def aside(problem: Problem[Body], z: Iterate) -> Iterate:
+    """Return a solution that the thread does not resist, moved off the saddle by a diameter at most: the way downhill
+    begins there. Raises `StepError` for a thread of more than MANY coordinates."""
     if z.q.size > MANY:
         cause = f"the thread buckles, and has more than {MANY} coordinates of control points to seek the way aside in"
         raise nowhere(problem, cause)
-    thread, q = problem.system.thread.placed(z.s), OwnMotions(problem, z).lowest()
-    return replace(z, q=q, N=thread.EA * thread.points(q, problem.frame).strain)
+    return replace(z, q=z.q + outset(problem, z))
 
 
-@dataclass(frozen=True)
-class OwnMotions(Generic[Body]):
-    """The motions of a thread from a solution `z` in which what holds it, its abscissae and the organ rest, and the
-    potential of the step along them."""
+def own_motions(problem: Problem[Body], z: Iterate) -> Array:
+    """Return an orthonormal basis of the motions in which what holds the thread, its abscissae and the organ rest,
+    shape `(c n, k)`."""
+    system, (n, c) = problem.system, z.q.shape
+    at = system.passage(z.q, z.s)
+    Phi_q = border_of(problem, z, at).Phi_q[:, :, :, None]
+    V = columns(at, n, c).T.reshape(len(at.first), 1, NINE, c * n)
+    rows = np.concatenate([np.eye(c * n)[system.held], (Phi_q * V).sum(axis=2)[problem.rows]])
+    return np.asarray(qr(rows.T)[0][:, len(rows) :])
 
-    problem: Problem[Body]
-    z: Iterate
 
-    @cached_property
-    def thread(self) -> Thread:
-        """The thread, its knots where they are at the solution."""
-        return self.problem.system.thread.placed(self.z.s)
-
-    @cached_property
-    def from_where(self) -> Array:
-        """Where the inertia of the step is from, on the thread's knots at the solution, shape `(n, c)` [m]."""
-        thread, problem = self.thread, self.problem
-        return put_on(thread, list(problem.earlier)) if thread.travels else problem.q_ref
-
-    @cached_property
-    def load(self) -> Array:
-        """Loads and weight on the control points, shape `(n, c)` [N]."""
-        problem = self.problem
-        if not self.thread.travels:
-            return problem.load
-        return np.asarray(problem.load + problem.weights * problem.system.on(self.thread.spline).weight)
-
-    @cached_property
-    def free(self) -> Array:
-        """A basis of them, orthonormal, shape `(c n, k)`."""
-        system, (n, c) = self.problem.system, self.z.q.shape
-        at = system.passage(self.z.q, self.z.s)
-        Phi_q = border_of(self.problem, self.z, at).Phi_q[:, :, :, None]
-        V = columns(at, n, c).T.reshape(len(at.first), 1, NINE, c * n)
-        held = np.eye(c * n)[system.held]
-        by_holes = (Phi_q * V).sum(axis=2)[self.problem.rows]
-        rows = np.concatenate([held, by_holes])
-        return np.asarray(qr(rows.T)[0][:, len(rows) :])
-
-    def moved(self, x: Array) -> Array:
-        """Return the control values after a motion `x` (k,), shape `(n, c)`."""
-        return np.asarray(self.z.q + (self.free @ x).reshape(self.z.q.shape))
-
-    def potential(self, x: Array) -> tuple[float, Array]:
-        """Return the potential after a motion `x` (k,) [J], and its slope `(k,)`: energy, inertia and loads."""
-        q, thread, problem = self.moved(x), self.thread, self.problem
-        points, off = thread.points(q, problem.frame), q - self.from_where
-        inertia = problem.mass_factor * thread.momentum(off)
-        slope = thread.gradient(points) + inertia - self.load
-        value = thread.energy(points) + 0.5 * np.vdot(inertia, off) - np.vdot(self.load, q)
-        return float(value), slope.ravel() @ self.free
-
-    def curvature(self, x: Array) -> Array:
-        """Return the second derivative of the potential after a motion `x` (k,), shape `(k, k)`."""
-        thread = self.thread
-        points = thread.points(self.moved(x), self.problem.frame)
-        band = thread.tangent(points, thread.EA * points.strain) + self.problem.mass_factor * thread.mass_band
-        h, size = half_band_of(band), band.shape[1]
-        matrix = dia_array((band[h:], np.arange(h, -h - 1, -1)), shape=(size, size)).tocsr()
-        return np.asarray(self.free.T @ (matrix @ self.free))
-
-    def outset(self) -> Array:
-        """Return the motion with which the thread goes off a saddle, shape `(k,)`: of those that it does not resist the
-        one of the bow that there is, of a straight thread one aside, the furthest point by a diameter."""
-        q = self.z.q
-        sizes, axes = np.linalg.eigh(self.curvature(np.zeros(self.free.shape[1])))
-        yielding = axes[:, sizes < 0.0]
-        if not yielding.size:
-            cause = "the thread hardly resists what moves it, and no way is found in which it gives way"
-            raise nowhere(self.problem, cause)
-        bow, aside = np.zeros_like(q), np.zeros_like(q)
-        bow[1:-1, :3] = np.diff(q[:, :3], 2, axis=0)
-        aside[:, :3] = np.linspace(1.0, 2.0, len(q))[:, None] * ASIDE
-        grown, any_way = (yielding @ (yielding.T @ (self.free.T @ one.ravel())) for one in (bow, aside))
-        spacing = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1).mean()
-        way = grown if np.abs(self.free @ grown).max() > BENT * spacing else any_way
-        furthest = np.abs((self.free @ way).reshape(q.shape)[:, :3]).max()
-        return np.asarray(self.problem.system.thread.section.diameter / furthest * way)
-
-    def lowest(self) -> Array:
-        """Return the control values at the minimum that lies downhill, shape `(n, c)` (trust region with exact second
-        derivatives: Nocedal and Wright, Numerical Optimization, 2006, §4.3)."""
-        first = self.outset()
-        size = float(np.linalg.norm(first))
-        found = minimize(
-            self.potential, first, method="trust-exact", jac=True, hess=self.curvature,
-            options={
-                "initial_trust_radius": size, "max_trust_radius": WIDEST * size,
-                "gtol": BALANCED * self.problem.system.thread.force_unit, "maxiter": PATIENCE,
-            },
-        )  # fmt: skip
-        return self.moved(found.x)
+def outset(problem: Problem[Body], z: Iterate) -> Array:
+    """Return the motion with which the thread goes off a saddle, shape `(n, c)`: of those that it does not resist the
+    one of the bow that there is, of a straight thread one aside, the furthest point by a diameter. Raises `StepError`
+    where it resists all."""
+    thread, q, free = problem.system.thread.placed(z.s), z.q, own_motions(problem, z)
+    points = thread.points(q, problem.frame)
+    band = thread.tangent(points, thread.EA * points.strain) + problem.mass_factor * thread.mass_band
+    h, size = half_band_of(band), band.shape[1]
+    matrix = dia_array((band[h:], np.arange(h, -h - 1, -1)), shape=(size, size)).tocsr()
+    sizes, axes = np.linalg.eigh(free.T @ (matrix @ free))
+    yielding = free @ axes[:, sizes < 0.0]
+    if not yielding.size:
+        cause = "the thread hardly resists what moves it, and no way is found in which it gives way"
+        raise nowhere(problem, cause)
+    bow, any_way = np.zeros_like(q), np.zeros_like(q)
+    bow[1:-1, :3] = np.diff(q[:, :3], 2, axis=0)
+    any_way[:, :3] = np.linspace(1.0, 2.0, len(q))[:, None] * ASIDE
+    grown, other = ((yielding @ (yielding.T @ one.ravel())).reshape(q.shape) for one in (bow, any_way))
+    spacing = np.linalg.norm(np.diff(q[:, :3], axis=0), axis=1).mean()
+    way = grown if np.abs(grown).max() > BENT * spacing else other
+    return np.asarray(thread.section.diameter / np.abs(way[:, :3]).max() * way)

@@ -245,7 +245,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     solution = find(problem, predict(problem, state), where_it_is(problem, state))
-    return conclude(state, scheme, go_aside(solution, find))
+    return conclude(state, scheme, go_aside(solution))
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
@@ -507,7 +507,7 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
         return remembering(try_step(system, state, dt), state, dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     try:
-        solution = go_aside(solve(problem, predict(problem, state)), find)
+        solution = go_aside(solve(problem, predict(problem, state)))
         return remembering(conclude(state, scheme, solution), state, dt)
     except (StepError, InversionError):
         return try_step(system, forgetful(state), dt)

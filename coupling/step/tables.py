@@ -124,6 +124,7 @@ def bounds_of(problem: Problem) -> Bounds:
     return Bounds(
         newton.FORCE_TOLERANCE,
         newton.rounded_force(problem),
+        newton.ALONG,
         float(thread.force_unit),
         newton.GAP_TOLERANCE * thread.section.diameter,
         newton.DIRECTION_TOLERANCE,

@@ -24,7 +24,8 @@ from coupling.run import begin
 from coupling.run.run import schedule_piercings
 from coupling.step import stepping
 from coupling.step.newton import solve
-from coupling.step.stepping import Step, dynamic_problem, find_solution, organ_answer, predict, try_step
+from coupling.step.solver import find
+from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import Friction, Piercing, State, System
 from meshes.block import block
 from studies.command import command
@@ -184,7 +185,7 @@ def test_it_does_not_matter_which_pairs_are_thought_pressed(name: str) -> None:
     warm = solve(problem, predict(problem, state))
     right = warm.p > 0.0
     for pressed in (np.ones(k, bool), np.zeros(k, bool), ~right, np.random.default_rng(2).random(k) < 0.5):
-        cold = find_solution(problem, replace(predict(problem, state), pressed=pressed))
+        cold = find(problem, replace(predict(problem, state), pressed=pressed))
         assert np.array_equal(cold.p > 0.0, right)
         assert np.abs(cold.p - warm.p).max() <= TWO_SOLVERS * warm.p.max()
         assert np.abs(cold.iterate.q - warm.iterate.q).max() <= TWO_SOLVERS * np.abs(warm.iterate.q - state.q).max()

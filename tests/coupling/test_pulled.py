@@ -22,6 +22,7 @@ from thread.catalogue import suture
 
 FORCE = 0.05  # N
 ROUNDED = 2.0 * ROUND_OFF * suture("2-0 polypropylene").EA  # N: of an axial force, a difference of numbers near 1
+LEFT_OPEN = 1e-9  # [N], 1e-10 of the largest elastic force on a control point, some newtons on spans of 0.1 mm
 STRAIN = 6 * FORCE / suture("2-0 polypropylene").EA  # that of the hand's largest force, to which a force along is known
 
 
@@ -209,7 +210,7 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
     assert np.ptp(held) <= IDENTITY * held[0] and ring[7 * part].tension_before > 5 * FORCE
     gone = ring[7 * part + 1 :]
     assert gone[0].s > held[0] and max(hole.tension_before for hole in gone) < 0.1
-    assert max(hole.cone_residual for hole in ring) <= RESIDUAL * 6 * FORCE + ROUNDED
+    assert max(hole.cone_residual for hole in ring) <= LEFT_OPEN
     first = next(hole for hole in gone if hole.state == "slip") if solve.get("kind") else gone[-1]
     limit = np.exp(0.5 * np.pi * MU)
     assert first.tension_before / first.tension_after <= limit * (1 + BENT)

@@ -16,7 +16,8 @@ from coupling.paper.assembled import Monolith, monolithic_solve
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.run.run import schedule_piercings
 from coupling.step.newton import solve
-from coupling.step.stepping import Step, bdf2_step, dynamic_problem, find_solution, organ_answer, predict
+from coupling.step.solver import find
+from coupling.step.stepping import Step, bdf2_step, dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
@@ -94,7 +95,7 @@ def test_condensed_and_assembled_agree(name: str) -> None:
         for got, exact in pairs:
             assert np.abs(got - exact).max() <= TWO_SOLVERS * np.abs(exact).max()
         pressed, m = np.ones(organ.pairs, dtype=bool), organ.gaps.rough.size
-        cold = find_solution(problem, replace(first, pressed=pressed, rubbing=stuck(m)))
+        cold = find(problem, replace(first, pressed=pressed, rubbing=stuck(m)))
         assert np.abs(cold.p - a.p).max() <= 10.0 * TWO_SOLVERS * np.abs(a.p).max()
 
 

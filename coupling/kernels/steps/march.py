@@ -319,15 +319,16 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
     """Return the bounds of a step whose forces are rounded by so much [N]."""
     return Bounds(
-        bounds.force, rounded, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn, bounds.margin,
-        bounds.iterations, bounds.sets, bounds.returns, bounds.floats,
+        bounds.force, rounded, bounds.along, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn,
+        bounds.margin, bounds.iterations, bounds.sets, bounds.returns, bounds.floats,
     )  # fmt: skip
 
 
 @loop
-def rounded_force(scene: Scene, largest: float) -> float:
+def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
     """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
-    return scene.rounded + scene.round_off * largest
+    far = max(1.0, largest / (knots.breaks[-1] - knots.breaks[0]))
+    return scene.rounded * far + scene.round_off * largest
 
 
 @loop
@@ -416,7 +417,7 @@ def march_of(digest: int) -> Any:
             largest = begin_step(curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room)
             if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
                 return step, REFIT
-            here = bounds_at(bounds, rounded_force(scene, largest))
+            here = bounds_at(bounds, rounded_force(scene, knots, largest))
             predict(pace, given, ends, step, now, room.z)
             found, _ = solve_at(solver, (curve, knots, law, given, here, room.z, room.found))
             if found < 0:
