@@ -42,8 +42,8 @@ PUT = 3  # times that control points are put on the constraints at most: those o
 
 
 def descend(problem: Problem[Body], start: Iterate) -> Solution[Body]:
-    """Solve a step downhill from `start`; with a nonlinear organ by the answer that it gave, then by Newton's method from
-    there, and if that does not converge by the answer there. Raises `StepError`."""
+    """Solve a step downhill from `start`; with a nonlinear organ by the answer that it gave, then by Newton's method
+    from there, and if that does not converge by the answer there. Raises `StepError`."""
     if problem.answer.linear:
         return newton.solve(problem, start, Descent[Body](), PATIENCE)
     made, z = 0, start

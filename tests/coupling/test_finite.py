@@ -193,8 +193,8 @@ def test_a_kept_factor_gives_the_same_answer() -> None:
     [("P1 dynamic normal", [1.0, 2.0, 3.0]), ("P1 quasi-static fibre", [1.0, 2.0, 0.0])],
 )
 def test_a_scene_turned_by_40_degrees_is_the_same(name: str, axis: list[float]) -> None:
-    """Independent check (frame indifference): block, thread, loads and gravity turned, every number turns with them. (The
-    fourth step of the fibre has two solutions, and round-off chooses.)"""
+    """Independent check (frame indifference): block, thread, loads and gravity turned, every number turns with them.
+    (The fourth step of the fibre has two solutions, and round-off chooses.)"""
     R = rotation(40.0, np.array(axis))
     turned = taken(*scene(name, R), DT, 3)[-1].new
     here = steps(name)[2].new

@@ -8,7 +8,6 @@ import pytest
 
 from coupling.errors import CouplingError
 from coupling.rest.equilibrium import pair_lips
-from coupling.step.newton import ROUND_OFF
 from coupling.step.sliding import law_of, ruled
 from coupling.step.tension import stretches_at
 from coupling.system import Friction, Piercing, State
@@ -21,7 +20,6 @@ from tests.thread.threads import load_step
 from thread.catalogue import suture
 
 FORCE = 0.05  # N
-ROUNDED = 2.0 * ROUND_OFF * suture("2-0 polypropylene").EA  # N: of an axial force, a difference of numbers near 1
 LEFT_OPEN = 1e-9  # [N], 1e-10 of the largest elastic force on a control point, some newtons on spans of 0.1 mm
 STRAIN = 6 * FORCE / suture("2-0 polypropylene").EA  # that of the hand's largest force, to which a force along is known
 
