@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
+from studies import unbounded
 from studies.arrays import Array
 from tissue import Material
 from tissue.materials.density import Sum
 from tissue.materials.isotropic import Exponential, Volumetric
-from tissue.sites import footprint, unbounded
+from tissue.sites import footprint
 
 WEIGHT = "parabolic"
 STEP = 1e-4  # of a footprint, over which displacements are differenced

@@ -27,5 +27,4 @@ ORACLE_SHIPPED = 1e-2  # the same of the shipped scene, whose firm holes bend th
 DIFFERENCE = (
     1e-6  # of a slope: a central difference over 1e-5 of order one, its own error 1e-10 and its round-off 1e-11
 )
-SUBGRID = 0.05  # of a hole's compliance on a coarse mesh: a patch's own error of 2 %, and what its reach leaves out
 DRAWN_TOGETHER = 0.01  # of a footprint's way in tissue that stiffens: P2 cells of 0.4 radii leave 0.7 % of it

@@ -81,7 +81,7 @@ def main(
 
 def sized(mesh: tuple[float, float]) -> list[str]:
     """Return the overrides that set the size of cells far from and at the holes [m]."""
-    return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}"]
+    return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}", "tissue.mesh.accuracy=given"]
 
 
 def measure_pull(case: str, overrides: list[str]) -> AtRest:

@@ -177,4 +177,5 @@ def mesh_of(random: np.random.Generator, at: Array, footprint: float) -> dict[st
         "size": [float(np.ptp(at[:, 0]) + 0.03), 0.03, float(random.uniform(0.01, 0.02))],
         "h": 6e-3,
         "h_site": 2.0 * footprint,
+        "accuracy": "given",  # many quick runs
     }

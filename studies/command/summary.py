@@ -84,14 +84,6 @@ def doubt_lines(remarks: Sequence[Remark], folder: Path) -> list[str]:
     return [f"suture: unsupported: {named}; the reasons are in {folder / 'summary.json'}"] if named else []
 
 
-def subgrid_line(gaps: Mapping[str, Mapping[str, Any]]) -> str:
-    """Tell how much of the holes' compliance the mesh is too coarse for."""
-    if not gaps:
-        return ""
-    share = max(gap["share"] for gap in gaps.values())
-    return f"sub-grid   up to {share:.0%} of a hole's compliance is added, because the mesh is too coarse"
-
-
 def refinement_line(refinement: Mapping[str, Any]) -> str:
     """Tell how accurate the cells at the holes are, and how they became so."""
     if not refinement:
@@ -173,7 +165,7 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     lines[1:1] = ["", *table] if table else []
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
-        lines += [line for line in (subgrid_line(recorder.subgrid), refinement_line(recorder.refinement)) if line]
+        lines += [line] if (line := refinement_line(recorder.refinement)) else []
         lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
     lines += load_lines(scenario.thread)

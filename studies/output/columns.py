@@ -524,7 +524,7 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
     Column(
         "strain",
         "-",
-        "largest principal strain of the cell, in magnitude; without sub-grid parts",
+        "largest principal strain of the cell, in magnitude",
         lambda organ: organ.strain,
     ),
     Column("rotation", "rad", "largest rotation of the cell, half the length of curl U", lambda organ: organ.rotation),
@@ -671,7 +671,7 @@ RUN: tuple[Column[RunRecord], ...] = (
     ),
     count(
         "tissue_dofs",
-        "free unknowns of the organ, with those of sub-grid springs",
+        "free unknowns of the organ",
         lambda run: run.tissue_dofs,
     ),
 )

@@ -61,4 +61,3 @@ class OrganRecord:
     third_stretch: Array | None = None  # (cells, 3) of the smallest, unit
     hole_strain: Array | None = None  # (p,) largest `strain` of the cells on which each hole bears [-]
     hole_energy: Array | None = None  # (p,) largest `energy_density` of them [Pa]
-    sprung: Array | None = None  # (p,) way of the springs at each hole over its footprint [-]; None of a linear organ

@@ -66,7 +66,6 @@ class Recorder:
         topology: OrganTopology | None = None,
         tissue_dofs: int = 0,
         checkpoint: Arrays | None = None,
-        subgrid: Mapping[str, Mapping[str, Any]] | None = None,
         judge: Judge = nothing_to_say,
         methods: Mapping[str, str | None] | None = None,
         refinement: Mapping[str, Any] | None = None,
@@ -77,7 +76,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
-        self._tally = Tally(scenario, tissue_dofs, subgrid, judge, checkpoint, refinement)  # refuses before all
+        self._tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # refuses before all
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -153,11 +152,6 @@ class Recorder:
     def last_step(self) -> StepRecord | None:
         """The last recorded step, None before the start."""
         return self._tally.last_step
-
-    @property
-    def subgrid(self) -> Mapping[str, Mapping[str, Any]]:
-        """Compliance that the organ's mesh is too coarse to show, by piercing."""
-        return self._tally.subgrid
 
     @property
     def refinement(self) -> Mapping[str, Any]:

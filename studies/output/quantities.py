@@ -32,7 +32,6 @@ from studies.output.columns import (
 
 NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and where a run was made
 TOLD_APART = ("remarks",)  # a list of sentences
-SUBGRID = {"share": "-", "size": "m", "clear": "m"}  # of `tissue.sites.subgrid.Missing`
 ANY = "*"
 
 
@@ -72,7 +71,7 @@ def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
             yield from leaves(item, (*place, str(number)))
         return
     column = column_at(place)
-    unit = column.unit if column else SUBGRID.get(place[-1], "") if place[0] == "subgrid" else ""
+    unit = column.unit if column else ""
     if isinstance(table, Sequence) and not isinstance(table, str):
         parts = column.parts if column and column.parts else [f"{place[-1]}_{k}" for k in range(len(table))]
         for part, value in zip(parts, table, strict=False):

@@ -239,7 +239,6 @@ class Extremes:
     mean_strain: Array  # (p,) of the tissue at each hole [-]
     turn: Array  # (p,) [rad]
     bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
-    sprung: Array  # (p,) way of a hole that linear springs make up for at finite strain, over its footprint [-]
     way: Array  # (p,) of each hole from its place in the reference shape [m]
     difference: Array  # (p,) between a small basis and one with a block more [m]
     bound: Array  # (p,) of the distance to the whole organ [m]
@@ -312,7 +311,6 @@ class Extremes:
             return self
         return replace(
             self,
-            sprung=at_least(self.sprung, organ.sprung),
             cell_strain=at_least(self.cell_strain, organ.hole_strain),
             cell_energy=at_least(self.cell_energy, organ.hole_energy),
             strain=max(self.strain, float(organ.strain.max())),
@@ -332,7 +330,7 @@ def at_least(met: Array, now: Array | None) -> Array:
 def nothing_met(piercings: int) -> Extremes:
     """Return the extremes of a run with so many piercings before its start."""
     unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,)
-    return Extremes(*np.zeros((9, piercings)), *(np.full(shape, np.nan) for shape in unknown))
+    return Extremes(*np.zeros((8, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 
 @dataclass(frozen=True)

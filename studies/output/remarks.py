@@ -35,8 +35,7 @@ SLIGHT = 0.05  # rad from a ball to the next: a slack thread that bends less lie
 IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
 MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
 NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
-RESOLVED_SHARE = 0.03  # of a hole's compliance that springs may make up: no more than its own error
-REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as springs may
+REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as cells may
 COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
 
 
@@ -107,13 +106,6 @@ KINDS = (
         "unsupported",
         f"turn of a hole above {SMALL_ROTATION:g} rad",
         "a rotation θ alone strains a linear body by 1 − cos θ = 0.02",
-    ),
-    Kind(
-        "subgrid-strain",
-        "unsupported",
-        f"at finite strain, sub-grid springs drawn out by {SMALL_STRAIN:g} footprints, or too soft by "
-        f"{RESOLVED_SHARE:.0%} of the hole's compliance",
-        "the springs are linear, but the tissue that they replace is not",
     ),
     Kind(
         "tissue-strain",
@@ -249,15 +241,10 @@ KINDS = (
         "the number and times of these events depend on the time step",
     ),
     Kind(
-        "subgrid",
-        "unsupported",
-        "no sub-grid patch corrects the coarse cells around a hole",
-        "nothing is added: the hole is as stiff as its cells",
-    ),
-    Kind(
         "cells",
         "unsupported",
-        f"without `piercing.subgrid`, cells above {COARSE['P1']:g} (P1) or {COARSE['P2']:g} (P2) of the footprint",
+        f'with `tissue.mesh.accuracy = "given"`, cells above {COARSE["P1"]:g} (P1) or {COARSE["P2"]:g} (P2) of the '
+        "footprint",
         "the mesh is more than about 8 % too stiff at the hole",
     ),
     Kind(

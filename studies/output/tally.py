@@ -30,7 +30,6 @@ class Tally:
         self,
         scenario: Scenario,
         tissue_dofs: int = 0,
-        subgrid: Mapping[str, Mapping[str, Any]] | None = None,
         judge: Judge = nothing_to_say,
         memory: Arrays | None = None,
         refinement: Mapping[str, Any] | None = None,
@@ -43,7 +42,6 @@ class Tally:
         self._tissue_dofs = tissue_dofs
         self.own: list[Remark] = []
         self.last_step: StepRecord | None = None
-        self.subgrid = subgrid or {}
         self.refinement = refinement or {}
         counters = memory or {}
         self._newton_iterations = int(counters.get("newton_iterations", 0))
@@ -95,7 +93,7 @@ class Tally:
         """Make the contents of ``summary.json`` as of the last step, all but where it comes from."""
         step = self.last_step
         totals = self._newton_iterations, self._constraint_max, self._seconds
-        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs)) | {"subgrid": self.subgrid}
+        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs))
         said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self._has_organ:
             said["range"] = range_summary(self._names, self._extremes)

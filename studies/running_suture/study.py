@@ -229,7 +229,12 @@ def scenario(case: Case, laid: int) -> Scenario:
     tail = TAIL + (case.stitches - laid) * (2 * BITE + np.hypot(2 * BITE, PITCH))
     rough = {"friction": {"static": case.mu, "kinetic": case.mu}} if case.mu else {}
     length = (case.stitches - 1) * PITCH + 2 * BEYOND
-    mesh: dict[str, Any] = {"kind": "block", "size": [WIDTH, length + 2 * BEYOND, THICKNESS], "h": case.cell}
+    mesh: dict[str, Any] = {
+        "kind": "block",
+        "size": [WIDTH, length + 2 * BEYOND, THICKNESS],
+        "h": case.cell,
+        "accuracy": "given",
+    }
     if case.organ == "gaping fascia":
         mesh |= {"kind": "wound", "shape": "slit", "length": length, "depth": THICKNESS}
     values = {

@@ -3,12 +3,22 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from math import dist, hypot
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import NotNegative, Number, Positive, ScenarioTable, Text, Turn, Vector, one_sentence
+from studies.scenario.table import (
+    NotNegative,
+    Number,
+    Positive,
+    ScenarioTable,
+    Text,
+    Turn,
+    Vector,
+    one_sentence,
+    refuse_subgrid,
+)
 
 LetGo = tuple[Number]
 HandRow = Annotated[
@@ -79,11 +89,6 @@ class Piercing(ScenarioTable):
         description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
     )
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
-    subgrid: Annotated[bool, Field(strict=True)] = Field(
-        default=True,
-        description="whether to add the compliance that the mesh is too coarse to show; none on a fine "
-        "mesh, for a bare point, or with a tissue.mesh.accuracy",
-    )
     s: NotNegative | None = Field(
         default=None,
         description="initial abscissa of the piercing [m], at an end of the thread only if anchored; "
@@ -131,6 +136,12 @@ class Piercing(ScenarioTable):
         description="time at which the piercing ends [s], at the next end of a step; default: never",
         examples=[0.5],
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_subgrid(cls, data: Any) -> Any:
+        refuse_subgrid(data)
+        return data
 
     @model_validator(mode="after")
     def _check_effect(self) -> Self:

@@ -64,6 +64,13 @@ class ScenarioTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
 
 
+def refuse_subgrid(data: Any) -> None:
+    """Refuse the former key of a hole or a tract by the one in its place."""
+    if isinstance(data, Mapping) and "subgrid" in data:
+        reason = "cells are refined where holes are; leave it out, and give tissue.mesh.accuracy"
+        raise ValueError(f".subgrid = {as_toml(data['subgrid'])} is refused: {reason}")
+
+
 def repetition(table: str, names: Sequence[str]) -> str | None:
     twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
     return None if twice is None else refusal(f"{table}.name", twice, "names must be unique; rename one")

@@ -1,13 +1,13 @@
 """The table of a tract, `[[tract]]`: where the thread bears on the tissue across itself between two holes."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.refusal import dotted_key, refusal
-from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text
+from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text, refuse_subgrid
 
 
 class Tract(ScenarioTable):
@@ -31,11 +31,12 @@ class Tract(ScenarioTable):
         description="friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
         examples=[{"static": 0.1, "kinetic": 0.1}],
     )
-    subgrid: Annotated[bool, Field(strict=True)] = Field(
-        default=True,
-        description="whether to add the compliance that the mesh is too coarse to show at the balls; none with a "
-        "tissue.mesh.accuracy",
-    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_subgrid(cls, data: Any) -> Any:
+        refuse_subgrid(data)
+        return data
 
     @property
     def name(self) -> str:

@@ -51,7 +51,7 @@ ALONG_ARC = np.array([0.0, 0.5, 1.0])  # where an arc of a path asks for spans t
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
 LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
-MOST_PULLS = 40  # sites' variables and loads, to each of which it has eight vectors: four holes
+MOST_PULLS = 60  # sites' variables and loads, to each of which it has eight vectors: six holes
 BEARING_FOOTPRINTS = 2.0  # length on which a hole bears: over so much tissue the model spreads its force
 BEARING_DIAMETERS = 10.0  # of the thread, where there is no footprint, or no bite, to go by
 
@@ -332,8 +332,7 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     line = hole.tract if isinstance(hole, Ball) else ""
-    sprung = hole.subgrid and scenario.tissue is not None and scenario.tissue.mesh.accuracy == "given"
-    return tissue.Site(hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', sprung, line)
+    return tissue.Site(hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', line)
 
 
 def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet | None:

@@ -114,8 +114,6 @@ class Given:
         if self.energy is not None:
             yield from faults_of_energy(table)
         accuracy = table.mesh.accuracy
-        if accuracy == "given" and (self.stiffness is not None or self.energy is not None):
-            yield from faults_of_springs(scenario.piercing)
         if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
             reason = 'a stiffness or basis that is handed over is that of its own mesh; set "given"'
             yield refusal("tissue.mesh.accuracy", accuracy, reason)
@@ -212,14 +210,6 @@ def faults_of_energy(table: model.Tissue) -> Iterator[str]:
         for key in ("stiffening", "fibres"):
             if getattr(part, key) is not None:
                 yield f"{place}.{key} is refused: the energy that is handed over takes its place; leave it out"
-
-
-def faults_of_springs(holes: tuple[model.Piercing, ...]) -> Iterator[str]:
-    """Yield the holes with sub-grid springs, which are valid for E and ν only."""
-    for hole in holes:
-        if hole.footprint and hole.subgrid:
-            reason = "the springs beside coarse cells are those of E and ν, and not of what is handed over; set false"
-            yield refusal(dotted_key(["piercing", hole.name, "subgrid"]), True, f"{reason}, and take cells that fit")
 
 
 def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:

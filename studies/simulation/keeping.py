@@ -52,7 +52,7 @@ def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: 
 
 def digest_of(organ: tissue.DynamicOrgan, blocks: int, modes: int) -> str:
     """Return the SHA-256 of all that a basis is made from, its solver included."""
-    digest = hashlib.sha256(f"{FORMAT} {blocks} {modes} {organ.mesh_size} {organ.choice.name}".encode())
+    digest = hashlib.sha256(f"{FORMAT} {blocks} {modes} {organ.size} {organ.choice.name}".encode())
     for part in (organ.K, organ.M, organ.Y, organ.load, organ.surface_load):
         for numbers in _arrays(part):
             digest.update(f"{numbers.dtype.str} {numbers.shape}".encode())

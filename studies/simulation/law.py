@@ -53,21 +53,6 @@ def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
     ]
 
 
-def stiffness_in_shear(law: tissue.Hyperelasticity, strains: Array) -> Array:
-    """Return the largest tangent in simple shear over μ, of all cells and of planes along and between the axes, shape
-    `(k,)`, where the shear distorts as much as a stretch by `strains` (k,), from 0: Ī₁ = 3 + 3ε².
-
-    A neo-Hookean solid has 1 at any strain, as the linear organ has.
-    """
-    amounts, mu = np.sqrt(3.0) * strains, law.body.material.lame_mu
-    largest = np.full(len(strains), -np.inf)
-    for m, n in PLANES:
-        sheared = (np.eye(3)[:, :, None] + amount * np.outer(m, n)[:, :, None] for amount in amounts)
-        stress = [np.einsum("i,ij...,j->...", m, law.density.stress(F), n) / mu for F in sheared]
-        largest = np.maximum(largest, np.gradient(stress, amounts, axis=0).reshape(len(strains), -1).max(axis=1))
-    return largest
-
-
 def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
     """Return the principal stretches of the reference shape, shape `(3,)`, or `(3, c)` where a region has its own."""
     whole = np.array(table.prestretch or (1.0, 1.0, 1.0))

@@ -97,7 +97,6 @@ def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[R
         simulation.topology,
         simulation.tissue_dofs,
         checkpoint,
-        simulation.subgrid,
         judge=simulation.remarks,
         methods=simulation.methods,
         refinement=simulation.refinement,

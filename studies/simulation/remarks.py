@@ -40,7 +40,6 @@ from studies.output.remarks import (
     OFF_PATH,
     OUTDONE,
     REDUCED,
-    RESOLVED_SHARE,
     RULES,
     SHARE,
     SLID,
@@ -60,7 +59,6 @@ from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at
 from studies.simulation.given import Given, shear_moduli
-from studies.simulation.law import stiffness_in_shear
 from studies.simulation.tracts import Ball, across_wounds, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
@@ -68,7 +66,6 @@ from thread.thread import Thread
 from thread.vectors import curvature
 
 MILLI = 1e-3
-STRAINS = np.linspace(0.0, SMALL_STRAIN, 21)  # at which it is asked how much the tissue stiffens
 LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
 PRESSURES, LENGTHS = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}
 UNITS = {  # of a key in SI, and those that it may have been given in
@@ -89,7 +86,7 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 }
 
 
-def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Array) -> list[Remark]:
+def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     """Return the remarks that are known before the first step, for a thread laid with control points `q` (n, c) [m]."""
     scenario, system = assembly.scenario, assembly.system
     thread = system.thread
@@ -114,7 +111,6 @@ def foreseen(assembly: Assembly, subgrid: Mapping[str, Mapping[str, Any]], q: Ar
             for hole, size in zip(scenario.piercing, sizes, strict=True)
             for said in coarse_cells(hole, size, assembly.body.element, assembly.fit is not None)
         ),
-        *outside_subgrid(subgrid),
         *inaccurate_cells(assembly),
         *near_holes(scenario.piercing),
         *moved_holes(scenario.piercing),
@@ -182,9 +178,8 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     return out
 
 
-def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> list[Remark]:
-    """Return the remarks on a run with an `ending`; `springs` is the added share of each hole's compliance, by
-    piercing."""
+def met(assembly: Assembly, ending: Ending) -> list[Remark]:
+    """Return the remarks on a run with an `ending`."""
     scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
@@ -192,7 +187,7 @@ def met(assembly: Assembly, ending: Ending, springs: Mapping[str, float]) -> lis
     dynamic = scenario.solve.kind == "dynamic"
     return [
         *(
-            beyond_at_springs(names, extremes, springs, stiffness_in_shear(assembly.organ.law, STRAINS))
+            []
             if isinstance(assembly.organ, tissue.FiniteOrgan)
             else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
         ),
@@ -239,39 +234,6 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
                     name,
                     f"the hole {name!r} turned by {turn:.2g} rad, above the limit of linear elasticity (about "
                     f"{SMALL_ROTATION:g}); use a smaller load, a softer suture, stiffer tissue or a wider footprint",
-                )
-            )
-    return out
-
-
-def springs_hold_to(share: float, stiffness: Array) -> float:
-    """Return the way of linear springs over the footprint [-] up to which they stand for a `share` of a hole's
-    compliance in tissue of a `stiffness` at STRAINS over that of its E and ν.
-
-    The tissue that they stand for is strained by about as much. They hold within small strain, and until
-    RESOLVED_SHARE of the compliance is too much.
-    """
-    if share <= RESOLVED_SHARE:
-        return float("inf")
-    bound = 1.0 + RESOLVED_SHARE / (share - RESOLVED_SHARE)
-    return float(np.interp(bound, np.maximum.accumulate(stiffness), STRAINS))
-
-
-def beyond_at_springs(
-    names: Sequence[str], extremes: Extremes, springs: Mapping[str, float], stiffness: Array
-) -> list[Remark]:
-    """Judge the springs at holes of an organ at finite strain whose cells are too coarse."""
-    out = []
-    for name, way in zip(names, np.maximum(extremes.sprung, extremes.mean_strain), strict=True):
-        share = springs.get(name, 0.0)
-        limit = springs_hold_to(share, stiffness)
-        if way > limit:
-            out.append(
-                remark(
-                    "subgrid-strain",
-                    name,
-                    f"linear sub-grid springs, {share:.0%} of the compliance of {name!r}, were strained by {way:.2g} "
-                    f"of its footprint (limit about {limit:.2g}); use a smaller tissue.mesh.h_site",
                 )
             )
     return out
@@ -552,20 +514,6 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
     return [remark("chatter", names[first], text)]
 
 
-def outside_subgrid(gaps: Mapping[str, Mapping[str, Any]]) -> list[Remark]:
-    """Return remarks on holes whose sub-grid compliance is not valid, by their record under `subgrid`."""
-    return [
-        remark(
-            "subgrid",
-            name,
-            f"the cells at {name!r} are {gap['size'] / MILLI:.2g} mm, too coarse for its footprint, and no "
-            'sub-grid patch corrects them; set tissue.element = "P2" or a smaller tissue.mesh.h_site',
-        )
-        for name, gap in gaps.items()
-        if not gap["holds"]
-    ]
-
-
 def inaccurate_cells(assembly: Assembly) -> list[Remark]:
     """Judge the cells at the holes of a mesh that was refined."""
     table, fit = assembly.scenario.tissue, assembly.fit
@@ -591,17 +539,17 @@ def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> l
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
-    """Judge the cells [m] at a hole to which nothing is added, and which were not `refined` to an accuracy."""
+    """Judge the cells [m] at a hole, if they were not `refined` to an accuracy."""
     key = dotted_key(["piercing", hole.name, "footprint"])
     if hole.footprint == 0.0:
         text = f"{hole.name!r} is a bare point, whose displacement depends on the cell size; set {key}"
         return [remark("bare-point", hole.name, text)]
     bound = COARSE[element] * hole.footprint
-    if refined or hole.subgrid or size <= bound:
+    if refined or size <= bound:
         return []
     text = (
         f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for its footprint (limit "
-        f"{bound / MILLI:.2g} mm, {element}); set its subgrid, or use a smaller tissue.mesh.h_site"
+        f"{bound / MILLI:.2g} mm, {element}); use a smaller tissue.mesh.h_site, or remove tissue.mesh.accuracy"
     )
     return [remark("cells", hole.name, text)]
 

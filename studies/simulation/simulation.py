@@ -84,17 +84,6 @@ class Simulation:
         return len(self.assembly.holes) - len(self.scenario.piercing)
 
     @property
-    def subgrid(self) -> dict[str, dict[str, Any]]:
-        """Compliance that the organ's mesh is too coarse to show and that is added (`tissue.sites.subgrid.Missing`), by
-        piercing, and for a tract of the ball with the largest share."""
-        sites: tissue.Sites | None = getattr(self.assembly.organ, "sites", None)
-        named = zip(self.assembly.holes, sites.missing if sites else (), strict=False)
-        known = [(hole, gap.record()) for hole, gap in named if gap is not None]
-        alone = {hole.name: gap for hole, gap in known if not isinstance(hole, Ball)}
-        balls = sorted(((h.tract, gap) for h, gap in known if isinstance(h, Ball)), key=lambda ball: ball[1]["share"])
-        return alone | dict(balls)
-
-    @property
     def refinement(self) -> dict[str, Any]:
         """The `rounds` in which cells were refined at the holes, and by piercing the relative `errors` of its
         compliance that were estimated [-]; empty for a mesh that is as given."""
@@ -108,12 +97,11 @@ class Simulation:
     @cached_property
     def foreseen(self) -> list[Remark]:
         """Remarks on the run before its first step."""
-        return foreseen(self.assembly, self.subgrid, self.start.q)
+        return foreseen(self.assembly, self.start.q)
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return the remarks on the run: those before the first step, and those up to an `ending`."""
-        springs = {name: float(gap["share"]) for name, gap in self.subgrid.items()}
-        return [*self.foreseen, *(met(self.assembly, ending, springs) if ending else [])]
+        return [*self.foreseen, *(met(self.assembly, ending) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
@@ -281,14 +269,9 @@ class Simulation:
         """Return what the organ is like, but for its holes."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is not None and isinstance(organ, tissue.FiniteOrgan):
-            wide = np.array([max(hole.footprint, np.finfo(float).tiny) for hole in self.assembly.holes])
-            alone = [not isinstance(hole, Ball) for hole in self.assembly.holes]
             U = organ.displacement(state.organ)
             crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-            sprung = (organ.spring_ways(state.organ) / wide)[alone]
-            return finite_record(
-                organ.law, U, sprung, crossed, lip_fields(self.assembly.system, state, len(body.points))
-            )
+            return finite_record(organ.law, U, crossed, lip_fields(self.assembly.system, state, len(body.points)))
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
@@ -310,13 +293,12 @@ class Simulation:
 def finite_record(
     hyper: tissue.Hyperelasticity,
     U: Array,
-    sprung: Array,
     crossed: float,
     lips: tuple[Array, Array] | tuple[None, None],
 ) -> OrganRecord:
-    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation; `sprung` (p,)
-    is how far its springs are drawn out, over the footprints, `crossed` how far lips are through one another, over
-    their extent, and `lips` their pressure and gap. Nothing else is beyond what its model holds for."""
+    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation;
+    `crossed` is how far lips are through one another, over their extent, and `lips` are their pressure and gap. Nothing
+    else is beyond what its model holds for."""
     stress = tissue.cauchy_stress(hyper, U)
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
@@ -337,7 +319,6 @@ def finite_record(
         contact_pressure=pressure,
         lip_gap=gap,
         crossed=crossed,
-        sprung=sprung,
         principal_stretch=stretch,
         first_stretch=along[:, 0],
         third_stretch=along[:, 2],

@@ -121,7 +121,6 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
             at=(x, y, z),
             footprint=radius,
             friction=friction,
-            subgrid=tract.subgrid,
             tract=tract.name,
             length=length,
             part=part,

@@ -126,12 +126,8 @@ class Row(Case):
     cells: float = measured("m", lambda at: (np.prod(SIZE) / at.cells) ** (1.0 / 3.0))  # (V/N)^⅓ of the mesh for stress
     residual: float = measured("-", lambda at: at.residual)  # |C f − u| over |u|
     span_ratio: float = measured("-", lambda at: at.span_ratio)
-    springs: float = measured(
-        "-", lambda at: max((float(gap["share"]) for gap in at.gaps), default=0.0)
-    )  # of a hole's C
     kinetic: float = measured("J", lambda at: at.energies.kinetic)
     elastic: float = measured("J", lambda at: at.energies.elastic)
-    clear: bool = measured("", lambda at: all(gap["holds"] for gap in at.gaps))  # what sub-grid compliance reckons with
     failed: str
 
     @property
@@ -215,13 +211,12 @@ def run(case: Case) -> Iterator[Row]:
 
 
 def scenario(case: Case) -> Scenario:
-    """Return the scene with the values of a case: cells as large as a footprint at the holes, in the sweep of materials
-    the P2 cells of the mesh for stress."""
+    """Return the scene with the values of a case: cells refined at the holes, in the sweep of materials the P2 cells of
+    the mesh for stress."""
     x, bottom, fine = 0.5 * case.bite, -case.depth - DIP, case.refinement
     values: dict[str, Any] = {
         "tissue.youngs_modulus": case.youngs_modulus,
         "tissue.material": case.material,
-        "tissue.mesh.h_site": case.footprint,
         "thread.suture": case.suture,
         "thread.knots": case.knots,
         "thread.path": [[-x, 0.0, LEG], [-x, 0.0, bottom], [x, 0.0, bottom], [x, 0.0, LEG]],
@@ -235,7 +230,7 @@ def scenario(case: Case) -> Scenario:
     if case.stiffening:
         values["tissue.stiffening"] = case.stiffening
     if case.sweep == "material":
-        values |= {"tissue.element": "P2", "tissue.mesh.h": SIZE[0]}
+        values |= {"tissue.element": "P2", "tissue.mesh.h": SIZE[0], "tissue.mesh.accuracy": "given"}
         values |= {"tissue.mesh.h_site": COARSEST * case.footprint / fine, "tissue.mesh.growth": GROWTH ** (1.0 / fine)}
     if case.way == "dynamic":
         values |= {"thread.damping": DAMPING, "thread.end.ramp": RELAXED}
@@ -256,7 +251,7 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
         residual=off if case.material == "linear" else np.nan,  # C of another material is a tangent
         theory=case.displacements(load), theory_drawn=theory_drawn_length(case, load),
         theory_held=case.tensions(load)[0], cells=fine_organ(geometry(case)).elasticity.mesh.nelements,
-        energies=now.energies, gaps=simulation.subgrid.values(),
+        energies=now.energies,
     )  # fmt: skip
     return measure(Row, end, **asdict(case), **stresses(case, now.state.organ), failed=failed)
 

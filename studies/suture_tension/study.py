@@ -248,7 +248,7 @@ def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, f
 
 
 def measured_ranges(rows: Sequence[Row]) -> list[str]:
-    """Say of each material where the linear organ of the same E, ν, cells and springs is off, and by how much."""
+    """Say of each material where the linear organ of the same E, ν and cells is off, and by how much."""
     materials = runs_by_material(rows)
     linear = materials.pop("linear", [])
     out = []
@@ -259,8 +259,7 @@ def measured_ranges(rows: Sequence[Row]) -> list[str]:
         where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "nowhere here"
         out.append(
             f"{name}: the linear organ is {DEPARTURE:.0%} off the hole's way {where} (assumed: u/a = {LINEAR}); at τ = "
-            f"{known[last]:.3g} it is {off[last]:+.0%} off; springs of coarse cells are {runs[0].springs:.1%} of the "
-            "compliance, in both"
+            f"{known[last]:.3g} it is {off[last]:+.0%} off"
         )
     return out
 
@@ -344,8 +343,6 @@ def shortcomings(row: Row) -> list[str]:
         out.append(f"{name}: {where}, and nothing keeps them apart: the MODEL ENDS there")
     if row.way == "dynamic":
         out += not_settled(name, row.kinetic, row.elastic)
-    if not row.clear:
-        out.append(f"{name}: NO SUB-GRID compliance could be added at a hole")
     coarse = [] if row.failed else coarse_spans(row.span_ratio)
     return [*out, *(f"{name}: TOO COARSE, {said.message}" for said in coarse)]
 

@@ -100,7 +100,7 @@ def make_ready(data: Mapping[str, Any]) -> None:
 def tally_of(simulation: Simulation) -> Tally:
     """Return the tally of a simulation."""
     run = simulation
-    return Tally(run.scenario, run.tissue_dofs, run.subgrid, run.remarks, refinement=run.refinement)
+    return Tally(run.scenario, run.tissue_dofs, run.remarks, refinement=run.refinement)
 
 
 def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:

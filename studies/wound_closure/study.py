@@ -220,7 +220,7 @@ def scenario(case: Case, material: Mapping[str, object] | None = None) -> Scenar
     reach = 1.5 * case.width + case.bite + TAIL
     sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
     path = [[float(s * side * reach), float(at), depth] for at, side in zip(y, sides, strict=True) for s in (1, -1)]
-    hole = {"kind": "anchored", "footprint": FOOTPRINT, "subgrid": False, "draw": [[0.0, 0.0]]}
+    hole = {"kind": "anchored", "footprint": FOOTPRINT, "draw": [[0.0, 0.0]]}
     holes = [
         {"name": f"{k + 1} {'left' if s < 0 else 'right'}", "at": [s * half[k], y[k], depth], **hole}
         for k, side in enumerate(sides)
@@ -230,7 +230,7 @@ def scenario(case: Case, material: Mapping[str, object] | None = None) -> Scenar
     shape = {"shape": "ellipse", "width": case.width} if case.width else {"generator": "gmsh"}
     sizes = {"size": [case.sheet, case.sheet, THICKNESS], "length": case.length, "depth": THICKNESS}
     values = {
-        "tissue.mesh": {"kind": "wound", **shape, **sizes, "h": case.far, "h_site": case.size},
+        "tissue.mesh": {"kind": "wound", **shape, **sizes, "h": case.far, "h_site": case.size, "accuracy": "given"},
         "thread.control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
         "thread.path": path,
         "thread.cuts": [nearest_abscissa(path, turn) for turn in turns],

@@ -39,7 +39,7 @@ def forces_on_organ(organ: Any, step: Step) -> Array:
     """What inertia, damping and elasticity ask for on the nodes of the mesh beyond the weight, shape `(m, 3)` [N]; the
     clamp takes what is asked for on its own nodes, and they count as zero."""
     body, old, new = organ.elasticity, step.old.organ, step.new.organ
-    free, N = body.free, organ.mesh_size
+    free, N = body.free, organ.size
     K, M = body.K[free][:, free], body.M[free][:, free]
     asked = K @ organ.field(new)[:N] - body.body_force(np.asarray(organ.gravity))[free]
     if new.V.size:
@@ -71,7 +71,7 @@ def test_both_sides_feel_one_force(name: str) -> None:
     assert scale > 0.1
 
 
-@pytest.mark.parametrize("name", ["P1 quasi-static normal", "P1 dynamic fibre subgrid"])
+@pytest.mark.parametrize("name", ["P1 quasi-static normal", "P1 dynamic fibre"])
 def test_the_curve_passes_through_its_holes(name: str) -> None:
     """Independent check, at every step: P(s) by another code for splines, the hole's place from the organ's own field.
     `constraint_max` is what they are apart."""

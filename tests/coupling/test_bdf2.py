@@ -312,7 +312,13 @@ def bar(dt: float) -> np.ndarray:
             "poisson_ratio": 0.0,
             "density": density,
             "clamp": ["left"],
-            "mesh": {"kind": "block", "generator": "structured", "size": [length, 0.02, 0.02], "h": 0.005},
+            "mesh": {
+                "kind": "block",
+                "generator": "structured",
+                "size": [length, 0.02, 0.02],
+                "h": 0.005,
+                "accuracy": "given",
+            },
         },
         "thread": {
             "suture": "2-0 polypropylene",

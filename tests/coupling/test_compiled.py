@@ -74,15 +74,21 @@ PULLED = [
 ]
 SCENES = {
     "figure 1": (lambda: load("paper_figure_1", [f"piercing.{hole}.{ROUGH}" for hole in ("entry", "exit")]), 10),
-    "organ": (lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]), 8),
+    "organ": (
+        lambda: load("two_piercings", ["tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given", "tissue.mesh.h_site=4e-3"]),
+        8,
+    ),
     "rough holes": (lambda: drawn({"channel": 5e-3}), 8),
     "rings": (lambda: drawn({"direction": "free"}, knots="fixed"), 6),
     "taut on long spans": (lambda: drawn(suture="8-0 nylon"), 6),
     "limp": (lambda: drawn({"friction": None}, bending=False, control_points=60), 4),
     "pulled": (pulled_through, 8),
-    "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3"]), 3),
+    "stitch": (lambda: load("running_stitch", ["tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given"]), 3),
     "rings at rest": (lambda: load("paper_figure_1", [*AT_REST, "solve.load_steps=2"]), 2),
-    "organ at rest": (lambda: load("two_piercings", [*AT_REST, *PULLED, "tissue.mesh.h=8e-3"]), 1),
+    "organ at rest": (
+        lambda: load("two_piercings", [*AT_REST, *PULLED, "tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given"]),
+        1,
+    ),
     "friction at rest": (lambda: load("paper_figure_1", [*AT_REST, f"piercing.exit.{ROUGH}", "solve.load_steps=1"]), 1),
 }
 LONG = 20  # corrections, over which a difference in the last bit may change how many there are

@@ -64,7 +64,7 @@ HANDS = (  # the thread is drawn by hand through the one hole, and slides with f
 CLAMPED = (Clamped(START, -Z), DRAWN[1])
 SCENES = {
     "slit dynamic P1": (True, "P1", 0.0),
-    "slit dynamic P1 subgrid, clamped": (True, "P1", 0.0),
+    "slit dynamic P1, clamped": (True, "P1", 0.0),
     "slit quasi-static P1": (False, "P1", 0.0),
     "slit quasi-static P1, rough, drawn": (False, "P1", 0.0),
     "open dynamic P1": (True, "P1", WIDTH),
@@ -81,7 +81,7 @@ def scene(name: str, contact: bool = True, points: int = 40) -> tuple[System, St
     options: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} | ({"rayleigh": (3.0, 1e-4)} if inertia else {})
     h = 1e-2 if element == "P2" else 3e-3
     special = "clamped" in name
-    organ = wounded_organ(inertia, element, width, h, contact=contact, subgrid=special, **options)
+    organ = wounded_organ(inertia, element, width, h, contact=contact, **options)
     system = hairpin_system(organ, CLAMPED if special else DRAWN, points, gravity=-9.81 * Z)
     system = replace(system, piercings=HANDS) if "drawn" in name else system
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
@@ -310,7 +310,7 @@ density = 1070.0
 rayleigh = [5.0, 5.0e-4]
 clamp = ["bottom"]
 contact = true
-mesh = { kind = "wound", size = [0.03, 0.02, 0.01], length = 0.012, depth = 0.005, h = 4.0e-3 }
+mesh = { kind = "wound", size = [0.03, 0.02, 0.01], length = 0.012, depth = 0.005, h = 4.0e-3, accuracy = "given" }
 [[piercing]]
 name = "entry"
 at = [-0.005, 0, 0]
@@ -386,7 +386,7 @@ def resumed(file: Path, last: int) -> StepRecord:
     """Interrupt a run after a step and go on with it, to the bytes of the one in `whole`; the record of that step."""
     out, whole = file.parent / "interrupted", file.parent / "whole"
     simulation, seen = prepare(load(file)), []
-    recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs, None, simulation.subgrid)
+    recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs)
     with pytest.raises(KeyboardInterrupt), recorder:
         for step, frame in simulation.advance():
             recorder.record(step, frame)
@@ -426,6 +426,7 @@ density = 1000.0
 rayleigh = [50.0, 1.0e-3]
 clamp = ["floor"]
 [tissue.mesh]
+accuracy = "given"
 kind = "file"
 path = "two.vtu"
 [[tissue.boundary]]

@@ -276,7 +276,7 @@ def test_a_stitch_that_is_cut_at_rest_lets_the_tissue_go_back() -> None:
             "poisson_ratio": 0.45,
             "density": 1070.0,
             "clamp": ["bottom"],
-            "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 4e-3},
+            "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 4e-3, "accuracy": "given"},
         },
         "thread": {
             "suture": "2-0 polypropylene",

@@ -46,7 +46,7 @@ STITCH: dict[str, Any] = {
         "poisson_ratio": 0.45,
         "density": 1070.0,
         "clamp": ["bottom"],
-        "mesh": {"kind": "block", "size": [0.02, 0.016, 0.008], "h": 2.5e-3},
+        "mesh": {"kind": "block", "size": [0.02, 0.016, 0.008], "h": 2.5e-3, "accuracy": "given"},
     },
     "thread": {
         "suture": "2-0 polypropylene",

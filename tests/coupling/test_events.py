@@ -348,6 +348,7 @@ density = 1070.0
 rayleigh = [5.0, 5.0e-4]
 clamp = ["bottom"]
 [tissue.mesh]
+accuracy = "given"
 kind = "block"
 size = [0.03, 0.02, 0.01]
 h = 5.0e-3

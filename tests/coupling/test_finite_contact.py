@@ -49,7 +49,7 @@ def scene(name: str, turned: bool = False) -> tuple[System, State]:
         ("bottom",),
     )
     along = direction if isinstance(direction, str) else R @ direction
-    sites = tissue.build_sites(body, [tissue.Site(R @ p, 2e-3, "parabolic", along, subgrid=False) for p in SITES])
+    sites = tissue.build_sites(body, [tissue.Site(R @ p, 2e-3, "parabolic", along) for p in SITES])
     pairs = lips(closed, wound)
     gaps = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], R[:, 0])
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 3.0))

@@ -101,7 +101,7 @@ def channels(
     rough = {"direction": [0, 0, -1], "friction": {"static": 0.2, "kinetic": 0.2}} | keys
     table["piercing"] = [{"name": f"hole{k}", "at": place} | rough for k, place in enumerate(holes)]
     if organ:
-        mesh = {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 5e-3}
+        mesh = {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 5e-3, "accuracy": "given"}
         made_of = {"youngs_modulus": 1e5, "poisson_ratio": 0.4, "density": 1e3}
         table["tissue"] = made_of | {"clamp": ["left"], "mesh": mesh}
     if tract:

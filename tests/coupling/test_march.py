@@ -34,7 +34,13 @@ from tissue.organs import krylov
 
 EULER, BDF2 = 'solve.integrator="euler"', 'solve.integrator="bdf2"'
 OUT = [[0.0, 0.005, 0.0, 0.02], [0.06, 0.005, 0.0, 0.065]]  # the free end comes out of both holes
-GENTLE = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "tissue.inertia=false", "solve.gravity=[0, 0, -9.81]"]
+GENTLE = [
+    "tissue.mesh.h=8e-3",
+    "tissue.mesh.accuracy=given",
+    "tissue.mesh.h_site=4e-3",
+    "tissue.inertia=false",
+    "solve.gravity=[0, 0, -9.81]",
+]
 
 
 def figure_1(*overrides: str) -> Scenario:
@@ -64,8 +70,20 @@ SCENES: dict[str, Callable[[], Scenario]] = {
     "organ in its Krylov space": lambda: load("two_piercings", [*KRYLOV, EULER]),
     "organ in its Krylov space, BDF2": lambda: load("two_piercings", [*KRYLOV, BDF2]),
 }
-SMALL = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3", "solve.gravity=[0, 0, -9.81]", "tissue.reduction={}"]
-KRYLOV = ["tissue.mesh.h=6e-3", "tissue.mesh.h_site=3e-3", "solve.gravity=[0, 0, -9.81]", 'solve.organ="krylov"']
+SMALL = [
+    "tissue.mesh.h=8e-3",
+    "tissue.mesh.accuracy=given",
+    "tissue.mesh.h_site=4e-3",
+    "solve.gravity=[0, 0, -9.81]",
+    "tissue.reduction={}",
+]
+KRYLOV = [
+    "tissue.mesh.h=6e-3",
+    "tissue.mesh.accuracy=given",
+    "tissue.mesh.h_site=3e-3",
+    "solve.gravity=[0, 0, -9.81]",
+    'solve.organ="krylov"',
+]
 BEGUN, STEPS = 12, 40
 
 

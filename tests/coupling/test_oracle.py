@@ -17,7 +17,7 @@ from studies.simulation import Simulation, prepare
 from tests.bounds import IDENTITY, ORACLE, ORACLE_SHIPPED
 from tests.coupling import sleeves
 
-MESH = ("tissue.mesh.h=6e-3", "tissue.mesh.h_site=2.5e-3")
+MESH = ("tissue.mesh.h=6e-3", "tissue.mesh.accuracy=given", "tissue.mesh.h_site=2.5e-3")
 SOFT = ("tissue.youngs_modulus=2e5", "piercing.entry.footprint=1.5e-3", "piercing.exit.footprint=1.5e-3")
 FIRM = ("tissue.youngs_modulus=6e5", "piercing.entry.footprint=2e-3", "piercing.exit.footprint=2e-3")
 FEW = ("thread.tolerance=1e-3", "thread.control_points=20")

@@ -233,7 +233,14 @@ def test_on_other_knots_lips_rub_from_the_start_of_the_load_step() -> None:
             "density": 1070.0,
             "inertia": False,
             "clamp": ["bottom"],
-            "mesh": {"kind": "wound", "size": [0.03, 0.02, 0.01], "h": 5e-3, "length": 0.012, "depth": 0.005},
+            "mesh": {
+                "kind": "wound",
+                "size": [0.03, 0.02, 0.01],
+                "h": 5e-3,
+                "length": 0.012,
+                "depth": 0.005,
+                "accuracy": "given",
+            },
         },
         "contact": [{"between": ["lip_left", "lip_right"], "friction": 0.02}],
         "thread": {

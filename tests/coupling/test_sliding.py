@@ -417,7 +417,7 @@ def test_inertia_of_the_abscissa(epsilon: float, directed: bool) -> None:
 
 
 FAR = ["solve.kind=static", "solve.load_steps=1", "thread.control_points=80"]
-COARSE = ["tissue.mesh.h=8e-3", "tissue.mesh.h_site=2.5e-3"]
+COARSE = ["tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given", "tissue.mesh.h_site=2.5e-3"]
 
 
 def test_a_thread_that_slides_far_at_rest_is_found_downhill(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ def arch() -> tissue.FiniteOrgan:
     body = tissue.elasticity(
         skfem.MeshTet(p, flat.t, _boundaries=flat.boundaries), tissue.Material(1e6, 0.3, 1000.0), "P2", ("ends",)
     )
-    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, RISE + THICK), 2e-3, "parabolic", None, subgrid=False)])
+    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, RISE + THICK), 2e-3, "parabolic", None)])
     load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, -LOAD))
     return tissue.FiniteOrgan(body, sites, loads=[load], inertia=False)
 
@@ -118,7 +118,7 @@ def flap() -> tissue.FiniteOrgan:
     lines = np.linspace(0.0, LONG, 16), np.linspace(-WIDTH / 2, WIDTH / 2, 2), np.linspace(-THICK, 0.0, 2)
     mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"end": lambda x: np.isclose(x[0], 0.0)})
     body = tissue.elasticity(mesh, tissue.Material(1e6, 0.3, 1000.0), "P2", ("end",))
-    sites = tissue.build_sites(body, [tissue.Site((LONG - 2e-3, 0.0, 0.0), 2e-3, "parabolic", None, subgrid=False)])
+    sites = tissue.build_sites(body, [tissue.Site((LONG - 2e-3, 0.0, 0.0), 2e-3, "parabolic", None)])
     law = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0))
     return tissue.FiniteOrgan(body, sites, hyper=law, inertia=False)
 

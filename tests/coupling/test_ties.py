@@ -217,7 +217,7 @@ TWO: dict[str, Any] = {
         "density": 1070.0,
         "rayleigh": [5.7, 5.8e-4],
         "clamp": ["bottom"],
-        "mesh": {"kind": "block", "size": [0.03, 0.03, 0.012], "h": 5e-3},
+        "mesh": {"kind": "block", "size": [0.03, 0.03, 0.012], "h": 5e-3, "accuracy": "given"},
     },
     "thread": {
         "suture": "2-0 polypropylene",

@@ -25,7 +25,9 @@ from studies.simulation.tracts import Ball, across_wounds
 BORDER = 1e-6  # of the way across: where a path is deep enough is found by twenty halvings
 FOUNDATION = 2e-3  # of the deflection of the tip: the spline's 160 points, and the beam's own theory at these loads
 SPACING = 0.02  # of a gap, or of what a stitch closes of it, when the balls are twice as close
-CLOSE = 1e-7  # of the energy at stake: balls half a radius apart press against one another with up to 40 times the pull
+# Of the energy at stake: balls half a radius apart press on one another with up to 40 times the pull, on cells that are
+# larger than they are, and with more on those that tell them apart.
+CLOSE = 2e-7
 NONE = np.zeros(0)
 TIP, PULL = 0.014, 1e-5  # where the thread ends [m], and the force across it there [N]
 GRIPPED = 1e-3  # of a pull: friction moves the balls, and what the thread turns by there presses
@@ -38,6 +40,7 @@ poisson_ratio = 0.4
 density = 1000.0
 clamp = ["bottom"]
 [tissue.mesh]
+accuracy = "given"
 kind = "block"
 generator = "structured"
 size = [0.02, 0.012, 0.012]
@@ -76,6 +79,7 @@ poisson_ratio = 0.4
 density = 1000.0
 clamp = ["bottom"]
 [tissue.mesh]
+accuracy = 0.1
 kind = "wound"
 shape = "slit"
 generator = "structured"

@@ -32,13 +32,12 @@ DT, STEPS = 2e-3, 8
 FIBRE = np.array([0.3, 0.1, 1.0])
 START, END = hairpin(RADIUS, LENGTH)(np.array([0.0, LENGTH]))
 ORGANS = {
-    f"{element} {kind} {frame}{mesh}": (
+    f"{element} {kind} {frame}": (
         element,
         kind == "dynamic",
         "normal" if frame == "normal" else FIBRE,
-        mesh != "",
     )
-    for element, mesh in (("P1", ""), ("P2", ""), ("P1", " subgrid"))
+    for element in ("P1", "P2")
     for kind in ("dynamic", "quasi-static")
     for frame in ("normal", "fibre")
 }
@@ -48,9 +47,9 @@ DRAWN = (Fixed(START), Pulled(np.array([0.05, 0.02, 0.2]), STEPS * DT))
 
 @cache
 def scene(name: str) -> tuple[System, State]:
-    element, inertia, direction, subgrid = ORGANS[name]
+    element, inertia, direction = ORGANS[name]
     options: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81)} | ({"rayleigh": (3.0, 1e-4)} if inertia else {})
-    organ = block_organ(element, inertia, direction, subgrid=subgrid, **options)
+    organ = block_organ(element, inertia, direction, **options)
     system = hairpin_system(organ, DRAWN, 60, gravity=-9.81 * Z)
     return system, laid(system, ABSCISSAE, hairpin(RADIUS, LENGTH))
 

@@ -20,7 +20,7 @@ youngs_modulus = 1.0e5
 poisson_ratio = 0.45
 density = 1070.0
 clamp = ["bottom"]
-mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3 }
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, accuracy = "given" }
 region = [{ name = "skin", depth = [0.0, 2.0e-3], youngs_modulus = 2.0e5 }]
 [thread]
 suture = "2-0 polypropylene"
@@ -54,7 +54,7 @@ roller = ["bottom"]
 solver = "superlu"
 dilatation = "nodal"
 reduction = { blocks = 1, modes = 1, keep = "bases" }
-mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, growth = 1.4 }
+mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, growth = 1.4, accuracy = "given" }
 load = [{ boundary = "right", traction = [10.0, 0, 0], ramp = 0.01 }]
 [thread]
 diameter = 3.0e-4
@@ -70,7 +70,6 @@ end = { kind = "fixed", mass = 1.0e-4 }
 [[piercing]]
 name = "entry"
 at = [-0.005, 0, 0]
-subgrid = false
 [[piercing]]
 name = "exit"
 at = [0.005, 0, 0]

@@ -19,6 +19,7 @@ density = 1070.0
 inertia = false
 clamp = ["bottom"]
 [tissue.mesh]
+accuracy = 0.2
 kind = "block"
 generator = "structured"
 size = [0.04, 0.03, 0.015]
@@ -52,6 +53,7 @@ rayleigh       = [0.0, 0.0]
 clamp          = ["bottom"]
 
 [tissue.mesh]
+accuracy = "given"
 kind   = "block"
 size   = [0.06, 0.04, 0.02]
 h      = 4.0e-3
@@ -191,7 +193,6 @@ class Stub:
     topology: OrganTopology | None = LINEAR
     tissue_dofs: int = 12
     balls: int = 0
-    subgrid: dict[str, dict[str, Any]] = field(default_factory=dict)
     refinement: dict[str, Any] = field(default_factory=dict)
     methods: dict[str, str | None] = field(default_factory=dict)
     said: tuple[Remark, ...] = ()

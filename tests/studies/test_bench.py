@@ -42,8 +42,7 @@ def test_bench_step(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     """Independent check: whole runs of a scene as long as they are within the most, its iterations as a run has them,
     times in their order, and a floor of an organ alone; the same in print and JSON."""
     path, short = tmp_path / "bench.json", "solve.duration=0.006"
-    coarse = ["tissue.inertia=false", "tissue.mesh.h=8e-3", "tissue.mesh.h_site=4e-3"]
-    coarse += [f"piercing.{name}.subgrid=false" for name in ("entry", "exit")]
+    coarse = ["tissue.inertia=false", "tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given", "tissue.mesh.h_site=4e-3"]
     cases = {"thread": ("paper_figure_1", [short]), "organ": ("two_piercings", [short, *coarse])}
     monkeypatch.setattr(step, "CASES", cases)
     monkeypatch.setattr(step, "MOST", 15)
@@ -64,7 +63,6 @@ def test_bench_many(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     path = tmp_path / "bench.json"
     path.write_text('{"milliseconds_per_step": []}')
     monkeypatch.setattr(many, "STEPS", 4)
-    monkeypatch.setattr(many, "FIXED", [*many.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))])
     monkeypatch.setattr(many, "SOFT_STEPS", 30)
     asked: list[list[str]] = []
     monkeypatch.setattr(many, "time_command", lambda verb, *words, kept="": asked.append([verb, *words]) or 100.0)
@@ -101,8 +99,6 @@ def test_bench_finite(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
     monkeypatch.setattr(finite, "LOAD_STEPS", 1)
     monkeypatch.setattr(finite, "WARM_UP", 1)
     monkeypatch.setattr(finite, "STEPS", 2)
-    soft = [*finite.FIXED, *(f"piercing.{name}.subgrid=false" for name in ("entry", "exit"))]
-    monkeypatch.setattr(finite, "FIXED", soft)
     assert finite.main(path, "superlu", {"coarse": (8e-3, 4e-3)}, (8e-3, 4e-3)) == 0
     written = json.loads(path.read_text())
     (pull,), step = written["finite_at_rest"], written["finite_in_time"]

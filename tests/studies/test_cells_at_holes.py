@@ -33,7 +33,6 @@ def test_a_run_reports_its_cells_and_their_error(tmp_path: Path) -> None:
     """Independent check: what was asked for is reached, the summary and the line of the command say so, and nothing is
     added to a hole's compliance."""
     simulation = fitted(FITTED, {})
-    assert simulation.subgrid == {}
     out = studies.run(simulation.scenario, tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     rounds, error = summary["mesh"]["rounds"], summary["piercings"]["ring"]["compliance_error"]
@@ -41,7 +40,7 @@ def test_a_run_reports_its_cells_and_their_error(tmp_path: Path) -> None:
     assert 0.0 < error <= ASKED
     assert rounds[-1]["estimate"] == error
     assert rounds[-1]["unknowns"] == summary["tissue_dofs"] == simulation.tissue_dofs
-    assert not {remark["code"] for remark in summary["remarks"]} & {"accuracy", "cells", "subgrid"}
+    assert not {remark["code"] for remark in summary["remarks"]} & {"accuracy", "cells"}
     assert quantities(summary)["piercings.ring.compliance_error"].value == error
     assert f"{len(rounds)} round" in refinement_line(simulation.refinement)
     assert "'ring'" in refinement_line(simulation.refinement)
@@ -61,11 +60,15 @@ def test_the_mesh_command_shows_the_cells(tmp_path: Path) -> None:
     assert sum(line.startswith("round") for line in told) == len(fit.rounds)
 
 
-def test_the_mesh_as_given_is_the_default() -> None:
-    """Independent check: no cell is refined, and no error reported."""
-    plain, said = (fitted(ORGAN, keys) for keys in ({}, {"tissue.mesh.accuracy": "given"}))
-    assert plain.refinement == said.refinement == {}
-    assert plain.tissue_dofs == said.tissue_dofs
+def test_three_percent_on_quadratic_cells_are_the_default() -> None:
+    """Independent check: said or not, the same cells; on the mesh as given, none is refined and no error reported."""
+    silent = {"tissue.mesh": {key: value for key, value in ORGAN["tissue"]["mesh"].items() if key != "accuracy"}}
+    plain, said = (fitted(ORGAN, silent | keys) for keys in ({}, QUADRATIC | {"tissue.mesh.accuracy": 0.03}))
+    assert plain.refinement["errors"] == said.refinement["errors"]
+    assert 0.0 < plain.refinement["errors"]["ring"] <= 0.03
+    given = fitted(ORGAN, {})
+    assert given.scenario.tissue.element == "P1"  # type: ignore[union-attr]
+    assert given.refinement == {}
     assert refinement_line({}) == ""
 
 

@@ -24,7 +24,7 @@ ORGAN = {
     "poisson_ratio": 0.45,
     "density": 1e3,
     "clamp": ["bottom"],
-    "mesh": {"kind": "block", "generator": "structured", "size": [0.06, 0.04, 0.02], "h": 0.01},
+    "mesh": {"kind": "block", "generator": "structured", "size": [0.06, 0.04, 0.02], "h": 0.01, "accuracy": "given"},
 }
 
 

@@ -26,7 +26,7 @@ from tests.studies.test_sweep import ORGAN
 from thread.catalogue import suture
 from thread.errors import ThreadError
 
-GIVEN = changed(BARE, {"tissue.mesh": {"kind": "given"}, "tissue.boundary": [
+GIVEN = changed(BARE, {"tissue.mesh": {"kind": "given", "accuracy": "given"}, "tissue.boundary": [
     {"name": "bed", "box": [[-0.1, -0.1, -0.011], [0.1, 0.1, -0.009]]}], "tissue.clamp": ["bed"]})  # fmt: skip
 
 
@@ -91,7 +91,7 @@ def named(facets: Any) -> Any:
     return mesh
 
 
-HELD = changed(BARE, {"tissue.mesh": {"kind": "given"}, "tissue.clamp": ["bed"]})
+HELD = changed(BARE, {"tissue.mesh": {"kind": "given", "accuracy": "given"}, "tissue.clamp": ["bed"]})
 DOORS: dict[str, tuple[Callable[[], object], str]] = {
     "tables None": (lambda: parse(None), "None is refused: it is no scenario; give its tables"),  # type: ignore[arg-type]
     "a key that is a number": (

@@ -16,7 +16,7 @@ BLOCK: dict[str, Any] = {
         "poisson_ratio": 0.45,
         "density": 1070.0,
         "clamp": ["bottom"],
-        "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3},
+        "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3, "accuracy": "given"},
     },
     "thread": {
         "suture": "2-0 polypropylene",

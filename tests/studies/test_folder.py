@@ -93,7 +93,7 @@ def test_the_mesh_file_is_kept_with_the_results(tmp_path: Path) -> None:
     data = tables(SCENARIO)
     mesh = tmp_path / "organ.msh"
     mesh.write_text("a mesh", encoding="utf-8")
-    data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh)}, "clamp": ["bottom"]}
+    data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh), "accuracy": "given"}, "clamp": ["bottom"]}
     with Recorder(tmp_path / "out", parse(data)):
         pass
     mesh.unlink()

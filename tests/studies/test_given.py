@@ -31,7 +31,7 @@ UP = {
     "solve.duration": 4e-3,
 }
 BENT = changed(RING, UP)  # drawn up out of the hole on both sides, so that it presses on it
-BARE = changed(ORGAN, UP | {"piercing.0.subgrid": False})
+BARE = changed(ORGAN, UP)
 FITTED = changed(ORGAN, {"tissue.mesh.accuracy": 0.1})
 FINITE = changed(BARE, {"tissue.material": "neo-hookean"})
 MU = 1e5 / 2.6
@@ -158,7 +158,6 @@ def basis(element: Any = None) -> skfem.Basis:
         (BARE, {"stiffness": lambda basis: np.nan * Form()(basis)}, "numbers that are none"),
         (BARE, {"stiffness": lambda basis: csr_matrix(np.triu(Form()(basis).toarray()))}, "not symmetric"),
         (FITTED, {"stiffness": Form()}, "tissue.mesh.accuracy = 0.1 is refused.*set \"given\""),
-        (ORGAN, {"stiffness": Form()}, "piercing.ring.subgrid = true is refused.*set false"),
         (FINITE, {"stiffness": Form()}, "tissue.material = .neo-hookean. is refused"),
         (BARE, {"energy": neo_hookean}, "tissue.material = .linear. is refused.*neo-hookean"),
         (changed(FINITE, {"tissue.material": "exponential", "tissue.stiffening": 5.0}), {"energy": neo_hookean},

@@ -24,6 +24,7 @@ COARSE = [
     "thread.control_points=60",
     "tissue.mesh.h_site=2.0e-3",
     "tissue.mesh.h=5.0e-3",
+    "tissue.mesh.accuracy=given",
     "solve.duration=0.05",
     "thread.start.ramp=0.02",
 ]
@@ -199,7 +200,7 @@ def test_the_summary_says_how_the_organ_was_solved() -> None:
     said = {}
     for way in (KRYLOV, WHOLE):
         simulation = prepared("solve.duration=0.02", way)
-        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks)
         for step, _ in simulation.advance():
             tally.count(step)
             tally.last_step = step
@@ -240,7 +241,7 @@ def test_the_methods_say_from_which_step_on_the_organ_was_solved_whole(tmp_path:
         assert now == said and again[0].step == last - last % 4
 
 
-FINE = ["tissue.mesh.h_site=1.5e-3", "tissue.mesh.h=3.0e-3"]
+FINE = ["tissue.mesh.h_site=1.5e-3", "tissue.mesh.h=3.0e-3", "tissue.mesh.accuracy=given"]
 AUTO = {
     "where it pays": (FINE, tissue.KrylovOrgan),
     "whatever the duration": ([*FINE, "solve.duration=2e-3"], tissue.KrylovOrgan),

@@ -24,7 +24,7 @@ SCENE: dict[str, Any] = {
         "poisson_ratio": NU,
         "density": 1070.0,
         "roller": ["left", "front", "bottom"],
-        "mesh": {"kind": "block", "size": SIZE, "h": 4e-3},
+        "mesh": {"kind": "block", "size": SIZE, "h": 4e-3, "accuracy": "given"},
         "load": [{"boundary": "right", "traction": [2e2, 0, 0]}, {"boundary": "top", "pressure": 50.0, "ramp": 4e-3}],
     },
     "thread": {

@@ -8,6 +8,7 @@ import pytest
 
 from studies.figure import render_figure
 from studies.mesh_refinement.study import (
+    FITTED,
     FOOTPRINT,
     QUANTITIES,
     STUDY,
@@ -22,7 +23,7 @@ from studies.mesh_refinement.study import (
 from studies.study import StudyError, arguments
 from tests.bounds import ORDER
 
-BARE, POINTWISE, P2, SUBGRID = VARIANTS
+BARE, POINTWISE, P2 = VARIANTS
 REACHED = 0.3  # of an order on meshes that a test can afford, about the one of theory
 
 
@@ -34,7 +35,7 @@ def rows() -> tuple[Row, ...]:
 @pytest.mark.parametrize("quantity", ["compliance_along", "compliance_normal"])
 def test_what_has_no_limit_is_called_diverging_with_its_rate(quantity: str) -> None:
     """Independent check: 1/h for a bare point, 1/a for a footprint that shrinks; the verdict says so by itself."""
-    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", SUBGRID)):
+    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", FITTED)):
         found = verdict_on(runs, quantity)
         assert found.kind == "diverging"
         assert abs(found.order + 1.0) < ORDER
@@ -43,7 +44,7 @@ def test_what_has_no_limit_is_called_diverging_with_its_rate(quantity: str) -> N
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_nothing_of_a_bare_point_or_a_shrinking_footprint_has_a_limit(quantity: str) -> None:
     """What hangs on a hole without a limit has none either, and the verdict finds that by itself."""
-    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", SUBGRID)):
+    for runs in (runs_of_ladder(rows(), "cells", BARE), runs_of_ladder(rows(), "footprint", FITTED)):
         assert verdict_on(runs, quantity).kind == "diverging"
 
 
@@ -67,44 +68,42 @@ def test_orders_of_a_footprint(quantity: str) -> None:
     assert 1.0 < coarse < fine < 2.0 + ORDER
 
 
-def test_footprint_and_sub_grid_converge_to_one_another() -> None:
-    """Consistency check: what P2 and the sub-grid footprint on P1 converge to is one number, to what the patch of the
-    latter leaves out (0.3 %)."""
+def test_both_elements_converge_to_one_another() -> None:
+    """Consistency check: what P1 and P2 converge to is one number."""
     for quantity in QUANTITIES:
-        second, fine = (verdict_on(runs_of_ladder(rows(), "cells", variant), quantity) for variant in (P2, SUBGRID))
-        assert (second.kind, fine.kind) == ("converged", "converged")
-        assert fine.limit == pytest.approx(second.limit, rel=3e-3)
+        second = verdict_on(runs_of_ladder(rows(), "cells", P2), quantity)
+        assert second.kind == "converged"
         assert verdict_on(runs_of_ladder(rows(), "cells", POINTWISE), quantity).limit == pytest.approx(
             second.limit, rel=0.02
         )
 
 
 def test_order_of_all_refined_together() -> None:
-    """Independent check: two, of P1 in h and of backward Euler in steps like h²; the thread adds less to what the
-    tissue moves by. (Force and drawn length swing with where a hole is in a span of knots that stay.)"""
-    runs = runs_of_ladder(rows(), "coupled", SUBGRID)
+    """Independent check: two, of P1 in h and of backward Euler in steps like h², which P1 comes near to on meshes that
+    a test can afford; the thread adds less to what the tissue moves by. (Force and drawn length swing with where a hole
+    is in a span of knots that stay.)"""
+    runs = runs_of_ladder(rows(), "coupled", POINTWISE)
     assert [round(0.05 / run.dt) for run in runs] == [50, 32, 18]
     found = verdict_on(runs, "displacement")
-    assert abs(found.order - 2.0) < REACHED and found.index < 0.01
+    assert 1.0 + REACHED < found.order < 2.0 + ORDER and found.index < 0.1
 
 
 @pytest.mark.parametrize("quantity", ["displacement", "force", "drawn"])
 def test_order_of_the_time_step(quantity: str) -> None:
     """Independent check: backward Euler."""
-    assert abs(verdict_on(runs_of_ladder(rows(), "time step", SUBGRID), quantity).order - 1.0) < ORDER
+    assert abs(verdict_on(runs_of_ladder(rows(), "time step", P2), quantity).order - 1.0) < ORDER
 
 
 def test_what_is_not_supported_is_said() -> None:
     """The bare point at once; coarse cells, a far pull and a near edge when they come."""
     remarks = STUDY.remarks(rows())
     assert any(BARE in line and "NO LINEAR RANGE" in line for line in remarks)
-    assert not any(word in line for line in remarks for word in ("NO SUB-GRID", "TOO COARSE"))
+    assert not any("TOO COARSE" in line for line in remarks)
     assert [line.split(",")[0] for line in remarks if "BEYOND" in line] == ["footprint"]
     coarse = [replace(row, cells=4) for row in rows() if row.ladder == "cells"]
     assert any(P2 in line and "TOO COARSE" in line for line in STUDY.remarks(coarse))
-    worse = [replace(row, displacement=1e-3, clear=False) for row in rows()]
+    worse = [replace(row, displacement=1e-3) for row in rows()]
     assert any("time step" in line and "BEYOND" in line for line in STUDY.remarks(worse))
-    assert any("Δt = 0.5 ms" in line and "NO SUB-GRID" in line for line in STUDY.remarks(worse))
 
 
 @pytest.mark.parametrize(
@@ -119,7 +118,7 @@ def test_ladders_without_a_verdict_are_refused(ladder: dict[str, tuple[float, ..
 def test_table_and_figure() -> None:
     """A line for every quantity of every ladder that can change it, and an axis with its unit for each."""
     shown = STUDY.table(rows())
-    assert len(shown.lines) == 4 * 5 + 5 + 3 * 3
+    assert len(shown.lines) == 3 * 5 + 5 + 3 * 3
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     assert any(line[1] == BARE and line[-1].startswith("DIVERGING") for line in shown.lines)
     text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()

@@ -25,11 +25,11 @@ from tests.meshes.test_skin import cuboid
 from tissue.elasticity import elasticity
 from tissue.errors import TissueError
 
-BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3}
+BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3, "accuracy": "given"}
 SLIT = {**BLOCK, "kind": "wound", "length": 0.02, "depth": 8e-3}
 ELLIPSE = {**SLIT, "shape": "ellipse", "width": 4e-3}
-TUBE = {"kind": "tube", "radius": 0.01, "wall": 4e-3, "length": 0.04, "h": 3e-3}
-CYLINDER = {"kind": "cylinder", "radius": 0.01, "length": 0.04, "h": 3e-3}
+TUBE = {"kind": "tube", "radius": 0.01, "wall": 4e-3, "length": 0.04, "h": 3e-3, "accuracy": "given"}
+CYLINDER = {"kind": "cylinder", "radius": 0.01, "length": 0.04, "h": 3e-3, "accuracy": "given"}
 ENTRY = {"name": "entry", "at": [-0.005, 0.0, 0.0], "footprint": 1e-3, "direction": "normal"}
 EXIT = {**ENTRY, "name": "exit", "at": [0.005, 0.0, 0.0]}
 PATH = [
@@ -81,7 +81,14 @@ def test_every_kind_names_the_boundaries_that_a_clamp_may_name(table: dict[str, 
 def test_a_surface_file_is_filled_in_its_unit(tmp_path: Path) -> None:
     points, triangles = cuboid()
     meshio.Mesh(points, {"triangle": triangles}).write(tmp_path / "organ.ply")
-    table = {"kind": "file", "path": str(tmp_path / "organ.ply"), "unit": "mm", "h": 6e-3, "h_site": 2e-3}
+    table = {
+        "kind": "file",
+        "path": str(tmp_path / "organ.ply"),
+        "unit": "mm",
+        "h": 6e-3,
+        "h_site": 2e-3,
+        "accuracy": "given",
+    }
     made = organ_mesh(scenario(table, ({**ENTRY, "at": [0.02, 0.015, 0.02]},)))
     assert content(made, np.arange(made.nelements)) == pytest.approx(24e-6, rel=1e-6)
     assert set(made.boundaries) == {"surface"}
@@ -163,7 +170,7 @@ def two_volumes(tmp_path: Path) -> str:
 @NEEDS_GMSH
 def test_regions_of_a_gmsh_file_go_by_their_names(two_volumes: str) -> None:
     """Independent check: the volumes of the named boxes; names of gmsh's own are not kept."""
-    table = {"kind": "file", "path": two_volumes, "unit": "mm"}
+    table = {"kind": "file", "path": two_volumes, "unit": "mm", "accuracy": "given"}
     case = scenario(table, clamp=["bed"], region=[{"name": "dermis", "youngs_modulus": 5e4}])
     assert case.tissue is not None
     made = organ_mesh(case)
@@ -291,7 +298,7 @@ def test_suture_mesh_writes_the_mesh_its_quality_and_a_picture(
         poisson_ratio = 0.45
         density = 1070.0
         clamp = ["bottom"]
-        mesh = { kind = "wound", size = [0.06, 0.04, 0.02], h = 5e-3, length = 0.02, depth = 8e-3 }
+        mesh = { kind = "wound", size = [0.06, 0.04, 0.02], h = 5e-3, length = 0.02, depth = 8e-3, accuracy = "given" }
         region = [{ name = "skin", depth = [0, 2e-3], youngs_modulus = 4e5 }]
         [thread]
         suture = "2-0 polypropylene"

@@ -87,7 +87,10 @@ def test_a_run_that_would_write_over_a_file_is_refused(tmp_path: Path) -> None:
     for place in ("out/mesh/organ.msh", "organ.msh"):
         (tmp_path / place).write_text("a mesh", encoding="utf-8")
     data = tables(SCENARIO)
-    data["tissue"] |= {"mesh": {"kind": "file", "path": str(tmp_path / "organ.msh")}, "clamp": ["bottom"]}
+    data["tissue"] |= {
+        "mesh": {"kind": "file", "path": str(tmp_path / "organ.msh"), "accuracy": "given"},
+        "clamp": ["bottom"],
+    }
     with pytest.raises(ScenarioError, match=r"would write over mesh/organ\.msh, which no run wrote"):
         check_folder(tmp_path / "out", parse(data), overwrite=True)
     (tmp_path / "out/mesh/organ.msh").unlink()
@@ -260,7 +263,7 @@ def test_a_disk_that_would_be_full(
 
 def test_the_disk_that_a_run_takes(tmp_path: Path) -> None:
     """Independent check: rows and frames of a run with an organ, within a factor of two."""
-    organ = "tissue.mesh={kind='block',size=[0.04,0.03,0.02],h=3e-3}"
+    organ = "tissue.mesh={kind='block',size=[0.04,0.03,0.02],h=3e-3,accuracy='given'}"
     simulation = prepare(load("two_piercings", [organ, "solve.duration=0.01", "output.every=5"]))
     with Recorder(tmp_path, simulation.scenario, simulation.topology) as recorder:
         for moment in simulation.advance():

@@ -24,9 +24,9 @@ from tests.meshes.samples import NEEDS_GMSH
 from tests.meshes.test_skin import sphere
 from tests.studies.samples import ANCHORED
 
-BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3, "generator": "structured"}
+BLOCK = {"kind": "block", "size": [0.06, 0.04, 0.02], "h": 5e-3, "generator": "structured", "accuracy": "given"}
 RADIUS, LONG = 0.01, 0.04
-CYLINDER = {"kind": "cylinder", "radius": RADIUS, "length": LONG, "h": 4e-3, "h_site": 1e-3}
+CYLINDER = {"kind": "cylinder", "radius": RADIUS, "length": LONG, "h": 4e-3, "h_site": 1e-3, "accuracy": "given"}
 ABOVE = {"name": "entry", "at": "surface", "near": [-0.005, 0.001, 0.003], "footprint": 1e-3}
 
 
@@ -100,7 +100,7 @@ def test_a_place_on_a_surface_file_makes_a_hole(tmp_path: Path) -> None:
     of the ball there."""
     points, triangles = sphere(RADIUS, 3)
     meshio.Mesh(points, {"triangle": triangles}).write(tmp_path / "ball.stl", file_format="stl")
-    mesh = {"kind": "file", "path": str(tmp_path / "ball.stl"), "h": 3e-3}
+    mesh = {"kind": "file", "path": str(tmp_path / "ball.stl"), "h": 3e-3, "accuracy": "given"}
     asked = scenario(mesh, {**ABOVE, "near": [0.002, 0.001, 0.02], "along": [0.0, 0.0, -1.0], "direction": "normal"})
     table = asked.model_copy(update={"piercing": (asked.piercing[0].model_copy(update={"s": 0.02}),)})
     simulation = prepare(table)

@@ -26,6 +26,7 @@ STILL = [
     'tissue.solver="multigrid"',
     "tissue.mesh.h_site=3.0e-3",
     "tissue.mesh.h=6.0e-3",
+    "tissue.mesh.accuracy=given",
     "thread.control_points=60",
     "solve.duration=3.0e-3",
     "solve.gravity=[0, 0, -9.81]",

@@ -18,6 +18,7 @@ COARSE = [
     "thread.control_points=60",
     "tissue.mesh.h_site=2.0e-3",
     "tissue.mesh.h=5.0e-3",
+    "tissue.mesh.accuracy=given",
     "solve.duration=0.02",
     "thread.start.ramp=0.01",
     "piercing.exit.friction={ static = 0.12, kinetic = 0.1 }",
@@ -27,7 +28,7 @@ SMALL = "tissue.reduction={ blocks = 2 }"
 
 def stepped(simulation: Simulation) -> tuple[list[StepRecord], Tally]:
     """All steps of a run, and what they come to, with its first and last frame."""
-    tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.subgrid, simulation.remarks)
+    tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks)
     steps = []
     for step, frame in simulation.advance():
         steps.append(step)
@@ -68,6 +69,7 @@ def test_a_small_basis_of_an_organ_under_loads_with_a_tract() -> None:
         "tract=[{ between=['entry', 'exit'], radius=1.5e-3 }]",
         "tissue.load=[{ boundary='top', pressure=50.0, ramp=0.002 }]",
         "tissue.mesh.h=8.0e-3",
+        "tissue.mesh.accuracy=given",
         "tissue.mesh.h_site=4.0e-3",
         "solve.duration=2.0e-3",
     ]
@@ -111,7 +113,12 @@ def test_a_basis_is_kept_for_what_it_is_made_from(tmp_path: Path, monkeypatch: p
     """Consistency check: a later run takes the basis from the folder, makes none, and moves to the same bits; damping
     and the thread change nothing of it, material, holes and blocks do. A torn file is made anew, and one whose numbers
     were changed: values times 1.5 would be 1.5 times the displacement."""
-    keep = ["tissue.mesh.h_site=4e-3", "tissue.mesh.h=8e-3", f'tissue.reduction={{ blocks = 1, keep = "{tmp_path}" }}']
+    keep = [
+        "tissue.mesh.h_site=4e-3",
+        "tissue.mesh.h=8e-3",
+        "tissue.mesh.accuracy=given",
+        f'tissue.reduction={{ blocks = 1, keep = "{tmp_path}" }}',
+    ]
     made: list[int] = []
 
     def reduce_organ(organ: tissue.DynamicOrgan, *numbers: int) -> tissue.Reduction:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
-from skfem import MeshTet
 
 from coupling.rest import equilibrium
 from coupling.run.events import Event
@@ -36,7 +35,6 @@ from studies.output.remarks import (
     OFF_PATH,
     OUTDONE,
     REDUCED,
-    RESOLVED_SHARE,
     RULES,
     SHARE,
     SLID,
@@ -53,18 +51,12 @@ from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import demand, prepare
 from studies.simulation import remarks as judging
-from studies.simulation.law import stiffness_in_shear
 from studies.simulation.memory import OrganRun
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
-from tests.bounds import BUCKLING, IDENTITY, TWO_SOLVERS
+from tests.bounds import BUCKLING, IDENTITY
 from tests.studies.samples import ANCHORED, CONTRACT, LINEAR, Stub, frame, framing, piercing, step
 from thread.catalogue import suture
-from tissue import Hyperelasticity, Material, elasticity
-from tissue.materials.density import Density, Sum
-from tissue.materials.fibres import Fibres
-from tissue.materials.isotropic import Exponential
-from tissue.materials.own import Own, det
 
 ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
 STEPS = 12
@@ -76,12 +68,8 @@ def met(**values: Any) -> Extremes:
     return replace(nothing_met(1), **values)
 
 
-def gap(clear: float) -> dict[str, dict[str, Any]]:
-    return {"a": {"share": 0.5, "size": 1e-3, "clear": clear, "holds": clear >= 1e-3}}
-
-
 def hole(**keys: Any) -> Any:
-    given = {"name": "a", "at": [0, 0, 0], "footprint": 1e-3, "subgrid": False} | keys
+    given = {"name": "a", "at": [0, 0, 0], "footprint": 1e-3} | keys
     table = {"piercing": [given], "thread": {"suture": "2-0 silk", "control_points": 9, "path": [[0, 0, 0], [1, 0, 0]]}}
     return parse(table).piercing[0]
 
@@ -94,11 +82,6 @@ def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, nu
 JUDGED: dict[str, tuple[float, int, Judge]] = {
     "hole-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
     "hole-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
-    "subgrid-strain": (
-        SMALL_STRAIN,
-        1,
-        lambda x: judging.beyond_at_springs(["a"], met(sprung=np.array([x])), {"a": 0.2}, np.ones(21)),
-    ),
     "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
     "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
     "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
@@ -130,7 +113,6 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
     "forces-swing": (SWUNG, 1, judging.swinging),
-    "subgrid": (1e-3, -1, lambda x: judging.outside_subgrid(gap(x))),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
@@ -186,60 +168,6 @@ def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
     assert [(each.code, each.severity) for each in said] == [(code, CATALOGUE[code].severity)]
     assert re.search(r"\d", said[0].message) and said[0].where
     assert judge(bound * (1.0 - side * ROUND)) == []
-
-
-def law_of(distortion: Density | None, prestretch: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Hyperelasticity:
-    """Return an organ's law of E = 3 kPa, ν = 0.45 on one cube, of a density of distortion and a prestretch."""
-    mesh = MeshTet.init_tensor(*[np.arange(2.0)] * 3).with_boundaries({"bottom": lambda x: x[2] == 0.0})
-    return Hyperelasticity(elasticity(mesh, Material(3e3, 0.45, 1e3), "P1", ["bottom"]), distortion, prestretch)
-
-
-def test_springs_hold_less_far_in_tissue_that_stiffens() -> None:
-    """Independent check: at that strain the second derivative of W = μ/2b exp(3bε²) by ε makes the springs' share of
-    the compliance too large by what they may miss; without stiffening the bound is that of small strain."""
-    mu = 3e3 / 2.9
-    even = stiffness_in_shear(law_of(None), judging.STRAINS)
-    assert np.allclose(even, 1.0, rtol=0.0, atol=TWO_SOLVERS)
-    assert judging.springs_hold_to(RESOLVED_SHARE, even) == np.inf
-    assert judging.springs_hold_to(0.2, even) == SMALL_STRAIN
-    stiffness = stiffness_in_shear(law_of(Exponential(mu, 5.0)), judging.STRAINS)
-    limit = judging.springs_hold_to(0.2, stiffness)
-    stiffer = (1.0 + 30.0 * limit**2) * np.exp(15.0 * limit**2)
-    assert 0.2 * (1.0 - 1.0 / stiffer) == pytest.approx(RESOLVED_SHARE, rel=0.1)
-    [said] = judging.beyond_at_springs(["a"], met(sprung=np.array([1.01 * limit])), {"a": 0.2}, stiffness)
-    assert said.code == "subgrid-strain"
-
-
-def test_any_law_that_stiffens_counts_as_one() -> None:
-    """Independent check: W = μ/2 (x + c x²) of x = Ī₁ − 3 has (1 + 6c γ²) μ in a shear γ; a function from Python that
-    says so, fibres and a prestretch are judged by their tangent, and weak fibres less than strong ones."""
-    mu, c = 3e3 / 2.9, 4.0
-
-    def stiffens(F: Any) -> Any:
-        x = np.trace(F.T @ F) * det(F) ** (-2.0 / 3.0) - 3.0
-        return 0.5 * mu * (x + c * x * x)
-
-    found = stiffness_in_shear(law_of(Own(stiffens)), judging.STRAINS)
-    assert found[-2] == pytest.approx(1.0 + 18.0 * c * judging.STRAINS[-2] ** 2, rel=0.01)
-    families = [Sum([Exponential(mu), Fibres([1.0, 0.0, 0.0], k1, 10.0)]) for k1 in (1e-3 * mu, mu)]
-    limits = [judging.springs_hold_to(0.2, stiffness_in_shear(law_of(one), judging.STRAINS)) for one in families]
-    assert limits == [SMALL_STRAIN, 0.0]
-    tight = law_of(Exponential(mu, 5.0), (1.2, 1.0, 1.0))
-    assert judging.springs_hold_to(0.2, stiffness_in_shear(tight, judging.STRAINS)) == 0.0
-
-
-def test_a_pull_on_coarse_cells_that_stiffen_is_told() -> None:
-    """Consistency check: the scene of skin on cells of nearly a footprint; not at a hundredth of the pull."""
-    block = ['tissue.element="P1"', "tissue.mesh.h_site=1.8e-3", "tissue.mesh.size=[0.03, 0.014, 0.01]"]
-    block += ["thread.control_points=80", "solve.load_steps=2"]
-    for pull, said in ((1.0, {"subgrid-strain"}), (0.01, set())):
-        ways = {"start": [-0.8 * pull, 0, 0.6 * pull], "end": [0.8 * pull, 0, 0.6 * pull]}
-        ends = [f'thread.{end}={{kind="pulled", force={force}}}' for end, force in ways.items()]
-        simulation = prepare(load("skin", [*block, *ends]))
-        *_, (last, drawn) = simulation.advance()
-        met_there = nothing_met(2).after_step(last).after_frame(drawn().organ)
-        found = simulation.remarks(Ending(last, met_there))
-        assert {each.code for each in found if "subgrid" in each.code} == said
 
 
 COLUMN = """
@@ -446,7 +374,7 @@ def test_an_organ_that_nothing_holds_is_told() -> None:
 
 def test_what_is_judged_by_two_numbers() -> None:
     """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
-    to which no cells are fine enough; a hole to which compliance is added."""
+    to which no cells are fine enough; cells that were refined."""
     still, at = energy(0.0, 1.0), 3e-4
     assert judging.unsettled(still, SLID * at, at) == []
     assert [each.code for each in judging.unsettled(still, SLID * at * (1 + ROUND), at)] == ["not-at-rest"]
@@ -454,7 +382,6 @@ def test_what_is_judged_by_two_numbers() -> None:
         assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share))] == [code]
     assert judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE)) == []
     assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
-    assert judging.coarse_cells(hole(subgrid=True), 1.0, "P1") == []
     assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
     assert judging.overloaded(met(tension=1e9), None) == []
@@ -510,7 +437,7 @@ def test_a_small_pull_needs_no_remark(scene: Path) -> None:
         (("thread.end.force=[0, 0, 2.0]",), {"tissue-strain"}),
         (("thread.end.force=[0.3, 0, 0.0]",), {"hole-rotation"}),
         (("tissue.youngs_modulus=1e9", "thread.end.force=[0, 0, 20.0]"), {"thread-strength"}),
-        (("piercing.anchor.subgrid=false",), {"cells"}),
+        (("tissue.mesh.accuracy=given",), {"cells"}),
         (("piercing.anchor.footprint=0", 'piercing.anchor.direction="free"'), {"bare-point"}),
         (("tissue.density=1.0",), {"units"}),
     ],
@@ -519,16 +446,6 @@ def test_a_small_pull_needs_no_remark(scene: Path) -> None:
 def test_a_scene_that_deserves_a_remark_has_it(scene: Path, given: Sequence[str], expected: set[str]) -> None:
     """Independent check: the scene without remarks, with one thing changed that takes it out of its range."""
     assert expected <= codes(scene, *given)
-
-
-def test_a_hole_that_nothing_makes_up_for_is_foreseen(scene: Path) -> None:
-    """Independent check: linear cells of 2 mm in a skin of 2 mm, ten times as firm as what is below, stiffen it far
-    around the hole; in a body of one material they do not."""
-    skin = 'tissue.region=[{ name = "skin", depth = [0, 2e-3], youngs_modulus = 1e6 }]'
-    size = ["tissue.mesh.h=2e-3", "tissue.mesh.size=[0.03, 0.03, 0.01]"]
-    [said] = [each for each in prepare(load(scene, [*size, skin])).remarks() if each.code == "subgrid"]
-    assert (said.where, said.unsupported) == ("anchor", True)
-    assert not any(each.code == "subgrid" for each in prepare(load(scene, size)).remarks())
 
 
 SLIT = (

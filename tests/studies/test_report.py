@@ -35,7 +35,7 @@ def record_run(folder: Path, title: str = "a title") -> Path:
     table = {"path": [[0, 0, 0], [0.1, 0, 0]], "suture": "2-0 polypropylene"}
     holes = [{"name": name, "at": [x, 0, 0.05]} for name, x in (("entry", 0.01), ("exit", 0.03))]
     tissue = {"youngs_modulus": 1e5, "poisson_ratio": 0.4, "density": 1e3,
-              "mesh": {"kind": "block", "size": [0.1, 0.1, 0.1], "h": 0.05}}  # fmt: skip
+              "mesh": {"kind": "block", "size": [0.1, 0.1, 0.1], "h": 0.05, "accuracy": "given"}}  # fmt: skip
     scenario = parse({"title": title, "thread": table, "tissue": tissue, "piercing": holes,
                       "solve": {"dt": 0.1, "duration": 0.3}, "output": {"every": 1}})  # fmt: skip
     with Recorder(folder, scenario, LINEAR, judge=Stub(scenario).remarks) as recorder:

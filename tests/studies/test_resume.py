@@ -43,6 +43,7 @@ density = 1070.0
 rayleigh = [5.0, 5.0e-4]
 clamp = ["bottom"]
 [tissue.mesh]
+accuracy = "given"
 kind = "block"
 size = [0.03, 0.02, 0.01]
 h = 5.0e-3
@@ -335,7 +336,7 @@ def test_another_mesh_is_refused(tmp_path: Path) -> None:
     mesh = tmp_path / "organ.msh"
     mesh.write_text("a mesh", encoding="utf-8")
     data = tables(parse(tomllib.loads(SCENARIO)))
-    data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh)}, "clamp": ["bottom"]}
+    data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh), "accuracy": "given"}, "clamp": ["bottom"]}
     with Recorder(tmp_path / "out", parse(data)):
         pass
     assert can_resume(tmp_path / "out", parse(data))

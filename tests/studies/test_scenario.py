@@ -47,6 +47,8 @@ REFUSED = [
     ("tissue.poison_ratio=0.4", ["tissue.poison_ratio = 0.4", "no such key", "tissue.poisson_ratio"]),
     ("tissue.mesh.szie=1", ["tissue.mesh.szie = 1", "no such key", "tissue.mesh.size"]),
     ("thread.end.wayponts=1", ["thread.end.wayponts = 1", "no such key", "thread.end.waypoints"]),
+    ("piercing.entry.subgrid=true", ["piercing.entry.subgrid = true", "is refused", "tissue.mesh.accuracy"]),
+    ("tract=[{between=['entry','exit'],subgrid=false}]", ["tract.0.subgrid = false", "tissue.mesh.accuracy"]),
     ("piercing.entry.dirction=1", ["piercing.entry.dirction = 1", "piercing.entry.direction"]),
     ("piercing.exit.form=0.1", ["piercing.exit.form = 0.1", "piercing.exit.from"]),
     ("piercing.exit.from_=0.1", ["piercing.exit.from_ = 0.1", "piercing.exit.from"]),

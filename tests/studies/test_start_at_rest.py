@@ -24,7 +24,7 @@ TISSUE: dict[str, Any] = {
     "poisson_ratio": 0.45,
     "density": 1070.0,
     "clamp": ["bottom"],
-    "mesh": {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 4e-3},
+    "mesh": {"kind": "block", "generator": "structured", "size": [0.03, 0.02, 0.01], "h": 4e-3, "accuracy": "given"},
 }
 ORGANS: dict[str, dict[str, Any]] = {
     "none": {},

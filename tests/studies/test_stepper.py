@@ -17,7 +17,7 @@ ORGAN = {
     "density": 1070.0,
     "rayleigh": [5.0, 5e-4],
     "clamp": ["bottom"],
-    "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3},
+    "mesh": {"kind": "block", "size": [0.03, 0.02, 0.01], "h": 5e-3, "accuracy": "given"},
     "reduction": {},
 }
 

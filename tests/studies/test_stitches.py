@@ -16,7 +16,13 @@ from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array
 
-COARSE = ["tissue.mesh.h=6e-3", "tissue.mesh.h_site=2e-3", "thread.control_points=80", "solve.load_steps=4"]
+COARSE = [
+    "tissue.mesh.h=6e-3",
+    "tissue.mesh.accuracy=given",
+    "tissue.mesh.h_site=2e-3",
+    "thread.control_points=80",
+    "solve.load_steps=4",
+]
 ACROSS = 0.02  # of a closing force: strands bend at their holes, and are not quite the chords between these
 
 
@@ -64,7 +70,7 @@ def stitched_wall(depth: float, spacing: float) -> tuple[float, float, float]:
     tables = tomllib.loads((SCENES / "abdominal_wall.toml").read_text(encoding="utf-8"))
     del tables["thread"]["cuts"]
     tables["thread"] |= {"control_points": 140, "path": [*path, *([-a, -b, c] for a, b, c in reversed(path))]}
-    tables["tissue"]["mesh"] |= {"size": [0.06, 0.04, 0.02], "length": 0.024, "h_site": 2e-3}
+    tables["tissue"]["mesh"] |= {"size": [0.06, 0.04, 0.02], "length": 0.024}
     tables["piercing"] = [{"name": n, "at": [at, 0, 0], **grips} for n, at in (("right", x), ("left", -x))]
     tables["tract"] = [{"between": ["right", "left"], "spacing": spacing}]
     tables["tie"] = [{"name": "knot", "between": ["right", "left"], "force": 1.0, "from": 0.0, "until": 1.0}]
@@ -94,8 +100,14 @@ def test_a_deeper_bite_closes_the_fascia_and_turns_the_edges_out() -> None:
 RADIAL = 0.02  # of a tube's radial displacement: cells of a third of the radius, and ends four decay lengths away
 HOLES = [f"{side}{k}" for k in range(1, 7) for side in ("right", "left")]
 FEW = [
-    *("tract=[]", "thread.control_points=360", "tissue.mesh.h_site=2e-3", "solve.load_steps=4"),
-    *(f"piercing.{hole}.subgrid=false" for hole in HOLES),
+    *(
+        "tract=[]",
+        "thread.control_points=360",
+        "tissue.mesh.h=3e-3",
+        "tissue.mesh.h_site=2e-3",
+        "tissue.mesh.accuracy=given",
+        "solve.load_steps=4",
+    ),
 ]
 
 
@@ -231,8 +243,8 @@ def around_a_tube(radius: float, wall: float, holes: int) -> dict[str, Any]:
     ring = [at(0.0, radius, (k + 0.5) * 2.0 * np.pi / holes) for k in range(holes)]
     tails = [at(-2e-3, radius + 5e-3, -0.45), at(0.0, radius + 3e-3, 0.0)], [at(0.0, radius + 3e-3, 0.0)]
     path = [*tails[0], *ring, *tails[1], at(2e-3, radius + 5e-3, 0.45)]
-    free = {"at": "surface", "direction": "free", "footprint": 0.8e-3, "subgrid": False}
-    mesh = {"kind": "tube", "radius": radius, "wall": wall, "length": 0.024, "h": 1.4e-3}
+    free = {"at": "surface", "direction": "free", "footprint": 0.8e-3}
+    mesh = {"kind": "tube", "radius": radius, "wall": wall, "length": 0.024, "h": 1.4e-3, "accuracy": "given"}
     return {
         "tissue": {
             **{"youngs_modulus": 1.5e6, "poisson_ratio": 0.3, "density": 1070.0, "element": "P2"},
@@ -287,8 +299,14 @@ def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> Non
     its strands, over the line and in the lumen, draw either stump to the other; threads, the other stump, pressure and
     holder have no resultant on either; its holes open outwards and into the lumen by turns."""
     holes = through_the_wall(6)
-    few = ["thread.suture='5-0 polypropylene'", "thread.control_points=360", "tissue.mesh.h_site=2e-3"]
-    few += ["solve.load_steps=3", *(f"piercing.{hole}.subgrid=false" for hole in holes)]
+    few = [
+        "thread.suture='5-0 polypropylene'",
+        "thread.control_points=360",
+        "tissue.mesh.h=3e-3",
+        "tissue.mesh.h_site=2e-3",
+        "tissue.mesh.accuracy=given",
+    ]
+    few += ["solve.load_steps=3"]
     simulation = prepare(load("running_anastomosis", few))
     organ, run = simulation.assembly.system.organ, simulation.beginning()
     while run.number < simulation.steps:
@@ -314,10 +332,14 @@ def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> Non
 def test_stitches_close_a_laceration_from_a_surface_file() -> None:
     """Independent check: the faces of the wound come together and press on one another, none goes through the other,
     and each stitch draws its two sides towards one another with the same force."""
-    few = ["tract=[]", "thread.control_points=240", "tissue.mesh.h=8e-3", "tissue.mesh.h_site=2.5e-3"]
-    few += [
-        f"piercing.{hole}.{key}" for hole in HOLES[:6] for key in ("subgrid=false", "friction={static=0,kinetic=0}")
+    few = [
+        "tract=[]",
+        "thread.control_points=240",
+        "tissue.mesh.h=8e-3",
+        "tissue.mesh.accuracy=given",
+        "tissue.mesh.h_site=2.5e-3",
     ]
+    few += [f"piercing.{hole}.friction={{static=0,kinetic=0}}" for hole in HOLES[:6]]
     records = [record for record, _ in prepare(load("laceration", few)).advance()]
     open_, closed = (record.contact[0] for record in (records[0], records[-1]))
     width = open_.largest_gap

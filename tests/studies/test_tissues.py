@@ -22,6 +22,7 @@ def test_what_is_tied_completes(E: float, F: float, suture: str) -> None:
         f"thread.start.force={pull.format('-')}",
         f"thread.end.force={pull.format('')}",
         "tissue.element=P1",
+        "tissue.mesh.accuracy=given",
         "tissue.mesh.h_site=2.5e-3",
     ]
     for step, frame in prepare(load("skin", scene)).advance():

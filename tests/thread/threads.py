@@ -192,14 +192,12 @@ LEG = 0.5 * (LENGTH - np.pi * RADIUS)
 ABSCISSAE = (LEG, LENGTH - LEG)
 
 
-def block_organ(
-    element: str, inertia: bool, direction: Any = "normal", E: float = 1e5, subgrid: bool = False, **options: Any
-) -> Any:
+def block_organ(element: str, inertia: bool, direction: Any = "normal", E: float = 1e5, **options: Any) -> Any:
     """A small block, top at z = 0, held below, with the two sites of the hairpin on its top."""
     lines = np.linspace(-0.015, 0.015, 7), np.linspace(-0.01, 0.01, 5), np.linspace(-0.01, 0.0, 4)
     mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.01)})
     body = tissue.elasticity(mesh, tissue.Material(E, 0.45, 1070.0), element, ("bottom",))
-    holes = [tissue.Site(point, 2e-3, "parabolic", direction, subgrid=subgrid) for point in SITES]
+    holes = [tissue.Site(point, 2e-3, "parabolic", direction) for point in SITES]
     sites = tissue.build_sites(body, holes)
     return (tissue.DynamicOrgan if inertia else tissue.QuasiStaticOrgan)(body, sites, **options)
 

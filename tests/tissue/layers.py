@@ -6,7 +6,8 @@ from scipy.special import jv
 from skfem import MeshTet
 
 import tissue
-from tissue.sites import footprint, unbounded
+from studies import unbounded
+from tissue.sites import footprint
 
 Array = NDArray[np.float64]
 HALF_SPACE = {"uniform": 16.0 / (3.0 * np.pi), "parabolic": 2048.0 / (315.0 * np.pi)}  # a ∫ŵ² dk

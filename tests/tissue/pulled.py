@@ -1,7 +1,5 @@
 """A soft block, held at its bottom and pulled at two holes of its top."""
 
-from dataclasses import replace
-
 import numpy as np
 
 import tissue
@@ -15,10 +13,9 @@ PULL[[0, 2, 11]] = 0.02, 0.05, 0.03  # N
 DT = 2.0e-4
 
 
-def organ_of(h: float = 3.5e-3, subgrid: bool = False, **keys: object) -> tissue.DynamicOrgan:
+def organ_of(h: float = 3.5e-3, **keys: object) -> tissue.DynamicOrgan:
     body = tissue.elasticity(block((0.03, 0.02, 0.015), h), SOFT, "P1", ("bottom",))
-    holes = [replace(site, subgrid=subgrid) for site in SITES]
-    return tissue.DynamicOrgan(body, tissue.build_sites(body, holes), **keys)  # type: ignore[arg-type]
+    return tissue.DynamicOrgan(body, tissue.build_sites(body, SITES), **keys)  # type: ignore[arg-type]
 
 
 def schemes(kind: type[Scheme], steps: int, dt: float = DT) -> list[Scheme]:

@@ -62,31 +62,6 @@ def test_columns_are_solved_together_as_one_by_one(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", DIRECT)
-def test_compliance_is_that_of_a_dense_solve(method: str) -> None:
-    """Consistency check: of rows with few entries, with the places of the unknowns and without; of no entries, zero."""
-    body = block(("bottom",))
-    A, rng = csr_matrix(body.K[body.free][:, body.free]), np.random.default_rng(0)
-    R = csr_matrix(np.where(rng.random((7, A.shape[0])) < 0.02, rng.standard_normal((7, A.shape[0])), 0.0))
-    dense = R @ np.linalg.solve(A.toarray(), R.T.toarray())
-    for places in (None, body.basis.doflocs[:, body.free].T):
-        factor = tissue.factorize(A, places, method)
-        assert np.abs(factor.compliance(R) - dense).max() <= TWO_SOLVERS * np.abs(dense).max()
-        assert not factor.compliance(csr_matrix(0.0 * R)).any()
-        assert not factor.compliance(csr_matrix(R.shape)).any()
-
-
-def test_a_compliance_that_misses_its_residual_is_an_error() -> None:
-    """The factor of another matrix is not taken, by CHOLMOD's half solve nor by a whole one."""
-    body = block(("bottom",))
-    A = csr_matrix(body.K[body.free][:, body.free])
-    for method in (method for method in METHODS if is_installed(method)):
-        other = tissue.factorize(csr_matrix(1.0001 * A), None, method)
-        wrong = tissue.Factor(A, other.norm, other.back_substitute)
-        with pytest.raises(tissue.FactorError, match="allowed is 1e-10"):
-            wrong.compliance(csr_matrix((np.ones(3), (np.arange(3), np.arange(3))), shape=(3, A.shape[0])))
-
-
-@pytest.mark.parametrize("method", DIRECT)
 def test_what_matrices_of_one_pattern_share_is_theirs_alone(method: str) -> None:
     """Consistency check: tangents one after another, with other numbers and with other entries, each as if alone; an
     earlier factor goes on solving its own."""

@@ -25,7 +25,6 @@ LOAD = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), ramp=10 * SLOW)
 KINDS = {
     "bare": {},
     "damped, loaded": {"rayleigh": (5.0, 1e-3), "gravity": (0.0, 0.0, -9.81), "loads": (LOAD,)},
-    "springs": {"subgrid": True},
 }
 
 

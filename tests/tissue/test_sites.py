@@ -419,7 +419,7 @@ def test_a_site_bears_on_the_cells_behind_its_footprint() -> None:
     lines = np.linspace(0.0, 4.0, 5)
     body = tissue.elasticity(MeshTet.init_tensor(lines, lines, lines), tissue.Material(1.0, 0.3, 1.0), "P1")
     places = [(2.0, 2.0, 4.0), (2.0, 2.0, 2.0)]
-    sites = tissue.build_sites(body, [tissue.Site(at, 0.5, subgrid=False) for at in places])
+    sites = tissue.build_sites(body, [tissue.Site(at, 0.5) for at in places])
     above, inside = tissue.cells_at(body, sites)
     centres = body.points[body.cells].mean(axis=1)
     assert above.size and (np.abs(centres[above] - places[0]) < 1.0).all()

@@ -81,16 +81,17 @@ def test_auto_takes_what_is_installed_and_what_there_is_room_for(monkeypatch: py
         organ("superlu", inertia=True)
 
 
-def test_a_large_part_is_solved_for_its_columns_by_multigrid(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Consistency check of solvers: a small part by a factor, a large one by multigrid, to the same answer."""
+def test_columns_are_solved_for_by_a_factor_as_long_as_there_is_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check of solvers: by a factor, and by multigrid where it does not fit, to the same answer."""
     held = organ()
     b = np.random.default_rng(2).standard_normal((held.size, 2))
-    small = choice.solver_once(held.K, held.places)
-    monkeypatch.setattr(choice, "PART_FACTORISED", 100)
-    large = choice.solver_once(held.K, held.places)
-    assert isinstance(small, tissue.Factor) and isinstance(large, tissue.ConjugateGradients)
-    x = small.solve(b)
-    assert np.abs(large.solve(b) - x).max() <= TWO_SOLVERS * np.abs(x).max()
+    roomy = choice.solver_of_columns(held.K, held.places)
+    monkeypatch.setattr(choice, "SMALL", 100)
+    monkeypatch.setattr(choice, "free_memory", lambda: 1.0)
+    scarce = choice.solver_of_columns(held.K, held.places)
+    assert isinstance(roomy, tissue.Factor) and isinstance(scarce, tissue.ConjugateGradients)
+    x = roomy.solve(b)
+    assert np.abs(scarce.solve(b) - x).max() <= TWO_SOLVERS * np.abs(x).max()
 
 
 def test_the_levels_of_an_organ_at_rest_are_let_go_and_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:

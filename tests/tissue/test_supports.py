@@ -93,7 +93,7 @@ def scenario(half: bool, **tissue_keys: Any) -> Scenario:
         "thread": {"diameter": 3e-4, "youngs_modulus": 1e9, "density": 1e3, "control_points": 30},
         "solve": {"kind": "static", "load_steps": 1},
     }
-    hole = {"kind": "anchored", "footprint": 1e-3, "subgrid": False}
+    hole = {"kind": "anchored", "footprint": 1e-3}
     right = {**hole, "name": "right", "at": [0.005 - shift, 0, 0], "draw": [[0, 0], [1, 1e-4]]}
     table["thread"]["path"] = [[-0.009 - shift, 0, 0], [0.009 - shift, 0, 0]]
     table["piercing"] = [{**hole, "name": "left", "at": [-0.005, 0, 0], "draw": [[0, 0], [1, -1e-4]]}, right]

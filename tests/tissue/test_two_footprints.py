@@ -113,7 +113,7 @@ def test_two_footprints_drawn_together_on_three_meshes() -> None:
     outside = np.array([Quarter(number).ways(MODERATE) for number in parts])
     exact = np.array([limit(parts, ways)[0] for ways in outside.T])
     body = half()
-    found = drawn(body, tissue.build_sites(body, [tissue.Site(PLACES[1], RADIUS, subgrid=False)]), MODERATE)
+    found = drawn(body, tissue.build_sites(body, [tissue.Site(PLACES[1], RADIUS)]), MODERATE)
     assert np.abs(np.array(found) / RADIUS / exact - 1.0).max() <= DRAWN_TOGETHER
     holes = [tissue.Site(place, RADIUS) for place in PLACES]
     fit = tissue.fitted(block().mesh, "P2", on_block, holes, ASKED)

@@ -93,7 +93,6 @@ def wounded_organ(
     h: float = 5e-3,
     E: float = 2e4,
     contact: bool = True,
-    subgrid: bool = False,
     **options: Any,
 ) -> Any:
     """A block held below with a wound 12 mm long and 5 mm deep, the two sites of the hairpin next to it."""
@@ -101,8 +100,6 @@ def wounded_organ(
     closed = wounded_block_structured(SIZE, wound, Grading(h, h), SITES)
     mesh = opened(closed, width) if width else closed
     body = tissue.elasticity(mesh, tissue.Material(E, 0.45, 1070.0), element, ("bottom",))
-    sites = tissue.build_sites(
-        body, [tissue.Site(point, 2e-3, "parabolic", "normal", subgrid=subgrid) for point in SITES]
-    )
+    sites = tissue.build_sites(body, [tissue.Site(point, 2e-3, "parabolic", "normal") for point in SITES])
     gaps = gaps_on(body, wound, closed) if contact else None
     return (tissue.DynamicOrgan if inertia else tissue.QuasiStaticOrgan)(body, sites, gaps=gaps, **options)

@@ -26,7 +26,7 @@ from tissue.arrays import Array
 
 DEPENDENT = 1e-8  # of a vector's length in K: what is left of it beside those before is round-off
 MODES = 1e-10  # relative residual of the modes: they need not be exact, the basis has only to hold them nearly
-MASSLESS = 1e-14  # of the largest 1/ω² of a basis: vectors that move springs alone have no mass but round-off
+MASSLESS = 1e-14  # of the largest 1/ω² of a basis: what is below has no mass but round-off
 
 
 @dataclass(frozen=True)

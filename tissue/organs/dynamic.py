@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.blas import daxpy
-from scipy.sparse import block_diag, csr_matrix
+from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
@@ -145,8 +145,7 @@ class DynamicOrgan(MeshedOrgan):
             )
         free = self.elasticity.free
         M = csr_matrix(self.elasticity.M[free][:, free])
-        springs = csr_matrix((self.size - free.size,) * 2)
-        object.__setattr__(self, "M", csr_matrix(block_diag([M, springs])) if springs.shape[0] else M)
+        object.__setattr__(self, "M", M)
         whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of the nodes that have a free one
         rolls = whole.size > free.size
         nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else M
@@ -180,11 +179,8 @@ class DynamicOrgan(MeshedOrgan):
 
     def mass_times(self, field: Array) -> Array:
         """Return M times a field over the free unknowns `(N,)`: a node's three components share its row."""
-        N = self.mesh_size
-        weighed = np.asarray(self.node_mass @ self._by_nodes(field[:N])).ravel()
-        out = np.zeros(self.size)  # the springs have no mass
-        out[:N] = weighed if self.slots is None else weighed[self.slots]
-        return out
+        weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
+        return weighed if self.slots is None else weighed[self.slots]
 
     def elastic_force(self, U: Array) -> Array:
         """Return K U.
@@ -340,10 +336,8 @@ class DynamicOrgan(MeshedOrgan):
 
     @cached_property
     def mobility(self) -> tuple[Array, Array]:
-        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ of the mesh, without massless springs."""
-        N = self.mesh_size
-        W, C = compliance(mass_solver(csr_matrix(self.M[:N, :N]), self.places, self.choice.name), self.sites.Y)
-        return np.vstack([W, np.zeros((self.size - N, W.shape[1]))]), C
+        """M⁻¹ Yᵀ `(N, 9p)` and Y M⁻¹ Yᵀ."""
+        return compliance(mass_solver(self.M, self.places, self.choice.name), self.Y)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.

@@ -13,7 +13,7 @@ and Ã = A − Zᵀ S Z. What faces what, and which way, is found where a step b
 The coupled Newton asks `again` after each correction: the organ goes to U_k + dU, cut short where a cell would turn
 inside out or its potential under these forces would rise, and the answer stands once its own residual there is within
 RESIDUAL of the forces of the cells. A factor is kept while it makes the residual fall; the converged answer does not
-depend on it. Springs of a mesh too coarse for a hole stay linear, y = y(z) + B Bᵀ f_y.
+depend on it.
 """
 
 from collections import OrderedDict, deque
@@ -159,7 +159,7 @@ class Forces:
 
 @dataclass(frozen=True)
 class FiniteAnswer:
-    """The answer linearised at a `point` with the springs' ends at `f_y` (9p,), by a `tangent` made there or before;
+    """The answer linearised at a `point` under forces `f_y` (9p,), by a `tangent` made there or before;
     `pairing` is what faces what on the lips; `ahead` (N,) [m] is how much further than by that tangent it goes, None:
     no further."""
 
@@ -231,7 +231,7 @@ class FiniteAnswer:
     @cached_property
     def C(self) -> Array:
         """Site compliance, shape `(9p, 9p)`."""
-        C = self.J @ self._bent @ self.tangent.C_z @ self.J.T + self.organ.spring_compliance
+        C = self.J @ self._bent @ self.tangent.C_z @ self.J.T
         return np.asarray(0.5 * (C + C.T))
 
     @cached_property
@@ -284,22 +284,19 @@ class FiniteAnswer:
         """Whether the sites are where their linearisation says."""
         if not any(self.organ.map.cut):
             return True
-        y = self.y_free + (self.C - self.organ.spring_compliance) @ f_y + p @ self.C_cy
+        y = self.y_free + self.C @ f_y + p @ self.C_cy
         off = np.abs(self.organ.map.y(point.z) - y).reshape(-1, 3, 3)
         return bool(off[:, 1:].max() <= BENT)
 
     @property
     def equation(self) -> Equation:
-        """The organ's rows of the assembled matrix, the springs' behind those of the mesh."""
+        """The organ's rows of the assembled matrix."""
         organ, Z = self.organ, self.organ.map.Z
         A = csr_matrix(self.tangent.A - Z.T @ csr_matrix(self._S) @ Z)
         Y = csr_matrix(csr_matrix(self.J) @ Z)
         b = A @ self.point.U - self.point.r
         b = b if self.ahead is None else b + self.tangent.A @ self.ahead
         y0 = organ.map.y(self.point.z) - Y @ self.point.U
-        springs = organ.sites.springs
-        if springs.shape[1]:
-            raise TissueError("the assembled matrix knows no springs of a nonlinear organ; set subgrid = false")
         return Equation(A, b, y0, Y, self.pairing.g0, self.pairing.G)
 
 
@@ -337,10 +334,8 @@ class FiniteOrgan(MeshedOrgan):
         if self.hyper is None:
             object.__setattr__(self, "hyper", Hyperelasticity(body))
         free = body.free
-        object.__setattr__(self, "load", self.load[: free.size])
-        object.__setattr__(self, "G", self.G[:, : free.size])
         dead = np.array([load.pressure is None for load in self.loads], dtype=float)
-        object.__setattr__(self, "surface_load", self.surface_load[: free.size] * dead)
+        object.__setattr__(self, "surface_load", self.surface_load * dead)
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
         object.__setattr__(self, "_tangents", OrderedDict())
         object.__setattr__(self, "_pattern", Pattern())
@@ -355,21 +350,10 @@ class FiniteOrgan(MeshedOrgan):
         assert self.hyper is not None
         return self.hyper
 
-    @property
-    def size(self) -> int:
-        """Number of free unknowns of the mesh."""
-        return self.mesh_size
-
     @cached_property
     def map(self) -> SiteMap:
         """The site variables of z = Z U."""
         return SiteMap(self.sites)
-
-    @cached_property
-    def spring_compliance(self) -> Array:
-        """B Bᵀ of the springs between sites and mesh, shape `(9p, 9p)`."""
-        B = self.sites.springs
-        return np.asarray((B @ B.T).toarray())
 
     @cached_property
     def _round_off(self) -> float:
@@ -614,14 +598,8 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def site_variables(self, state: OrganState) -> Array:
-        """Return y = y(Z U) + B Bᵀ f_y, shape `(9p,)`."""
-        return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)) + self.spring_compliance @ state.f_y)
-
-    def spring_ways(self, state: OrganState) -> Array:
-        """Return how far the springs of each site are drawn out, `(p,)` [m]: the part of a hole's way that the mesh is
-        too coarse for."""
-        ways = (self.spring_compliance @ state.f_y).reshape(-1, 3, 3)[:, 0]
-        return np.asarray(np.linalg.norm(ways, axis=1))
+        """Return y = y(Z U), shape `(9p,)`."""
+        return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)))
 
     def lips(self, state: OrganState) -> Lips:
         """Return the gaps, forces, ways and friction of the pairs."""
@@ -655,7 +633,7 @@ class FiniteOrgan(MeshedOrgan):
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing(state.facing)
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
-        C = J @ tangent.C_z @ J.T + self.spring_compliance
+        C = J @ tangent.C_z @ J.T
         operator = Displaced(self, tangent.A, tangent.factor, tangent.W @ J.T, C)
         y_free, g_free = operator.free_values(y, self.with_slips(self.lips(state).gap), f_y, p, pairing)
 
@@ -702,18 +680,18 @@ class FiniteOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new`, and the work done from `old` to it [J].
 
-        The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells
-        and the springs, of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
+        The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells,
+        of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
         """
-        dU, dV, df = new.U - old.U, new.V - old.V, new.f_y - old.f_y
+        dU, dV = new.U - old.U, new.V - old.V
         (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)
-        z, z_old, springs = self.map.Z @ new.U, self.map.Z @ old.U, self.spring_compliance
+        z, z_old = self.map.Z @ new.U, self.map.Z @ old.U
         bent = (
             new.f_y @ (self.map.y(z) - self.map.y(z_old) - self.map.slope(z) @ (z - z_old))
             if any(self.map.cut)
             else 0.0
         )
-        numerical = force @ dU - (stored - before) + 0.5 * df @ (springs @ df) + bent
+        numerical = force @ dU - (stored - before) + bent
         friction = 0.0
         if new.p is not None and new.p.any():
             pushes, friction = self.contact_works(new.p, self.pairing(new.facing).G @ dU)
@@ -723,7 +701,6 @@ class FiniteOrgan(MeshedOrgan):
             momentum = self.M @ new.V
             kinetic, viscous = float(0.5 * new.V @ momentum), float(self.damping * momentum @ dU)
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
-        elastic = stored + 0.5 * new.f_y @ (springs @ new.f_y)
         load_work = float((self.load_under(new.shares) + self.pressing(new.shares, new.U)) @ dU)
         kept = self.law.energy_of_prestretch
-        return OrganEnergies(kinetic, float(elastic), load_work, viscous, float(numerical), friction, kept)
+        return OrganEnergies(kinetic, float(stored), load_work, viscous, float(numerical), friction, kept)

@@ -4,9 +4,7 @@
 
 with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries (`tissue.loads`).
 Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to
-y; eliminating U is exact, so that y = y_free + C f_y. Where a mesh is too coarse for a hole, springs without mass stand
-between site and mesh, as further unknowns behind those of the mesh, as stiff as these are in the mean:
-y = y0 + Y U + √κ B ζ (`tissue.sites.subgrid`).
+y; eliminating U is exact, so that y = y_free + C f_y.
 
 The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them apart:
 
@@ -26,7 +24,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix, hstack, vstack
+from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity
@@ -274,31 +272,27 @@ class MeshedOrgan:
             raise TissueError(
                 f"sites over {self.sites.Y.shape[1]} unknowns on an organ of {free.size}; build them on it"
             )
-        B, places = self.sites.springs, body.basis.doflocs[:, free].T
+        places = body.basis.doflocs[:, free].T
         K = csr_matrix(body.K[free][:, free])
         K.eliminate_zeros()  # a fifth of the entries on a block
-        stiffness = float(body.K.diagonal().mean())
-        object.__setattr__(self, "K", followed(K, np.full(B.shape[1], stiffness)) if B.shape[1] else K)
-        object.__setattr__(self, "Y", csr_matrix(hstack([self.sites.Y, np.sqrt(stiffness) * B])))
-        object.__setattr__(self, "load", np.append(body.body_force(gravity)[free], np.zeros(B.shape[1])))
+        object.__setattr__(self, "K", K)
+        object.__setattr__(self, "Y", self.sites.Y)
+        object.__setattr__(self, "load", body.body_force(gravity)[free])
         object.__setattr__(self, "surface", Loads(body, tuple(self.loads)))
-        columns = self.surface.columns[free]
-        object.__setattr__(self, "surface_load", np.vstack([columns, np.zeros((B.shape[1], columns.shape[1]))]))
+        object.__setattr__(self, "surface_load", self.surface.columns[free])
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "choice", choose_solver(self.solver, K, places, self.solved_once))
-        object.__setattr__(self, "G", self._gap_rows(B.shape[1]))
+        object.__setattr__(self, "G", self._gap_rows())
 
-    def _gap_rows(self, springs: int) -> csr_matrix:
-        """Return G over all unknowns, shape `(k, N)`; refuse gaps whose compliance does not fit into memory."""
-        N = self.elasticity.free.size + springs
+    def _gap_rows(self) -> csr_matrix:
+        """Return G, shape `(k, N)`; refuse gaps whose compliance does not fit into memory."""
+        N = self.elasticity.free.size
         if self.gaps is None:
             return csr_matrix((0, N))
         k, room = self.contacts, SHARE * free_memory()
         need = 8.0 * ((KEPT_OPERATORS + 2) * k**2 + COLUMNS * N)
-        if self.gaps.G.shape[1] != self.elasticity.free.size:
-            raise TissueError(
-                f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N - springs}; build them on it"
-            )
+        if self.gaps.G.shape[1] != N:
+            raise TissueError(f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N}; build them on it")
         if need > room:
             raise TissueError(
                 f"contact: the {self.pairs} pairs of nodes on the lips take about {need / GIGA:.2g} GB and "
@@ -307,7 +301,7 @@ class MeshedOrgan:
         G = self.gaps.G
         if k > self.pairs:
             G = vstack([G, self.gaps.slip_sums(self.gaps.start) @ self.gaps.rows])
-        return csr_matrix(hstack([G, csr_matrix((k, springs))]))
+        return csr_matrix(G)
 
     @property
     def pairs(self) -> int:
@@ -337,8 +331,7 @@ class MeshedOrgan:
         """R, the displacement of the nodes of the lips over all unknowns, shape `(3r, N)`; none without gaps."""
         if self.gaps is None:
             return csr_matrix((0, self.size))
-        rows = self.gaps.rows
-        return csr_matrix(hstack([rows, csr_matrix((rows.shape[0], self.size - rows.shape[1]))]))
+        return self.gaps.rows
 
     @cached_property
     def _matched(self) -> Pairing:
@@ -440,19 +433,13 @@ class MeshedOrgan:
         return self.contact_or_none(np.zeros(self.contacts))
 
     @property
-    def mesh_size(self) -> int:
-        """Number of free unknowns of the mesh, which come before those of the springs."""
-        return int(self.elasticity.free.size)
-
-    @property
     def solved_once(self) -> bool:
         """Whether all that is ever solved for are the sites' columns and the load."""
         return False
 
     def solver_of(self, A: csr_matrix) -> Solver:
-        """Return a solver for a matrix of the organ: the springs are coupled to nothing but the sites."""
-        mesh = solver(leading(A, self.mesh_size), self.places, self.choice.name)
-        return mesh if A.shape[0] == self.mesh_size else Sprung(A, mesh)
+        """Return a solver for a matrix of the organ."""
+        return solver(A, self.places, self.choice.name)
 
     @property
     def y0(self) -> Array:
@@ -466,49 +453,12 @@ class MeshedOrgan:
 
     @property
     def size(self) -> int:
-        """Number of free unknowns N, those of the springs at the sites included."""
+        """Number of free unknowns N."""
         return int(self.K.shape[0])
 
     def whole(self, field: Array) -> Array:
         """Return a field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
-        return self.elasticity.extended(field[: self.elasticity.free.size])
-
-
-def leading(A: csr_matrix, N: int) -> csr_matrix:
-    """Return the first N rows of a matrix, which have no entries beyond its first N columns, shape `(N, N)`, in the
-    memory of A: of a large organ a copy is a third of a gigabyte."""
-    end = A.indptr[N]
-    return csr_matrix((A.data[:end], A.indices[:end], A.indptr[: N + 1]), shape=(N, N))
-
-
-def followed(A: csr_matrix, diagonal: Array) -> csr_matrix:
-    """Return a matrix `(N, N)` followed by a diagonal `(m,)`, shape `(N + m, N + m)`; by way of triplets, as scipy's
-    `block_diag` goes, a large matrix would be there three times."""
-    N, more = A.shape[0], np.arange(diagonal.size, dtype=A.indices.dtype)
-    indices, indptr = np.append(A.indices, N + more), np.append(A.indptr, A.indptr[-1] + 1 + more)
-    return csr_matrix((np.append(A.data, diagonal), indices, indptr), shape=(N + more.size, N + more.size))
-
-
-@dataclass(frozen=True)
-class Sprung:
-    """A matrix of the mesh, with its solver, followed by a diagonal of springs."""
-
-    A: csr_matrix
-    mesh: Solver
-
-    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` and `rough` are passed on to the solver of the mesh,
-        None means zero.
-        """
-        N = self.mesh.A.shape[0]
-        near = None if guess is None else lambda: guess()[:N]
-        springs = self.springs.reshape(-1, *[1] * (b.ndim - 1))
-        return np.concatenate([self.mesh.solve(b[:N], near, rough), b[N:] / springs])
-
-    @cached_property
-    def springs(self) -> Array:
-        """The diagonal of the springs; of a large matrix it takes as long to read as a product."""
-        return np.asarray(self.A.diagonal()[self.mesh.A.shape[0] :])
+        return self.elasticity.extended(field)
 
 
 @dataclass(frozen=True)

@@ -89,10 +89,10 @@ def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
     """Refuse organs without a small basis, and a basis that exceeds the memory. Raises `TissueError`."""
     check_held(organ)
-    if blocks < 0 or not (0 <= modes <= organ.mesh_size // 2):
+    if blocks < 0 or not (0 <= modes <= organ.size // 2):
         raise TissueError(
             f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
-            f"{organ.mesh_size} unknowns"
+            f"{organ.size} unknowns"
         )
     check_memory(organ, blocks, modes, "take fewer blocks, modes or holes, or a coarser mesh")
 
@@ -124,20 +124,12 @@ def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> N
 
 def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
     """Return the vectors of both models."""
-    N = organ.mesh_size
     factor = organ.solver_of(organ.K)
     forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
     own = np.zeros((organ.size, modes))
     if modes:
-        own[:N] = vibration_modes(
-            organ.K[:N, :N], organ.M[:N, :N], lambda b: factor.solve(_padded(b, organ))[:N], modes
-        )
+        own = vibration_modes(organ.K, organ.M, factor.solve, modes)
     return build_krylov(organ.K, organ.M, factor.solve, forces, blocks, own)
-
-
-def _padded(b: Array, organ: DynamicOrgan) -> Array:
-    """Return forces on the mesh as those on all unknowns."""
-    return np.append(b, np.zeros(organ.size - organ.mesh_size))
 
 
 def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:

@@ -11,7 +11,7 @@ of the column, averaged at the nodes and made to agree with the traction on the 
 the pressure that is averaged at the vertices already (`tissue.elasticity`) is in σ* what it is in σ_h.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,10 +26,13 @@ from tissue.sites.footprint import density
 from tissue.sites.rows import shapes
 from tissue.sites.site import Site, Sites
 from tissue.sites.surface import outer_surface
-from tissue.solvers.choice import solver_once
+from tissue.solvers.choice import solver_of_columns
 from tissue.supports import holds_still
 
 CELLS = 4096  # that are looked at once: some ten megabytes a column
+TOGETHER = 4  # goals whose columns are solved and held at once
+OWN = 4.0  # radii of a goal within which its column is looked at in every cell
+THEIRS, NEARER = 8.0, 0.5  # radii from another goal, and over the distance, within which cells are there for that one
 SMOOTH = np.cos(np.radians(30.0))  # of a facet's normal with the mean one of its node: below, the node is on an edge
 AXES = 3
 SOFT = 1.0  # of E/ρL²: springs that hold a body which nothing else does are as soft as the body itself
@@ -37,39 +40,64 @@ SOFT = 1.0  # of E/ρL²: springs that hold a body which nothing else does are a
 
 @dataclass(frozen=True)
 class Estimate:
-    """The `compliance` of the goals, `(g, 3)` [m/N], along x, y and z each, and of that what every cell is estimated to
-    miss, `missed` `(g, 3, c)` [m/N]. `goals` `(g,)` are the sites that have a footprint."""
+    """The `compliance` of the goals, `(g, 3)` [m/N], along x, y and z each, and what of it the mesh is estimated to
+    have `missed`, `(g, 3)` [m/N]. `goals` `(g,)` are the sites that have a footprint. The `indicators` `(c,)` [-] are
+    what is missed in each cell, over the compliance of its goal and direction, in sum."""
 
     goals: Indices
     compliance: Array
     missed: Array
-
-    @cached_property
-    def indicators(self) -> Array:
-        """What is missed of the compliance in each cell, over that of its goal and direction, in sum, `(c,)` [-]."""
-        return np.asarray(np.sum(self.missed / self.compliance[..., None], axis=(0, 1)))
+    indicators: Array
 
     @cached_property
     def errors(self) -> Array:
         """Relative error of the compliance of each goal, in the direction in which it is largest, `(g,)` [-]."""
-        missed = self.missed.sum(axis=2)
-        return np.asarray(np.max(missed / (self.compliance + missed), axis=1))
+        return np.asarray(np.max(self.missed / (self.compliance + self.missed), axis=1))
 
 
 def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate:
     """Return what the mesh of a body misses of the compliance of its sites to forces. A bare point has no limit under
-    refinement, and is no goal."""
+    refinement, and is no goal.
+
+    The column of a goal is looked at everywhere but in cells that are as fine as another goal, far away, needs them:
+    the cost of a goal does not grow with their number.
+    """
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0], np.intp)
-    columns = csr_matrix(placed.Y[(9 * goals[:, None] + np.arange(AXES)).ravel()])
-    W = np.zeros((body.N, columns.shape[0]))
-    W[body.free] = solver_once(held(body), body.basis.doflocs[:, body.free].T).solve(columns.T.toarray())
-    compliance = np.einsum("nk,nk->k", columns.T.toarray(), W[body.free]).reshape(-1, AXES)
-    missed = np.empty((*compliance.shape, body.mesh.nelements))
-    recovery = Recovery(body)
-    for row, goal in enumerate(goals):
-        own = W[:, AXES * row : AXES * row + AXES]
-        missed[row] = recovery.missed(own, tractions(body, recovery, sites[goal], placed, goal))
-    return Estimate(goals, compliance, missed)
+    compliance, missed = np.empty((2, goals.size, AXES))
+    indicators, recovery = np.zeros(body.mesh.nelements), Recovery(body)
+    factor = solver_of_columns(held(body), body.basis.doflocs[:, body.free].T)
+    seen = seen_cells(body, [sites[goal].radius for goal in goals], placed.points[goals])
+    for first in range(0, goals.size, TOGETHER):
+        some = np.arange(first, min(first + TOGETHER, goals.size))
+        rows = csr_matrix(placed.Y[(9 * goals[some, None] + np.arange(AXES)).ravel()])
+        W = np.zeros((body.N, rows.shape[0]))
+        W[body.free] = factor.solve(rows.T.toarray())
+        compliance[some] = np.reshape(np.sum(rows.multiply((W[body.free]).T), axis=1), (-1, AXES))
+        for column, row in enumerate(some.tolist()):
+            own = W[:, AXES * column : AXES * column + AXES]
+            cells = seen(row)
+            each = recovery.missed(own, tractions(body, recovery, sites, placed, int(goals[row])), cells)
+            missed[row] = each.sum(axis=1)
+            indicators[cells] += np.sum(each / compliance[row, :, None], axis=0)
+    return Estimate(goals, compliance, missed, indicators)
+
+
+def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Callable[[int], Indices]:
+    """Return what gives the cells in which the column of a goal is looked at, of goals with footprints of `radii` (g,)
+    [m] at `centres` `(g, 3)` [m]: all but those that another goal, which is nearer by far, asks to be fine."""
+    middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
+    nearest, reach = np.full(len(middles), np.inf), np.zeros(len(middles))
+    for centre, radius in zip(centres, radii, strict=True):
+        away = np.linalg.norm(middles - centre, axis=1)
+        nearer = away < nearest
+        nearest[nearer], reach[nearer] = away[nearer], THEIRS * radius
+
+    def seen(goal: int) -> Indices:
+        away = np.linalg.norm(middles - centres[goal], axis=1)
+        others = (away > OWN * radii[goal]) & (nearest < NEARER * away) & (nearest < reach)
+        return np.flatnonzero(~others)
+
+    return seen
 
 
 def held(body: Elasticity) -> csr_matrix:
@@ -86,10 +114,10 @@ def held(body: Elasticity) -> csr_matrix:
     return csr_matrix(K + firm * body.M[body.free][:, body.free])
 
 
-def tractions(body: Elasticity, recovery: "Recovery", site: Site, placed: Sites, goal: int) -> Array:
-    """Return the size of the traction by a unit force on a site's footprint at the nodes of the surface, `(r,)` [Pa/N];
+def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], placed: Sites, goal: int) -> Array:
+    """Return the size of the traction by a unit force on a goal's footprint at the nodes of the surface, `(r,)` [Pa/N];
     none by a force inside."""
-    axis = placed.normals[goal]
+    site, axis = sites[goal], placed.normals[goal]
     if not np.isfinite(axis).all():
         return np.zeros(recovery.rim.size)
     offset, facing = body.points[recovery.rim] - placed.points[goal], recovery.normals @ axis
@@ -158,22 +186,23 @@ class Recovery:
         """Outward unit normals there, `(r, 3)`."""
         return self._surface[1]
 
-    def missed(self, W: Array, traction: Array) -> Array:
-        """Return η² of each cell, `(3, c)` [m/N], of columns W `(N, 3)` [m/N] by unit forces along x, y and z that are
-        a `traction` `(r,)` [Pa/N] on the nodes of the surface."""
-        U = W[self.body.nodes]  # node, component, column
-        nodal, out = self._nodal(U, traction), np.empty((AXES, self.body.mesh.nelements))
+    def missed(self, W: Array, traction: Array, cells: Indices) -> Array:
+        """Return η² of `cells` `(k,)`, `(3, k)` [m/N], of columns W `(N, 3)` [m/N] by unit forces along x, y and z that
+        are a `traction` `(r,)` [Pa/N] on the nodes of the surface."""
+        nodal, numbers = self._nodal(W, traction, cells)
+        out = np.empty((AXES, cells.size))
         element = ELEMENTS[self.body.element]()
         places, weights = get_quadrature(element, 2 * element.maxdeg)
         weights = weights / weights.sum() / 6.0
         phi, _ = shapes(self.body, places.T)
-        for cells in self._chunks:
-            own = np.einsum("na,cnijk->caijk", phi, nodal[self.copies[0][cells]], optimize=True)
-            off = own - self._stress(cells, places.T, U)
-            lam, mu = (m[cells, None, None] for m in self.material)
+        for part in chunks(cells.size):
+            some = cells[part]
+            own = np.einsum("na,cnijk->caijk", phi, nodal[numbers[part]], optimize=True)
+            off = own - self._stress(some, places.T, W)
+            lam, mu = (m[some, None, None] for m in self.material)
             trace = np.einsum("caiik->cak", off)
             energy = 0.5 / mu * (np.einsum("caijk,caijk->cak", off, off) - lam / (3.0 * lam + 2.0 * mu) * trace**2)
-            out[:, cells] = np.einsum("cak,a,c->kc", energy, weights, self.body.six_volumes[cells])
+            out[:, part] = np.einsum("cak,a,c->kc", energy, weights, self.body.six_volumes[some])
         return out
 
     @cached_property
@@ -181,14 +210,9 @@ class Recovery:
         """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]."""
         return self.body.inverse_edges
 
-    @property
-    def _chunks(self) -> list[Indices]:
-        every = np.arange(self.body.mesh.nelements)
-        return np.array_split(every, 1 + every.size // CELLS)
-
-    def _stress(self, cells: Indices, places: Array, U: Array) -> Array:
+    def _stress(self, cells: Indices, places: Array, W: Array) -> Array:
         """Return the stress at places of the reference cell `(a, 3)`, shape `(c, a, 3, 3, k)`."""
-        slopes, own = reference_slopes(self.body.element, places), U[self.body.cells[cells]]
+        slopes, own = reference_slopes(self.body.element, places), W[self.body.nodes[self.body.cells[cells]]]
         inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, axis of the reference cell, place
         H = np.einsum("cikla,clj->caijk", inner, self._inverse[cells], optimize=True)
         lam, mu = (m[cells, None, None] for m in self.material)
@@ -197,22 +221,30 @@ class Recovery:
             stress[:, :, axis, axis] += lam * np.einsum("caiik->cak", H)
         return stress
 
-    def _nodal(self, U: Array, traction: Array) -> Array:
-        """Return σ* at the numbers of the nodes within materials, `(m, 3, 3, k)`."""
+    def _nodal(self, W: Array, traction: Array, cells: Indices) -> tuple[Array, Indices]:
+        """Return σ* `(m, 3, 3, k)` at the nodes within materials of `cells` `(c,)`, and the numbers of each cell's
+        among these, `(c, n)`."""
         copies, node = self.copies
+        touched = np.zeros(node.size, dtype=bool)
+        touched[copies[cells]] = True
+        around = np.flatnonzero(touched[copies].any(axis=1))
+        known = np.unique(copies[around])
+        numbers = np.searchsorted(known, copies[around])
         corners = np.asarray(ELEMENTS[self.body.element]().doflocs)
-        volume = np.bincount(copies.ravel(), np.repeat(self.body.six_volumes, copies.shape[1]))
-        total = np.zeros((volume.size, 27))
+        volume = np.bincount(numbers.ravel(), np.repeat(self.body.six_volumes[around], numbers.shape[1]))
+        total = np.zeros((known.size, 27))
         places = corners[:1] if self.body.element == "P1" else corners
-        for cells in self._chunks:
-            stress = self._stress(cells, places, U) * self.body.six_volumes[cells, None, None, None, None]
-            each = np.broadcast_to(stress, (cells.size, len(corners), *stress.shape[2:])).reshape(-1, 27)
+        for part in chunks(around.size):
+            some = around[part]
+            stress = self._stress(some, places, W) * self.body.six_volumes[some, None, None, None, None]
+            each = np.broadcast_to(stress, (some.size, len(corners), *stress.shape[2:])).reshape(-1, 27)
+            rows, place = np.unique(numbers[part], return_inverse=True)
             spread = csr_matrix(
-                (np.ones(len(each)), copies[cells].ravel(), np.arange(len(each) + 1)), shape=(len(each), volume.size)
+                (np.ones(len(each)), (place.ravel(), np.arange(len(each)))), shape=(rows.size, len(each))
             )
-            total += np.asarray(spread.T @ each)
-        stress = self._continuous((total / volume[:, None]).reshape(-1, 3, 3, AXES))
-        return self._balanced(stress, node, U, traction)
+            total[rows] += np.asarray(spread @ each)
+        stress = self._continuous((total / volume[:, None]).reshape(-1, 3, 3, AXES), known)
+        return self._balanced(stress, node[known], W, traction), numbers[np.searchsorted(around, cells)]
 
     @cached_property
     def _borders(self) -> tuple[Indices, Array]:
@@ -234,14 +266,17 @@ class Recovery:
         sums = np.stack([np.bincount(place.ravel(), each[:, axis], len(pairs)) for axis in range(AXES)], axis=1)
         return pairs, sums / np.linalg.norm(sums, axis=1)[:, None]
 
-    def _continuous(self, stress: Array) -> Array:
-        """Return σ* `(m, 3, 3, k)`, changed at borders of materials by as little as makes the traction the same on
-        both sides; in the energy the softer side is changed less."""
+    def _continuous(self, stress: Array, known: Indices) -> Array:
+        """Return σ* `(m, 3, 3, k)` of the `known` numbers `(m,)`, changed at borders of materials by as little as makes
+        the traction the same on both sides; in the energy the softer side is changed less."""
         pairs, n = self._borders
+        both = np.isin(pairs, known).all(axis=1)
+        pairs, n = pairs[both], n[both]
         if not len(pairs):
             return stress
         soft = 1.0 / np.array([np.min(self.material[1][self.groups == g]) for g in range(self.groups.max() + 1)])
         weights = soft[self.keys[pairs] // len(self.body.nodes)]
+        pairs = np.searchsorted(known, pairs)
         weights /= weights.sum(axis=1)[:, None]
         sides = np.einsum("bsijk,bj->bsik", stress[pairs], n)
         common = np.einsum("bsik,bs->bik", sides, weights)
@@ -249,27 +284,36 @@ class Recovery:
             np.add.at(stress, pairs[:, side], turned(common - sides[:, side], n))
         return stress
 
-    def _balanced(self, stress: Array, node: Indices, U: Array, traction: Array) -> Array:
-        """Return σ*, changed at the surface by as little as makes σ*n the traction there."""
+    @cached_property
+    def _places(self) -> Indices:
+        """The place of each node in `rim`, -1 of one that is not there, `(m,)`."""
         place = np.full(len(self.body.nodes), -1, np.intp)
         place[self.rim] = np.arange(self.rim.size)
-        at = np.flatnonzero(place[node] >= 0)
-        row = place[node[at]]
+        return place
+
+    def _balanced(self, stress: Array, node: Indices, W: Array, traction: Array) -> Array:
+        """Return σ* at nodes `(m,)`, changed at the surface by as little as makes σ*n the traction there."""
+        at = np.flatnonzero(self._places[node] >= 0)
+        row = self._places[node[at]]
         n = self.normals[row]
         gap = traction[row, None, None] * np.eye(AXES) - np.einsum("mijk,mj->mik", stress[at], n)
-        gap -= n[:, :, None] * self._pressure(U)[node[at]][:, None]
+        gap -= n[:, :, None] * self._pressure(W, node[at])[:, None]
         stress[at] += turned(gap, n)
         return stress
 
-    def _pressure(self, U: Array) -> Array:
-        """Return the part of λ div U that is averaged at the vertices, at every node, `(m, k)`."""
+    def _pressure(self, W: Array, nodes: Indices) -> Array:
+        """Return the part of λ div U that is averaged at the vertices, at `nodes` `(m,)`, shape `(m, k)`."""
         body = self.body
         if body.pressure is None:
-            return np.zeros((len(body.nodes), U.shape[2]))
-        W = np.empty((body.N, U.shape[2]))
-        W[body.nodes] = U
-        p = np.asarray(body.pressure @ W)
-        return p if body.element == "P1" else np.vstack([p, 0.5 * p[body.mesh.edges].sum(axis=0)])
+            return np.zeros((nodes.size, W.shape[1]))
+        corner = nodes < body.mesh.nvertices
+        ends = np.where(corner, nodes, body.mesh.edges[:, np.where(corner, 0, nodes - body.mesh.nvertices)])
+        return np.asarray(0.5 * sum(body.pressure[end] @ W for end in ends))
+
+
+def chunks(count: int) -> list[slice]:
+    """Return parts of so many cells that are small enough to be looked at once."""
+    return [slice(first, first + CELLS) for first in range(0, count, CELLS)]
 
 
 def turned(traction: Array, n: Array) -> Array:

@@ -10,9 +10,10 @@ from tissue.arrays import Array, Indices
 from tissue.sites.site import Site
 from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
 
-# Size of cells at a footprint over its radius at which half-spaces have an error of REACHED, its growth with the
-# distance, and the order of the error of the compliance in the size; P1 comes near to that in two rounds.
-SIZES = {"P1": (0.2, 0.4, 2.0), "P2": (0.6, 0.8, 4.0)}
+# Size of cells at a footprint over its radius at which half-spaces have an error of REACHED, the same of balls inside,
+# whose force is spread over a volume, its growth with the distance, and the order of the error of the compliance in the
+# size; P1 comes near to that in two rounds.
+SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.0, 0.8, 4.0)}
 REACHED = 0.03
 THINNEST = 0.4  # of the radius: thinner layers are left to the estimate
 BULK = 0.7  # of the indicators in sum that the marked cells have (Dörfler, SIAM J. Numer. Anal. 33, 1996)
@@ -23,15 +24,20 @@ def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) 
     """Return what gives the size [m] that cells of corners `(c, 4, 3)` may have at most before any error is known, with
     holes at `sites` that are to be of an `accuracy` [-].
 
-    A region of the mesh that begins or ends within the radius of a hole asks for cells that are smaller in proportion.
+    A region of the mesh that begins or ends within the radius of a hole on the surface is a thin layer there, and asks
+    for cells that are smaller in proportion.
     """
-    finest, growth, order = SIZES[element]
-    share, surface = finest * (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
+    on_surface, inside, growth, order = SIZES[element]
+    looser, surface = (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
     holes, layers = [], borders(mesh)
     for site in (site for site in sites if site.radius > 0.0):
         point, axis = place(surface, site)
-        depth = np.linalg.norm(closest_on_triangles(point, layers) - point, axis=1).min(initial=site.radius)
-        holes.append((share * max(depth, THINNEST * site.radius), site.radius, point, axis))
+        if np.isfinite(axis).all():
+            depth = np.linalg.norm(closest_on_triangles(point, layers) - point, axis=1).min(initial=site.radius)
+            least = on_surface * max(depth, THINNEST * site.radius)
+        else:
+            least = inside * site.radius
+        holes.append((looser * least, site.radius, point, axis))
 
     def size(corners: Array) -> Array:
         middle, own = corners.mean(axis=1), 0.5 * np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])))

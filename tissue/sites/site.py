@@ -19,13 +19,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import block_diag, csr_matrix, hstack, vstack
+from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.sites import footprint
-from tissue.sites.closed_form import Footprint
 from tissue.sites.rows import (
     NO_SLOPE,
     Average,
@@ -36,7 +35,6 @@ from tissue.sites.rows import (
     shapes,
     value_rows,
 )
-from tissue.sites.subgrid import Hole, Missing, missing
 from tissue.sites.surface import INSIDE, ON_SURFACE, Surface, outer_surface
 
 log = logging.getLogger(__name__)
@@ -56,9 +54,8 @@ class Site:
     `direction`.
 
     `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
-    length. `subgrid`: add the compliance of the footprint that the mesh is too coarse for. `line` names the line of
-    balls inside the organ that the site belongs to, empty for none: of such a site the point alone moves, no one asks
-    for its frame, and what the mesh is too coarse for is that of the whole line.
+    length. `line` names the line of balls inside the organ that the site belongs to, empty for none: of such a site the
+    point alone moves, and no one asks for its frame.
     """
 
     point: ArrayLike
@@ -66,7 +63,6 @@ class Site:
     weight: str = "parabolic"
     direction: Direction = None
     name: str = "site"
-    subgrid: bool = False
     line: str = ""
 
     def __post_init__(self) -> None:
@@ -101,10 +97,9 @@ class Sites:
 
     `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
     `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
-    right-handed. `missing` has per site what the mesh is too coarse for, None where that is not asked for.
-    `directed` tells of each site whether a direction was given; nothing is known of sites where it is empty.
-    `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], of each site that the needle cut and of those inside that are
-    free, None of any other.
+    right-handed. `directed` tells of each site whether a direction was given; nothing is known of sites where it is
+    empty. `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], of each site that the needle cut and of those inside
+    that are free, None of any other.
     """
 
     y0: Array
@@ -112,22 +107,8 @@ class Sites:
     points: Array
     directions: Array
     normals: Array
-    missing: tuple[Missing | None, ...] = ()
     directed: tuple[bool, ...] = ()
     slopes: tuple[csr_matrix | None, ...] = ()
-
-    @property
-    def springs(self) -> csr_matrix:
-        """B of the compliance B Bᵀ between the sites and the mesh, shape `(9p, m)`."""
-        p, groups = len(self.points), {gap.group: gap.springs.shape[1] for gap in self.missing if gap is not None}
-        parts: list[csr_matrix] = []
-        for group, columns in groups.items():
-            part = np.zeros((9 * p, columns))
-            for k, gap in enumerate(self.missing):
-                if gap is not None and gap.group == group:
-                    part[9 * k : 9 * k + 9] = gap.springs
-            parts.append(csr_matrix(part))
-        return csr_matrix(hstack(parts)) if parts else csr_matrix((9 * p, 0))
 
     def __post_init__(self) -> None:
         p = len(self.points)
@@ -163,17 +144,15 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     """Locate every site and assemble its nine rows over the free unknowns; `TissueError` for an impossible
     one.
     """
-    log.info("finding %d holes in the organ, and what its mesh is too coarse for", len(sites))
+    log.info("finding %d holes in the organ", len(sites))
     surface = outer_surface(elasticity.mesh)
     built = [_build(elasticity, surface, site) for site in sites]
     rows = [csr_matrix(rows) for _, rows, *_ in built]
     Y = csr_matrix(vstack(rows)) if rows else csr_matrix((0, elasticity.free.size))
     y0 = np.concatenate([np.zeros(0), *(y for y, *_ in built)])
     points, directions, normals = (np.array([b[k] for b in built]).reshape(-1, 3) for k in (2, 3, 4))
-    radii, lines = np.array([site.radius for site in sites]), [site.line for site in sites]
-    gaps = missing(elasticity, surface, [b[5] for b in built], points, radii, lines)
     directed = tuple(site.direction is not None for site in sites)
-    return Sites(y0, Y, points, directions, normals, gaps, directed, tuple(b[6] for b in built))
+    return Sites(y0, Y, points, directions, normals, directed, tuple(b[5] for b in built))
 
 
 def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
@@ -201,9 +180,9 @@ def space_frames(sites: Sequence[Site]) -> Array:
 
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
-) -> tuple[Array, csr_matrix, Array, Array, Array, Hole | None, csr_matrix | None]:
-    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, the hole if its mesh may be too
-    coarse, and the rows of ⟨∇U⟩ where the needle cut its frame."""
+) -> tuple[Array, csr_matrix, Array, Array, Array, csr_matrix | None]:
+    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and the rows of ⟨∇U⟩ where the needle
+    cut its frame."""
     X, normal, values, gradient = _averages(elasticity, surface, site)
     if site.line and np.isfinite(normal).all():
         raise TissueError(f"{site.name}: {_show(X)} is on the organ's surface, and a line lies inside")
@@ -213,23 +192,9 @@ def _build(
     turn = fibre_rows if use_fibre else normal_rows
     frames = (csr_matrix((3, gradient.shape[1])),) * 2 if site.line else (turn(gradient, u0), turn(gradient, v0))
     rows = csr_matrix(vstack([values, *frames]))
-    hole = None
-    if site.subgrid and site.radius > 0.0:
-        axes = np.stack([*frame(normal), normal]) if np.isfinite(normal).all() else np.eye(3)
-        kind = "ball" if np.isnan(normal).any() else "half ball" if use_fibre else "disc"
-        slopes = csr_matrix(np.eye(9))
-        turned = csr_matrix((6, 9)) if site.line else vstack([turn(slopes, u0), turn(slopes, v0)])
-        of_averages = csr_matrix(block_diag([slopes[:3, :3], turned]))
-        seen = Footprint(X, axes, site.radius, site.weight, kind, of_averages.toarray())
-
-        def on(body: Elasticity, surface: Surface) -> csr_matrix:
-            _, _, *averages = _averages(body, surface, replace(site, point=X))
-            return csr_matrix(of_averages @ vstack(averages))
-
-        hole = Hole(seen, rows, on)
     turns = use_fibre and (site.fibre is not None or not site.line)  # across a direction, by more than a linear slope
     cut = csr_matrix(gradient[:, elasticity.free]) if turns else None
-    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, hole, cut
+    return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, cut
 
 
 def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:

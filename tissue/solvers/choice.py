@@ -35,7 +35,6 @@ FACTOR_ONCE = {
     "pardiso": 250_000,
     "superlu": 60_000,
 }  # unknowns; beyond, multigrid solves 20 columns faster
-PART_FACTORISED = 60_000  # unknowns of a part of an organ; beyond, multigrid solves nine columns faster than any factor
 SMALL = 50_000  # unknowns of an organ whose factor is not worth an estimate: less than half a gigabyte
 SHARE = 0.8  # of the free memory that a factor may take
 BYTES_OF_LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
@@ -78,11 +77,10 @@ def named(A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pa
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 
-def solver_once(A: csr_matrix, places: Array) -> Solver:
-    """Return a solver for the few columns of a part of an organ that is held all around; of a large part, around a hole
-    in a fine mesh, a factor would take longer than all the rest of the organ."""
-    is_large = A.shape[0] > PART_FACTORISED and is_by_nodes(places)
-    return named(A, places, MULTIGRID if is_large else choose_solver("auto", A, places, once=True).name)
+def solver_of_columns(A: csr_matrix, places: Array) -> Solver:
+    """Return a solver for the columns of all holes of a mesh that is fine at these alone, whose factor is small for its
+    size: as long as there is memory for a factor, it is the fastest."""
+    return named(A, places, choose_solver("auto", A, places, once=False).name, one_of_many=True)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:

@@ -28,7 +28,6 @@ LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  #
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
 DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
 COLUMNS = 12  # given to CHOLMOD at once: by their entries it takes four together, cvxopt's dense solve one by one
-FORWARD, REORDER = 4, 7  # CHOLMOD's systems L x = b and x = P b
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
@@ -177,14 +176,6 @@ class Cholesky:
         x = matrix(np.asarray(b, dtype=float))
         library.solve(self.factor, x)
         return np.array(x).reshape(b.shape)
-
-    def half(self, rows: csr_matrix) -> Array:
-        """Return Z = L⁻¹ P Rᵀ `(n, k)` of rows R `(k, n)`: R A⁻¹ Rᵀ is Zᵀ Z, in half of the time of A⁻¹ Rᵀ."""
-        from cvxopt import cholmod as library
-        from cvxopt import matrix
-
-        ordered = library.spsolve(self.factor, _columns(rows), sys=REORDER)
-        return np.array(matrix(library.spsolve(self.factor, ordered, sys=FORWARD)))
 
 
 def _columns(rows: csr_matrix) -> Any:

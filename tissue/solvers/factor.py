@@ -48,17 +48,6 @@ class Factor:
             check_size(float(np.linalg.norm(AZ @ x - Z @ b)) / np.sqrt(PROBES), self.norm, x, b)
         return x
 
-    def compliance(self, rows: csr_matrix) -> Array:
-        """Return R A⁻¹ Rᵀ of rows R `(k, n)`, `(k, k)`; raise `FactorError` when a residual exceeds its bound.
-
-        CHOLMOD needs half of a solve for it. Then the residual is that of one random sum of the columns of Rᵀ.
-        """
-        if not isinstance(self.back_substitute, direct.Cholesky) or not rows.nnz:
-            return np.asarray(rows @ self.solve(rows.T.toarray()))
-        self.solve(rows.T @ np.random.default_rng(0).standard_normal(rows.shape[0]))
-        Z = self.back_substitute.half(rows)
-        return np.asarray(Z.T @ Z)
-
     @cached_property
     def probes(self) -> tuple[Array, Array]:
         """Random directions z, as rows, and A z, shape `(PROBES, n)` each: |zᵀr| is ‖r‖ in the root mean square."""
