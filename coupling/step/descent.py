@@ -31,7 +31,7 @@ from coupling.kernels.constraints import LOCAL, Passage, phi
 from coupling.step import newton
 from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_share, border_of, evaluate, moved
 
-PATIENCE = 4  # times the corrections of a plain solve
+PATIENCE = 8  # times the corrections of a plain solve: a column that bows out takes 150
 ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
 SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
 ANSWERS = 3  # of a nonlinear organ, each of which a way downhill ends with

@@ -205,7 +205,7 @@ def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -
         tip = run.state.q[-1] / length
         assert [event.kind for event in run.events] == ["snaps"] and "would-not-stay" not in said
         assert abs(tip[0] - along) <= BUCKLING and abs(np.linalg.norm(tip[1:]) - aside) <= BUCKLING
-    monkeypatch.setattr(equilibrium, "downhill", lambda problem, z: z)
+    monkeypatch.setattr(equilibrium, "aside", lambda problem, z: z)
     run, said = under(1.02)
     assert not run.events and "would-not-stay" in said
 
