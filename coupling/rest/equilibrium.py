@@ -34,6 +34,7 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.kernels.bordered import SingularError
+from coupling.step.descent import BOWING
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, force_tolerance
@@ -163,7 +164,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
     if not is_squeezed(step.solution) or would_stay(step.solution, step.new):
         return step
     try:
-        solution = let_lie(settle_stretch(solve(problem, aside(problem, z), downhill=True), find))
+        solution = let_lie(settle_stretch(solve(problem, aside(problem, z), BOWING), find))
     except StepError as error:
         log.debug("the thread would not stay, and goes nowhere else: %s", error)
         return step

@@ -31,7 +31,7 @@ from coupling.kernels.constraints import LOCAL, Passage, phi
 from coupling.step import newton
 from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_share, border_of, evaluate, moved
 
-PATIENCE = 8  # times the corrections of a plain solve: a column that bows out takes 150
+PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that bows out takes 150
 ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
 SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
 ANSWERS = 3  # of a nonlinear organ, each of which a way downhill ends with
@@ -41,14 +41,15 @@ SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thre
 PUT = 3  # times that control points are put on the constraints at most: those of two holes may be the same
 
 
-def descend(problem: Problem[Body], start: Iterate) -> Solution[Body]:
+def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) -> Solution[Body]:
     """Solve a step downhill from `start`; with a nonlinear organ by the answer that it gave, then by Newton's method
-    from there, and if that does not converge by the answer there. Raises `StepError`."""
+    from there, and if that does not converge by the answer there; `patience`, how many times the corrections of a plain
+    solve there may be. Raises `StepError`."""
     if problem.answer.linear:
-        return newton.solve(problem, start, Descent[Body](), PATIENCE)
+        return newton.solve(problem, start, Descent[Body](), patience)
     made, z = 0, start
     for _ in range(ANSWERS):
-        held = newton.solve(replace(problem, stands=True), z, Descent[Body](), PATIENCE)
+        held = newton.solve(replace(problem, stands=True), z, Descent[Body](), patience)
         made, z = made + held.iterations, held.iterate
         try:
             solution = newton.solve(problem, z)

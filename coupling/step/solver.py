@@ -13,7 +13,7 @@ from coupling.interfaces import Body, Certified
 from coupling.kernels.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.step import newton
 from coupling.step.configuration import evaluate_thread
-from coupling.step.descent import descend
+from coupling.step.descent import PATIENCE, descend
 from coupling.step.newton import Iterate, Problem, Residual, Solution
 from coupling.system import System
 from thread.errors import ThreadError
@@ -32,13 +32,13 @@ def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None) -
         return solve(problem, guess)
     except StepError as error:
         log.debug("downhill, since %s", error)
-        return solve(problem, guess if begin is None else begin, downhill=True)
+        return solve(problem, guess if begin is None else begin, PATIENCE)
 
 
-def solve(problem: Problem[Body], start: Iterate, downhill: bool = False) -> Solution[Body]:
+def solve(problem: Problem[Body], start: Iterate, downhill: int = 0) -> Solution[Body]:
     """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`; if it is to be
-    `downhill`, by `coupling.step.descent`. Raises `StepError`.
+    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`; by
+    `coupling.step.descent` if it is to go `downhill`, with so many times the corrections. Raises `StepError`.
 
     What an organ answered in a space too narrow for the forces that are found is solved again with the answer that
     holds under them, from the same start: a step may have several solutions, and what another organ came to may lead to
@@ -61,10 +61,10 @@ def solve(problem: Problem[Body], start: Iterate, downhill: bool = False) -> Sol
     return replace(again, iterations=solution.iterations + again.iterations)
 
 
-def solve_once(problem: Problem[Body], start: Iterate, downhill: bool) -> Solution[Body]:
+def solve_once(problem: Problem[Body], start: Iterate, downhill: int) -> Solution[Body]:
     """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
     if downhill:
-        return descend(problem, start)
+        return descend(problem, start, downhill)
     if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
         try:
             return solve_compiled(problem, start)

@@ -25,6 +25,7 @@ from coupling.errors import StepError
 from coupling.interfaces import Body
 from coupling.kernels.border import NINE
 from coupling.kernels.bordered import columns
+from coupling.step.descent import BOWING
 from coupling.step.newton import (
     Iterate,
     Problem,
@@ -127,7 +128,7 @@ def go_aside(solution: Solution[Body]) -> Solution[Body]:
     problem, z = solution.problem, solution.iterate
     if not is_squeezed(solution, problem.mass_factor) or holds(solution):
         return solution
-    found = solve(problem, aside(problem, z), downhill=True)
+    found = solve(problem, aside(problem, z), BOWING)
     if not holds(found):
         cause = "the thread is pressed along itself where it would buckle, and no way aside was found"
         raise nowhere(problem, cause)

@@ -108,7 +108,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
     """All that is asked of the solver, in its order."""
     asked: list[Asked] = []
 
-    def solve_once(problem: Problem, start: Iterate, downhill: bool) -> Solution:
+    def solve_once(problem: Problem, start: Iterate, downhill: int) -> Solution:
         if downhill:
             return descend(problem, start)
         found = newton.solve(problem, start)

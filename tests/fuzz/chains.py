@@ -159,5 +159,5 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _untimed(summary: dict[str, Any]) -> dict[str, Any]:
-    timed = ("provenance", "seconds_per_step", "seconds")
+    timed = ("provenance", "seconds_per_step", "seconds", "rounds")  # each round of refinement has its seconds
     return {key: _untimed(v) if isinstance(v, dict) else v for key, v in summary.items() if key not in timed}

@@ -210,6 +210,6 @@ def test_what_is_offered_stays_what_it_is() -> None:
         for name in studies.__all__:
             assert callable(getattr(studies, name))
             assert name in dir(studies)
-    assert repr(studies.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 159 tissue unknowns, 4 steps)"
+    assert repr(studies.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
     with pytest.raises(AttributeError, match="no attribute 'fly'"):
         _ = studies.fly

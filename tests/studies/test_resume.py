@@ -56,7 +56,7 @@ friction = {{ static = 0.12, kinetic = 0.1 }}
 until = 0.019
 [[piercing]]
 name = "exit"
-at = [0.005, 0, 0]
+at = [0.007, 0, 0]
 direction = "normal"
 footprint = 2.0e-3
 from = 0.0115
