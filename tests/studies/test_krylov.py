@@ -70,7 +70,7 @@ def test_forces_are_those_of_the_whole_organ(scene: str) -> None:
     for step in small[1:]:
         assert step.krylov is not None
         assert step.krylov.residual <= 2.0 * krylov.ACCURACY  # with what round-off of places may leave
-        assert abs(step.energy.balance_error) <= 2.0 * RESIDUAL * small[-1].energy.external_work
+        assert abs(step.energy.balance_error) <= 10.0 * RESIDUAL * small[-1].energy.external_work  # of 30 steps
     assert small[0].krylov is not None and small[0].krylov.vectors > 0
     lasts = small[-1].krylov is not None and small[-1].krylov.vectors > 0
     assert lasts == LASTS.get(scene, lasts)
