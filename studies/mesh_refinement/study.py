@@ -1,4 +1,4 @@
-"""Mesh refinement: which numbers of a pulled suture converge, with a bare point, a footprint and a sub-grid footprint.
+"""Mesh refinement: which numbers of a pulled suture converge, with a bare point and with footprints.
 
 A suture through two ideal holes of a quasi-static block, one end held, the other pulled by a dead load. Cells, element
 order, control points, time step and footprint are refined each alone; cells, control points and time step together.
@@ -13,9 +13,8 @@ The order of theory. A compliance is an energy, wᵀA⁻¹w, and errs by the squ
 P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at its rim, at a distance r of which u″ ~ log r and
 u‴ ~ 1/r. That is h² for P1; for P2 the rim adds as much from every octave of r between a and h: h⁴ ln(a/h), the order
 of which is 4 − 1/ln(a/h) and not 4. Displacements, forces and lengths are smooth functions of the compliances and
-inherit their order; what the sub-grid footprint leaves to the mesh is smooth, h² with P1. A thread's moment kinks at a
-hole, inside a span where the spline's is linear: h³ for its energy, with a small factor, for most of it is made up for
-(`thread.compliance`). Backward Euler is of order one, so the coupled ladder takes spans like h and steps like h²: cells
+inherit their order. A thread's moment kinks at a hole, inside a span where the spline's is linear: h³ for its energy,
+with a small factor. Backward Euler is of order one, so the coupled ladder takes spans like h and steps like h²: cells
 and steps are then both of order two.
 
 Two things are kept out because they would hide this. Where the clamped bottom meets a free side the stress is infinite

@@ -491,8 +491,8 @@ STUDY = Study(
     "tension may a linear organ say so?",
     independent="displacement, approach and stress of two holes in a half-space (Cerruti, Boussinesq, Mindlin, and a "
     "footprint's own by Fourier transform), length drawn through and fall of tension of an elastica, u ∝ T/E",
-    consistency="compliance times reported force is the reported displacement; sub-grid P1 of the runs against P2 of "
-    "the mesh for stress; the linear organ against those at finite strain, on the same P2 cells",
+    consistency="compliance times reported force is the reported displacement; the linear organ against those at "
+    "finite strain, on the same P2 cells",
     table=table,
     figure=figure,
     remarks=remarks,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import coupling.step.descent
 import coupling.step.newton
+import coupling.step.solver
 import tissue
 from coupling.errors import CouplingError, InversionError, StepError
 from coupling.kernels.constraints import phi
@@ -64,7 +64,7 @@ def test_a_step_that_cannot_converge_raises_and_changes_nothing(monkeypatch: pyt
     system, state = scene((Fixed(START), pulled_up(5e-3)))
     before = arrays(state)
     monkeypatch.setattr(coupling.step.newton, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(coupling.step.descent, "PATIENCE", 1)
+    monkeypatch.setattr(coupling.step.solver, "PATIENCE", 1)
     with pytest.raises(StepError) as caught:
         advance(system, state, 2e-3)
     error = caught.value
@@ -79,7 +79,7 @@ def test_a_step_error_names_the_piercing(monkeypatch: pytest.MonkeyPatch) -> Non
     """Independent check: the worst constraint of a step that failed is told."""
     system, state = scene((Fixed(START), pulled_up(5e-3)))
     monkeypatch.setattr(coupling.step.newton, "MAX_ITERATIONS", 1)
-    monkeypatch.setattr(coupling.step.descent, "PATIENCE", 1)
+    monkeypatch.setattr(coupling.step.solver, "PATIENCE", 1)
     with pytest.raises(StepError) as caught:
         advance(system, state, 2e-3)
     assert caught.value.piercing in ("entry", "exit")
