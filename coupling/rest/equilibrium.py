@@ -34,7 +34,7 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.kernels.bordered import SingularError
-from coupling.step.descent import BOWING
+from coupling.step.descent import BOWING, stretching_tie
 from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_held_end, refuse_turning
 from coupling.step.motion import what_it_does
 from coupling.step.newton import Iterate, Problem, Solution, correct, force_tolerance
@@ -333,10 +333,9 @@ def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
 
 
 def first_tie(system: System[Body]) -> float:
-    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does, EA/(ρA L²): the same on all
-    knots. A tie as stiff as the spans themselves holds a thread on fine ones across its holes, where it has to bend."""
-    thread = system.thread
-    return float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
+    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does: the same on all knots. One
+    as stiff as the spans themselves holds a thread on fine ones across its holes, where it has to bend."""
+    return stretching_tie(system.thread)
 
 
 def lying_tie(system: System[Body], state: State[Body]) -> float:

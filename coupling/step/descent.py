@@ -30,6 +30,8 @@ from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
 from coupling.kernels.constraints import LOCAL, Passage, phi
 from coupling.step import newton
 from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_share, border_of, evaluate, moved
+from coupling.step.sliding import sliding_strands
+from thread.thread import Thread
 
 PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that bows out takes 150
 ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
@@ -71,7 +73,7 @@ class Descent(Generic[Body]):
         """Make one correction, as `coupling.step.newton.correct` does. Raises `SingularError`."""
         start = self.start(problem, z, r)
         way = self.downhill(start)
-        share, down = way.allowed, abs(way.slope)
+        share, down = applied_share(problem, start.r, way.dq, way.dz), abs(way.slope)
         for _ in range(LENGTHS):
             there, slope = way.after(share)
             if slope <= ENOUGH * down:
@@ -91,18 +93,22 @@ class Descent(Generic[Body]):
     def downhill(self, start: "Place[Body]") -> "Way[Body]":
         """Return a correction that leads downhill at its start; Newton's own if no tie makes one, as at the last
         digits. Raises `SingularError`."""
-        thread = start.r.configuration.thread
-        whole = float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
-        tie, firmer, plain = 0.0, max(self.tie / FIRMER, SOFTEST * whole), None
-        while tie <= FIRMEST * whole:
+        whole, plain = stretching_tie(start.r.configuration.thread), correction(start, 0.0)
+        tie, way, firmer = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
+        while way is None or way.slope > 0.0:
+            if firmer > FIRMEST * whole:
+                if plain is None:
+                    raise SingularError(SINGULAR_HOLDS)
+                return plain
+            tie, firmer = firmer, FIRMER * firmer
             way = correction(start, tie)
-            if way is not None and way.slope <= 0.0:
-                self.tie = tie
-                return way
-            plain, tie, firmer = way if tie == 0.0 else plain, firmer, FIRMER * firmer
-        if plain is None:
-            raise SingularError(SINGULAR_HOLDS)
-        return plain
+        self.tie = tie
+        return way
+
+
+def stretching_tie(thread: Thread) -> float:
+    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does, EA/(ρA L²)."""
+    return float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
 
 
 def correction(start: "Place[Body]", tie: float) -> "Way[Body] | None":
@@ -135,6 +141,16 @@ class Place(Generic[Body]):
         """The linearised holds."""
         return border_of(self.problem, self.z, self.r.passage)
 
+    @cached_property
+    def rows(self) -> Array:
+        """Φ_q over the local control points, as `local_rows`."""
+        return local_rows(self.problem, self.r.passage, self.border)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Their pseudo-inverse, shape `(m, 12, 5)`."""
+        return inverse_of(self.rows)
+
     def with_own_force(self) -> "Place[Body]":
         """Return the place with the axial forces of its strains."""
         return replace(self, z=replace(self.z, N=self.r.configuration.thread.EA * self.r.points.strain))
@@ -147,11 +163,6 @@ class Way(Generic[Body]):
     starts: Place[Body]
     dq: Array
     dz: Array
-
-    @cached_property
-    def allowed(self) -> float:
-        """The part of it that goes no further than a correction may."""
-        return applied_share(self.starts.problem, self.starts.r, self.dq, self.dz)
 
     @cached_property
     def slope(self) -> float:
@@ -176,18 +187,17 @@ class Way(Generic[Body]):
     def work(self, at: Place[Body]) -> float:
         """Return the work of the residuals at a place along this correction, made to lead along the constraints there
         [J]; infinite where a residual is no number."""
-        (problem, z, r), border = (at.problem, at.z, at.r), at.border
-        rows = local_rows(problem, r.passage, border)
-        off = np.matvec(rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
+        problem, z, r, border = at.problem, at.z, at.r, at.border
+        off = np.matvec(at.rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
         off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
-        along = self.dq - put_back(problem, r.passage, rows, off)
+        along = self.dq - put_back(problem, r.passage, at.inverse, off)
         residual = r.thread.copy()
         residual.ravel()[problem.system.held] = 0.0
-        given, law = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
-        law[given.pairs[:, 0][z.sigma[given.pairs[:, 0]] != 0.0]] = 0.0  # which says that both keep their sum
+        law, drive = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
+        drive[sliding_strands(law, z.sigma)[0]] = 0.0  # their equation says that both keep their sum
         of_sites = at.f - r.f_y
-        of_sites[given.strands] = -r.f_y[given.strands]
-        W = float(np.vdot(residual, along) - law @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
+        of_sites[law.strands] = -r.f_y[law.strands]
+        W = float(np.vdot(residual, along) - drive @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
         return W if np.isfinite(W) else np.inf
 
 
@@ -199,10 +209,15 @@ def local_rows(problem: Problem[Body], passage: Passage, border: Border) -> Arra
     return np.asarray((rows * free[:, None] * problem.rows[:, :, None, None]).reshape(-1, 5, 12))
 
 
-def put_back(problem: Problem[Body], passage: Passage, rows: Array, off: Array) -> Array:
+def inverse_of(rows: Array) -> Array:
+    """Return the pseudo-inverse of the rows of every hold (m, 5, 12), shape `(m, 12, 5)`."""
+    return np.asarray(np.linalg.pinv(rows, rcond=1e-12))
+
+
+def put_back(problem: Problem[Body], passage: Passage, inverse: Array, off: Array) -> Array:
     """Return the shortest move (n, c) [m] of control points that changes Φ by what it is `off` (m, 5)."""
     out = np.zeros_like(problem.q_ref)
-    local = np.matvec(np.linalg.pinv(rows, rcond=1e-12), off * problem.rows).reshape(-1, 4, 3)
+    local = np.matvec(inverse, off * problem.rows).reshape(-1, 4, 3)
     np.add.at(out[:, :3], passage.first[:, None] + LOCAL, local)
     return out
 
@@ -215,7 +230,7 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
         if np.abs(off).max(initial=0.0) <= newton.DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
             break
         rows = local_rows(problem, passage, border_of(problem, z, passage))
-        z = replace(z, q=z.q - put_back(problem, passage, rows, off))
+        z = replace(z, q=z.q - put_back(problem, passage, inverse_of(rows), off))
     return Place(problem, z, evaluate(problem, z), f)
 
 
@@ -227,7 +242,7 @@ def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
     middle = 0.5 * z.y[strands].sum(axis=1, keepdims=True)
     half = np.pad(0.5 * problem.gaps[: len(strands)], ((0, 0), (0, 6)))[:, None]
     y[strands] = middle + half * [[[1.0], [-1.0]]]
-    one, other = law.pairs[z.sigma[law.pairs[:, 0]] != 0.0].T
+    one, other = sliding_strands(law, z.sigma)
     over = 0.5 * (s[one] - law.s_old[one] + s[other] - law.s_old[other])
     s[one], s[other] = s[one] - over, s[other] - over
     return put_on_constraints(problem, replace(z, y=y, s=s), f)

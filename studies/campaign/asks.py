@@ -3,14 +3,14 @@
 Each changes the tables of a case by draws of its own, so that the cases themselves stay what their seed makes them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from studies.arrays import Array
-from studies.campaign.generator import ESTIMATE, Case, cases
+from studies.campaign.generator import Case, cases, demand_of
 
 Tables = dict[str, Any]
 Random = np.random.Generator
@@ -33,10 +33,14 @@ def scheduled(random: Random, tables: Tables) -> None:
 
 def cut(random: Random, tables: Tables) -> None:
     """Cut the thread on its way."""
-    path = np.array(tables["thread"]["path"])
-    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    length = length_of(tables["thread"]["path"])
     time = float(random.uniform(0.3, 0.7) * tables["solve"]["duration"])
     tables["cut"] = [{"s": float(random.uniform(0.15, 0.85) * length), "time": time}]
+
+
+def length_of(path: Sequence[Any]) -> float:
+    """Return the length of a polygon through points of three numbers [m]."""
+    return float(np.linalg.norm(np.diff(np.array(path), axis=0), axis=1).sum())
 
 
 def with_tracts(random: Random, tables: Tables) -> None:
@@ -72,7 +76,8 @@ def over_a_wound(random: Random, tables: Tables, stitches: int) -> Array:
         "length": float(max(stitches * PITCH + 0.008, 0.02)), "depth": 0.008, "h": 5e-3, "h_site": 2.0 * footprint,
     } | ({} if slit else {"width": float(random.uniform(1e-3, 4e-3))})  # fmt: skip
     tables["tissue"]["contact"] = bool(slit or random.random() < 0.5)
-    friction = {key: hole["friction"] for hole in tables["piercing"][:1] for key in ("friction",) if "friction" in hole}
+    first = tables["piercing"][0]
+    friction = {"friction": first["friction"]} if "friction" in first else {}
     tables["piercing"] = [
         {"name": f"hole{k + 1}", "at": place.tolist(), "footprint": footprint, "direction": "normal"} | friction
         for k, place in enumerate(at.reshape(-1, 3))
@@ -102,7 +107,7 @@ def running(random: Random, tables: Tables) -> float:
 def tied(random: Random, tables: Tables) -> float:
     """Tie single stitches over a wound, cut from one another, and return the force of the hands [N]."""
     stitches = int(random.integers(1, 4))
-    at, length = over_a_wound(random, tables, stitches), 0.0
+    at = over_a_wound(random, tables, stitches)
     path: list[Array] = []
     cuts: list[float] = []
     for one, other in at:
@@ -111,12 +116,8 @@ def tied(random: Random, tables: Tables) -> float:
             [[-half, -1.5e-3, 6e-3], [0, 0, 3e-3], [half, 0, 0], [half, 0, -DEEP], [-half, 0, -DEEP], [-half, 0, 0],
              [0, 0, 3e-3], [half, 1.5e-3, 6e-3]])  # fmt: skip
         if path:
-            length += float(np.linalg.norm(loop[0] - path[-1]) / 2)
-            cuts.append(length)
-            length += float(np.linalg.norm(loop[0] - path[-1]) / 2)
-        length += float(np.linalg.norm(np.diff(loop, axis=0), axis=1).sum())
+            cuts.append(length_of([*path, 0.5 * (path[-1] + loop[0])]))
         path += list(loop)
-    names = [hole["name"] for hole in tables["piercing"]]
     for k in range(stitches):
         tables["piercing"][2 * k : 2 * k + 2] = tables["piercing"][2 * k : 2 * k + 2][::-1]
     names = [hole["name"] for hole in tables["piercing"]]
@@ -157,8 +158,3 @@ def asked(seed: int, count: int, first: int = 0) -> Iterator[Case]:
         demand = case.demand if force is None else demand_of(case.tables, force)
         kind = case.kind if force is None else "ramped"
         yield replace(case, kind=kind, ask=name, demand=demand)
-
-
-def demand_of(tables: Tables, force: float) -> float:
-    """Return how far a force [N] would move a hole by the linear estimate, in footprints."""
-    return ESTIMATE * force / (tables["tissue"]["youngs_modulus"] * tables["piercing"][0]["footprint"] ** 2)

@@ -88,7 +88,12 @@ def case(random: np.random.Generator, number: int) -> Case:
         "solve": {"dt": 1e-3, "duration": duration},
         "output": {"every": 1000},
     }
-    return Case(number, kind, ESTIMATE * force / (modulus * footprint**2), tables)
+    return Case(number, kind, demand_of(tables, force), tables)
+
+
+def demand_of(tables: dict[str, Any], force: float) -> float:
+    """Return how far a force [N] would move a hole by the linear estimate, in footprints."""
+    return ESTIMATE * force / (tables["tissue"]["youngs_modulus"] * tables["piercing"][0]["footprint"] ** 2)
 
 
 def path_through(random: np.random.Generator, at: Array) -> Array:

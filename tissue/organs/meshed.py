@@ -301,7 +301,7 @@ class MeshedOrgan:
         G = self.gaps.G
         if k > self.pairs:
             G = vstack([G, self.gaps.slip_sums(self.gaps.start) @ self.gaps.rows])
-        return csr_matrix(G)
+        return G
 
     @property
     def pairs(self) -> int:

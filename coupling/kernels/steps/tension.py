@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags
-from coupling.kernels.iteration import Given, Knots, span_of
 from thread.kernels.loops import entry, loop, owning
 
 AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
@@ -33,12 +32,6 @@ def within(breaks: Array, s: Any) -> Any:
 
 
 is_within = loop(within)
-
-
-@loop
-def span_at(knots: Knots, given: Given, s: float, k: int) -> int:
-    """Return the span that holds the abscissa s of hold k."""
-    return span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
 
 
 @loop
