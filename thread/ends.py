@@ -13,6 +13,14 @@ from thread.errors import ThreadError
 ZERO = np.zeros(3)
 
 
+def check_rows(name: str, rows: Array, columns: str) -> None:
+    """Refuse a table that has not the `columns`, the first of them rising times. Raises `ThreadError`."""
+    if rows.ndim != 2 or rows.shape[1] != len(columns.split(", ")) or not len(rows) or not np.isfinite(rows).all():
+        raise ThreadError(f"{name} of shape {rows.shape}; allowed are rows of {columns}, all finite")
+    if (np.diff(rows[:, 0]) <= 0.0).any():
+        raise ThreadError(f"{name}: its times do not rise; sort them and drop repeats")
+
+
 @dataclass(frozen=True)
 class Free:
     """An end that nothing holds."""
@@ -29,8 +37,9 @@ class Free:
         """
         return None
 
-    def force(self, time: float | Array) -> Array:
-        """Return the dead load [N] at `time` [s], shape as for `position`."""
+    def force(self, time: float | Array, share: float = 1.0) -> Array:
+        """Return the dead load [N] at `time` [s], shape as for `position`; in statics that at a `share` of the load
+        steps, which end at `time`."""
         return ZERO
 
 
@@ -46,12 +55,10 @@ class Turning(Free):
     turn: Array | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        if self.turn is None:
-            return
-        if self.turn.ndim != 2 or self.turn.shape[1] != 2 or not np.all(np.isfinite(self.turn)):
-            raise ThreadError(f"end: turn of shape {self.turn.shape}; allowed are rows of t, angle")
-        if np.any(np.diff(self.turn[:, 0]) <= 0.0) or self.angle(0.0) != 0.0:
-            raise ThreadError("end: the times of turn must rise, and its angle at t = 0 be 0; sort its rows")
+        if self.turn is not None:
+            check_rows("end: turn", self.turn, "t, angle")
+            if self.angle(0.0) != 0.0:
+                raise ThreadError("end: the angle of turn at t = 0 must be 0")
 
     def angle(self, time: float) -> float | None:
         """Return the angle at `time` [rad], after the last row of `turn` that row's angle; None means a free turn."""
@@ -90,20 +97,27 @@ class Clamped(Fixed):
 
 @dataclass(frozen=True)
 class Pulled(Free):
-    """A dead load on the end, `load` (3,) [N], reached linearly over `ramp` [s]."""
+    """A dead load on the end, `load` (3,) [N].
+
+    Its `course`, shape `(k, 2)`: time [s] and factor [-], linear in between. None means that the whole load acts at all
+    times, and in statics grows with the load steps.
+    """
 
     load: Array
-    ramp: float = 0.0
+    course: Array | None = None
 
     def __post_init__(self) -> None:
-        if not (np.all(np.isfinite(self.load)) and 0.0 <= self.ramp < np.inf):
-            raise ThreadError(
-                f"pulled end: load {self.load} N, ramp {self.ramp} s; allowed are finite numbers, ramp ≥ 0"
-            )
+        if not np.all(np.isfinite(self.load)):
+            raise ThreadError(f"pulled end: load {self.load} N; allowed are finite numbers")
+        if self.course is not None:
+            check_rows("pulled end: course", self.course, "t, factor")
 
-    def force(self, time: float | Array) -> Array:
-        """Return the load [N], or the part of the load that the ramp has reached."""
-        return np.multiply.outer(np.minimum(time / self.ramp, 1.0), self.load) if self.ramp else self.load
+    def force(self, time: float | Array, share: float = 1.0) -> Array:
+        """Return the load [N], or the part of it that its course has reached."""
+        if self.course is None:
+            return share * self.load
+        grown = np.where(np.asarray(time) > 0.0, 1.0, share)  # at a start at rest no time passes, and the share grows
+        return np.multiply.outer(grown * np.interp(share * time, *self.course.T), self.load)
 
 
 @dataclass(frozen=True)
@@ -114,11 +128,7 @@ class Driven(Turning):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        w = self.waypoints
-        if w.ndim != 2 or w.shape[1] != 4 or len(w) < 1 or not np.isfinite(w).all():
-            raise ThreadError(f"driven end: waypoints of shape {w.shape}; allowed are rows of t, x, y, z")
-        if (w[1:, 0] <= w[:-1, 0]).any():
-            raise ThreadError("driven end: the times of the waypoints do not rise; sort them and drop repeats")
+        check_rows("driven end: waypoints", self.waypoints, "t, x, y, z")
 
     def position(self, time: float | Array) -> Array | None:
         """Return the point on the way at `time`, after the last waypoint that waypoint [m]."""

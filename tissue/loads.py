@@ -33,29 +33,42 @@ PERMUTATION = np.array([np.cross(np.eye(3)[i], np.eye(3)) for i in range(3)])  #
 @dataclass(frozen=True)
 class SurfaceLoad:
     """A force per area on the boundary of that name: a `traction` (3,) [Pa] per reference area, or a `pressure` [Pa],
-    positive where it pushes on the organ. It grows linearly from zero within `ramp` [s].
+    positive where it pushes on the organ.
 
-    Raises `TissueError` unless one of the two is given, finite, and ramp ≥ 0.
+    Its `course` has rows of time [s] and factor [-], linear in between. None means that the whole load acts at all
+    times, and in statics grows with the load steps. Raises `TissueError` unless one of the two is given, finite, and
+    the times of the course rise.
     """
 
     boundary: str
     traction: tuple[float, float, float] | None = None
     pressure: float | None = None
-    ramp: float = 0.0
+    course: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
         if (self.traction is None) == (self.pressure is None):
             raise TissueError(f"load on {self.boundary!r}: allowed are a traction or a pressure; give one of them")
         given = np.asarray(self.pressure if self.traction is None else self.traction, dtype=float)
-        if given.shape not in {(), (3,)} or not np.all(np.isfinite(given)) or not 0.0 <= self.ramp < np.inf:
+        if given.shape not in {(), (3,)} or not np.all(np.isfinite(given)):
             raise TissueError(
-                f"load on {self.boundary!r}: {given} Pa, ramp {self.ramp} s; allowed are three finite numbers of a "
-                "traction or one of a pressure, and ramp ≥ 0"
+                f"load on {self.boundary!r}: {given} Pa; allowed are three finite numbers of a traction or one of a "
+                "pressure"
             )
+        if self.course is not None and not (np.all(np.isfinite(self._rows)) and np.all(np.diff(self._rows[0]) > 0.0)):
+            raise TissueError(f"load on {self.boundary!r}: the times of its course do not rise; sort them")
 
-    def share(self, time: float) -> float:
-        """Return the part of the load that acts at a time [s], from 0 to 1."""
-        return 1.0 if time >= self.ramp else time / self.ramp
+    @cached_property
+    def _rows(self) -> Array:
+        """Times and factors of the course, shape `(2, k)`."""
+        return np.array(self.course, dtype=float).T
+
+    def factor(self, time: float, share: float = 1.0) -> float:
+        """Return the part of the load that acts at a time [s]; in statics that at a `share` of the load steps, which
+        end at `time`."""
+        if self.course is None:
+            return share
+        grown = 1.0 if time > 0.0 else share  # at a start at rest no time passes, and the share grows
+        return grown * float(np.interp(share * time, *self._rows))
 
 
 @dataclass(frozen=True)
@@ -128,8 +141,9 @@ class Loads:
         return tuple(build_facets(self.body, load.boundary) for load in self.each)
 
     def shares(self, time: float, share: float = 1.0) -> Array:
-        """Return the part of each load that acts at `time` [s], times `share`, `(k,)`."""
-        return share * np.array([load.share(time) for load in self.each])
+        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the load steps, which end
+        at `time`, `(k,)`."""
+        return np.array([load.factor(time, share) for load in self.each])
 
     def forces(self, number: int, x: Array) -> Array:
         """Return the nodal forces of the whole load of that number on a body whose nodes are at `x` (m, 3), `(m, 3)`

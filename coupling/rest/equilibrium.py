@@ -106,7 +106,7 @@ def static_problem(
     through is counted from there; hands draw and ties hold as in a load step that `began` then [s], with all of the
     force that they have at its end."""
     time, system = share * duration, system.at(state)
-    load = share * (end_load(system, duration) - (system.weight if system.thread.travels else 0.0))
+    load = end_load(system, duration, share) - (share * system.weight if system.thread.travels else 0.0)
     loose = loose_points(system, state)
     load[loose] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)

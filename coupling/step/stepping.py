@@ -57,11 +57,12 @@ class Step(Generic[Body]):
     beyond: tuple[State[Body], ...] = ()
 
 
-def end_load(system: System[Body], time: float) -> Array:
-    """Return the weight and pulling forces on the control points at `time`, shape `(n, c)` [N]."""
-    load = system.weight.copy()
-    load[0, :3] += system.ends[0].force(time)
-    load[-1, :3] += system.ends[1].force(time)
+def end_load(system: System[Body], time: float, share: float = 1.0) -> Array:
+    """Return the weight and pulling forces on the control points at `time` [s], or in statics at a `share` of the load
+    steps, which end at `time`, shape `(n, c)` [N]."""
+    load = share * system.weight
+    load[0, :3] += system.ends[0].force(time, share)
+    load[-1, :3] += system.ends[1].force(time, share)
     return load
 
 

@@ -132,10 +132,10 @@ class Hand(Free):
     begin: Array
     end: Array
 
-    def force(self, time: float | Array) -> Array:
+    def force(self, time: float | Array, share: float = 1.0) -> Array:
         """Return the load at `time` [N]."""
-        share = np.interp(time, self.times, (0.0, 1.0))
-        return np.asarray(np.multiply.outer(1.0 - share, self.begin) + np.multiply.outer(share, self.end))
+        way = np.interp(time, self.times, (0.0, 1.0))
+        return np.asarray(np.multiply.outer(1.0 - way, self.begin) + np.multiply.outer(way, self.end))
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,11 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from studies.scenario.table import NotNegative, Number, ScenarioTable, Text, Vector
+from studies.scenario.course import Timed
+from studies.scenario.table import NotNegative, Number, Text, Vector
 
 
-class Load(ScenarioTable):
+class Load(Timed):
     """Force per area on a boundary of the organ."""
 
     boundary: Text = Field(description="name of the boundary that the load acts on", examples=["top"])
@@ -35,4 +36,6 @@ class Load(ScenarioTable):
             )
         if self.traction is None and self.pressure is None:
             raise ValueError(".traction is missing: write traction = [0, 0, 1e4] or pressure = 2e3 [Pa]")
+        if self.course is not None and self.ramp:
+            raise ValueError(f".ramp = {self.ramp} is refused: course says how the load grows; leave one of them out")
         return self

@@ -152,10 +152,10 @@ def default_of(field: Node, told: str, whole: Node) -> str:
 
 def type_of(field: Node, whole: Node) -> str:
     """Name the type of a key's value."""
-    if any(True for _ in inner_tables(field, whole)):
-        return "list of tables" if field.get("type") == "array" else "table"
     if "anyOf" in field:
         return " or ".join(dict.fromkeys(type_of(part, whole) for part in field["anyOf"] if part.get("type") != "null"))
+    if any(True for _ in inner_tables(field, whole)):
+        return "list of tables" if field.get("type") == "array" else "table"
     if "const" in field or "enum" in field:
         return "text"
     if field["type"] != "array":

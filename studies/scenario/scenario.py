@@ -12,6 +12,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
+from studies.scenario.course import STEPS, Timed
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing, grips, place_refusal
@@ -304,6 +305,17 @@ class Scenario(ScenarioTable):
         return self
 
     @model_validator(mode="after")
+    def _check_courses(self) -> Self:
+        ends = [(f"thread.{key}", getattr(self.thread, key)) for key in ("start", "end")]
+        loads = [] if self.tissue is None else [(f"tissue.load.{k}", load) for k, load in enumerate(self.tissue.load)]
+        for key, table in [*ends, *loads]:
+            if isinstance(table, Timed) and (wave := table.hasty(self.solve.step)):
+                reason = f"a step takes {self.solve.step:g} s, and a wave needs {STEPS} or more; raise it, or take "
+                shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
+                raise ValueError(refusal(f"{key}.{wave[0]}", wave[1], reason + shorter))
+        return self
+
+    @model_validator(mode="after")
     def _check_held(self) -> Self:
         tissue = self.tissue
         if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
@@ -442,7 +454,7 @@ def ramped(end: End, solve: Solve) -> End:
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
-    grows = solve.kind == "dynamic" and solve.start == "path"
+    grows = solve.kind == "dynamic" and solve.start == "path" and end.course is None
     return end.model_copy(update={"ramp": min(RAMP, solve.duration) if grows else 0.0})
 
 

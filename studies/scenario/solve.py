@@ -83,8 +83,12 @@ class Solve(ScenarioTable):
 
     def step_by(self, time: float) -> int:
         """Number of the first step, or load step, that ends not before a time [s]."""
-        step = self.duration / self.load_steps if self.kind == "static" else self.dt
-        return ceil(time / step - WHOLE)
+        return ceil(time / self.step - WHOLE)
+
+    @property
+    def step(self) -> float:
+        """Length of a step, or of a load step [s]."""
+        return self.duration / self.load_steps if self.kind == "static" else self.dt
 
     @model_validator(mode="after")
     def _check_steps(self) -> Self:

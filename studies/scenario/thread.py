@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from studies.scenario.course import Timed
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import (
     ALLOWED_START_ERROR,
@@ -69,7 +70,7 @@ class ClampedEnd(_HeldEnd):
     kind: Literal["clamped"]
 
 
-class PulledEnd(_End):
+class PulledEnd(_End, Timed):
     """End under a dead load."""
 
     kind: Literal["pulled"]
@@ -77,9 +78,15 @@ class PulledEnd(_End):
     ramp: NotNegative | None = Field(
         default=None,
         description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a dynamic run "
-        '(at most its duration), 0 in statics and with solve.start = "rest"',
+        '(at most its duration), 0 in statics, with solve.start = "rest" and with a course',
         examples=[0.1],
     )
+
+    @model_validator(mode="after")
+    def _check_ramp(self) -> Self:
+        if self.course is not None and self.ramp:
+            raise ValueError(f".ramp = {self.ramp} is refused: course says how the load grows; leave one of them out")
+        return self
 
 
 class DrivenEnd(_HeldEnd):

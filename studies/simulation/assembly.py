@@ -18,9 +18,11 @@ from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.course import Timed
 from studies.scenario.organ import LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.scenario.table import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
@@ -121,7 +123,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     bites = bites_of(scenario, path, [value * path.length / length for value in own], rough, depths)
     system: System[tissue.OrganState] = System(
         thread=thread,
-        ends=(end_of(whole.thread.start, path, 0.0), end_of(whole.thread.end, path, path.length)),
+        ends=(end_of(whole, whole.thread.start, path, 0.0), end_of(whole, whole.thread.end, path, path.length)),
         organ=organ,
         piercings=tuple(piercing_of(hole, scenario, body, given, bites.get(hole.name, 0.0)) for hole in holes),
         gravity=np.array(scenario.solve.gravity),
@@ -250,7 +252,7 @@ def section_of(table: model.Thread) -> Section:
     return section if table.bending_factor is None else replace(section, bending_factor=table.bending_factor)
 
 
-def end_of(table: model.End, path: RoundedPath, at: float) -> End:
+def end_of(scenario: Scenario, table: model.End, path: RoundedPath, at: float) -> End:
     """Return the holder of the thread's end at the abscissa `at` of the path."""
     match table:
         case model.FixedEnd():
@@ -258,7 +260,8 @@ def end_of(table: model.End, path: RoundedPath, at: float) -> End:
         case model.ClampedEnd():
             return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
         case model.PulledEnd():
-            return Pulled(np.array(table.force), table.ramp or 0.0)
+            course = course_of(scenario.solve, table, table.ramp or 0.0)
+            return Pulled(np.array(table.force), None if course is None else np.array(course))
         case model.DrivenEnd():
             return Driven(np.array(table.waypoints), turn=turn_of(table))
     return Free()
@@ -430,13 +433,17 @@ def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tiss
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
-    """Return the loads on the organ's boundaries; in statics all of them grow over the load steps."""
-    tables = () if scenario.tissue is None else scenario.tissue.load
-    static = scenario.solve.kind == "static"
+    """Return the loads on the organ's boundaries."""
     return tuple(
-        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, 0.0 if static else table.ramp)
-        for table in tables
+        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, course_of(scenario.solve, table, table.ramp))
+        for table in (() if scenario.tissue is None else scenario.tissue.load)
     )
+
+
+def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
+    """Return the course of a load; a ramp is one in time, and in statics a load without a course grows over the load
+    steps."""
+    return table.rows(solve.duration, 0.0 if solve.kind == "static" else ramp)
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:

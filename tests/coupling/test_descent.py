@@ -34,7 +34,7 @@ def smooth_hairpin() -> tuple[System, State]:
     holes = tuple(Piercing(name) for name in ("entry", "exit"))
     travel = travelling(LENGTH, [Hold(k, s, True, 5e-4) for k, s in enumerate(ABSCISSAE)], 2, 2e-3, (None, None))
     spline = Placed(travel.knots, travel.places(np.array(ABSCISSAE)), travel)
-    ends = Fixed(start), Pulled(np.array([0.05, 0.02, 0.2]), 0.0)
+    ends = Fixed(start), Pulled(np.array([0.05, 0.02, 0.2]))
     system = System(Thread(spline, suture("2-0 polypropylene")), ends, block_organ("P1", False), holes)
     return system, laid(system, ABSCISSAE, path)
 

@@ -55,7 +55,7 @@ def test_what_slides_to_rest_sticks_as_its_speed_is_zero(take: Take) -> None:
 def test_what_is_drawn_ever_harder_slips_as_the_force_reaches_its_bound(take: Take) -> None:
     """Independent check: both ends of a thread at rest are pulled apart, the one by a force that grows, 0.04 N in
     0.1 s: it slips after 30 ms by the grip of 0.012 N, which the sleeve bears until then. It stretches by nothing."""
-    ends = Free(), Pulled(0.04 * X, ramp=0.1)
+    ends = Free(), Pulled(0.04 * X, np.array([[0.0, 0.0], [0.1, 1.0]]))
     system, state = gliding(0.0, GRIP, ends)
     shifted = replace(state, time=-0.4e-3)  # no step ends there
     events = events_of(system, shifted, take, 34)

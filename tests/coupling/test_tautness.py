@@ -152,7 +152,9 @@ def test_weight_and_speed_count_with_euler_s_load(compiled: bool) -> None:
     enough = 2.0 * EULER + 1e-6 * PP.EA + 10.0 * PP.rhoA * speed**2
     hand = Driven(np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, speed]]))
     thread = uniform(STRAND, 30)
-    system = without_organ(thread, (hand, Pulled(pull * X, ramp)), gravity=g * X, compiled=compiled)
+    system = without_organ(
+        thread, (hand, Pulled(pull * X, np.array([[0.0, 0.0], [ramp, 1.0]]))), gravity=g * X, compiled=compiled
+    )
     state = laid(system, [], line(ORIGIN, X))
     run = begin(system, replace(state, v=np.tile(speed * Z, (thread.n, 1))))
     run = run.step(0.37e-3).steps(0.37e-3, 30)

@@ -132,7 +132,7 @@ def drawn_hairpin() -> tuple[System, State]:
     """A hairpin through two rough holes of a block, its end drawn up, on knots that travel."""
     path = hairpin(RADIUS, LENGTH)
     start, _ = path(np.array([0.0, LENGTH]))
-    ends = Fixed(start), Pulled(np.array([0.05, 0.02, 0.2]), 8e-3)
+    ends = Fixed(start), Pulled(np.array([0.05, 0.02, 0.2]), np.array([[0.0, 0.0], [8e-3, 1.0]]))
     holes = tuple(Piercing(name, friction=Friction(0.2, 0.1, channel=2e-3)) for name in ("entry", "exit"))
     travel = travelling(LENGTH, [Hold(k, s, True, 5e-4) for k, s in enumerate(ABSCISSAE)], 2, 2e-3, (None, None))
     spline = Placed(travel.knots, travel.places(np.array(ABSCISSAE)), travel)

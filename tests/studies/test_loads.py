@@ -2,6 +2,7 @@
 
 import csv
 import json
+from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,56 @@ def test_a_ramp_without_inertia_does_the_work_that_is_stored() -> None:
     table = changed(inertia=False, load=[{"boundary": "top", "pressure": 50.0, "ramp": 8e-3}])
     energy = [record for record, _ in prepare(parse(table)).advance()][-1].energy
     assert energy.external_work == pytest.approx(energy.elastic_tissue * (1.0 + 1.0 / 64), rel=1e-3)
+
+
+COURSE = [[0.0, 0.0], [0.25, 1.0], [1.0, 0.2]]
+
+
+@pytest.mark.parametrize("material", ["linear", "neo-hookean"])
+def test_loads_at_rest_follow_their_courses(material: str) -> None:
+    """Independent check: a linear organ under two loads of one course moves by the factor of its course at each load
+    step; a neo-Hookean one of small strain nearly so. The thread, under the whole load, bears the same at its hole."""
+    load = [{"boundary": "right", "traction": [20.0, 0, 0], "course": COURSE}]
+    load += [{"boundary": "top", "pressure": 5.0, "course": COURSE}]
+    table = changed(load=load, material=material)
+    table["solve"] = {"kind": "static", "load_steps": 8}
+    table["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 1e-9], "course": COURSE}
+    records = [record for record, _ in prepare(parse(table)).advance()]
+    factors = np.interp([record.time for record in records], *np.transpose(COURSE))
+    assert [load.share for record in records for load in record.loads] == pytest.approx(
+        np.repeat(factors, 2), abs=1e-12
+    )
+    moved = np.array([record.piercings[0].displacement for record in records])
+    allowed = 1e-5 if material == "linear" else 2.0 * 20.0 / E + 1e-5
+    assert np.abs(moved - factors[:, None] * moved[2]).max() <= allowed * np.abs(moved).max()
+    held = np.array([record.piercings[0].force for record in records])
+    assert -held[:, 2] == pytest.approx(1e-9 * factors, rel=1e-3, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("course", "factor"),
+    [
+        ({"kind": "ramp", "over": 4e-3}, lambda t: min(t / 4e-3, 1.0)),
+        (
+            {"kind": "hold", "rise": 2e-3, "hold": 2e-3, "fall": 4e-3},
+            lambda t: np.interp(t, [0, 2e-3, 4e-3, 8e-3], [0, 1, 1, 0]),
+        ),
+        ({"kind": "cycle", "period": 4e-3, "low": 0.2}, lambda t: 0.6 - 0.4 * np.cos(np.pi * t / 2e-3)),
+        ({"kind": "cough", "at": 2e-3, "duration": 4e-3}, lambda t: np.sin(np.pi * np.clip(250 * t - 0.5, 0, 1)) ** 2),
+    ],
+    ids=["ramp", "hold", "cycle", "cough"],
+)
+def test_loads_in_time_follow_their_courses(course: dict[str, Any], factor: Callable[[float], float]) -> None:
+    """Independent check: each named course is its formula at the ends of steps, which fall on its rows; counted from
+    `from`, and zero before and after `until`."""
+    load = [{"boundary": "top", "pressure": 50.0, "course": course}]
+    load += [load[0] | {"from": 3e-3, "until": 6e-3}]
+    records = [record for record, _ in prepare(parse(changed(load=load))).advance()]
+    for record in records[1:]:
+        whole, part = (entry.share for entry in record.loads)
+        assert whole == pytest.approx(factor(record.time), abs=1e-9)
+        late = factor(record.time - 3e-3) if 3e-3 - 1e-9 < record.time < 6e-3 + 1e-9 else 0.0
+        assert part == pytest.approx(late, abs=1e-6)
 
 
 FINITE: dict[str, Any] = {"material": "exponential", "stiffening": 5.0, "prestretch": [1.01, 1.0, 0.99]}

@@ -182,7 +182,7 @@ def test_what_the_ends_do_in_time() -> None:
         np.array([0.0, 0.01, 0.02]),
         np.array([[0.0, 0.0, 0.0, 0.0], [0.02, 0.0, 1e-3, 0.0], [0.03, 0.0, 1e-3, 2e-3]]),
     )
-    system = without_organ(uniform(0.1, 12), (Driven(way), Pulled(load, 0.02)))
+    system = without_organ(uniform(0.1, 12), (Driven(way), Pulled(load, np.array([[0.0, 0.0], [0.02, 1.0]]))))
     state = laid(system, [], line(ORIGIN, X))
     steps = run(system, state, 5e-3, 8)
     assert abs(steps[-1].new.time - 0.04) <= IDENTITY

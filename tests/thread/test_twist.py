@@ -290,7 +290,7 @@ def test_a_needle_turns_the_thread() -> None:
 def test_a_clamp_holds_place_direction_and_section() -> None:
     """Independent check: at every step of a thread thrown about by its free end, while the clamp turns it."""
     turn = np.array([[0.0, 0.0], [0.02, 1.5]])
-    ends = (Clamped(ORIGIN, X, turn=turn), Pulled(np.array([0.0, 2e-3, 3e-3]), 0.01))
+    ends = (Clamped(ORIGIN, X, turn=turn), Pulled(np.array([0.0, 2e-3, 3e-3]), np.array([[0.0, 0.0], [0.01, 1.0]])))
     system = without_organ(uniform(L, 20, twist=True), ends)
     state = laid(system, [], line(ORIGIN, X))
     for step in run(system, state, 2e-3, 15):

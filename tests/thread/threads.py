@@ -217,7 +217,7 @@ def pulled_hairpin(organ: Any, pull: Array, ramp: float, R: Array) -> tuple[Syst
     """The hairpin in an organ, turned by `R`: its start is held, its end drawn by R `pull` [N] that grows within `ramp`
     [s], under gravity."""
     path = hairpin(RADIUS, LENGTH)
-    ends = Fixed(R @ path(np.array([0.0]))[0]), Pulled(R @ pull, ramp)
+    ends = Fixed(R @ path(np.array([0.0]))[0]), Pulled(R @ pull, np.array([[0.0, 0.0], [ramp, 1.0]]) if ramp else None)
     system = hairpin_system(organ, ends, 40, gravity=R @ (-9.81 * Z))
     return system, laid(system, ABSCISSAE, lambda s: path(s) @ R.T)
 

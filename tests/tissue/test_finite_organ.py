@@ -212,7 +212,7 @@ def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
 def test_a_traction_is_ramped() -> None:
     """Independent check: what the cells bear is the dead traction times its area and its part; its work is booked."""
     body = block(0.45)
-    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, 2e4), ramp=0.1)
+    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, 2e4), course=((0.0, 0.0), (0.1, 1.0)))
     organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), loads=[load], inertia=False)
     state = organ.start()
     for time in (0.05, 0.1):
@@ -259,7 +259,7 @@ def test_a_pressure_that_follows_inflates_a_thick_tube() -> None:
         return float(body.material.lame_mu * np.exp(b * (x - 1.0 / x) ** 2) * (x**2 - x**-2) / r)
 
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, b))
-    load = tissue.SurfaceLoad("pressed", pressure=quad(bearing, 1.5, np.sqrt(5.25))[0], ramp=1.0)
+    load = tissue.SurfaceLoad("pressed", pressure=quad(bearing, 1.5, np.sqrt(5.25))[0], course=((0.0, 0.0), (1.0, 1.0)))
     organ = tissue.FiniteOrgan(body, sites, hyper=hyper, loads=[load], inertia=False)
     state = organ.start()
     for time in (0.25, 0.5, 0.75, 1.0):

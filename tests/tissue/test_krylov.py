@@ -21,7 +21,7 @@ from tissue.solvers.factor import RESIDUAL as OF_SOLVERS
 
 SLOW = 2.0e-3  # s, a few steps a period of the slowest motion of the block
 BOTH = pytest.mark.parametrize("scheme", [BackwardEuler, BDF2])
-LOAD = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), ramp=10 * SLOW)
+LOAD = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), course=((0.0, 0.0), (10 * SLOW, 1.0)))
 KINDS = {
     "bare": {},
     "damped, loaded": {"rayleigh": (5.0, 1e-3), "gravity": (0.0, 0.0, -9.81), "loads": (LOAD,)},

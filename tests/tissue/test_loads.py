@@ -111,7 +111,7 @@ def test_the_work_of_the_loads_goes_somewhere(inertia: bool) -> None:
     """Independent check: the work of force times way of the loads, with the force at the end of each step, is kinetic
     and elastic energy and what damping and integrator take, by every way to step; a ramp gives the load its share."""
     body, site = bar("P1", clamp=("left",)), tissue.Site(0.5 * SIZE * [1, 1, 2], 2e-3, "parabolic", "normal")
-    each = (SurfaceLoad("right", traction=PULL, ramp=2.5e-3), SurfaceLoad("top", pressure=80.0))
+    each = (SurfaceLoad("right", traction=PULL, course=((0.0, 0.0), (2.5e-3, 1.0))), SurfaceLoad("top", pressure=80.0))
     given: dict[str, Any] = {"gravity": (0.0, 0.0, -9.81), "loads": each}
     sites = tissue.build_sites(body, [site])
     organ: tissue.DynamicOrgan | tissue.QuasiStaticOrgan
@@ -144,8 +144,8 @@ def test_refusals() -> None:
         SurfaceLoad("top")
     with pytest.raises(tissue.TissueError, match="a traction or a pressure"):
         SurfaceLoad("top", PULL, 1.0)
-    with pytest.raises(tissue.TissueError, match="ramp ≥ 0"):
-        SurfaceLoad("top", pressure=1.0, ramp=-1.0)
+    with pytest.raises(tissue.TissueError, match="course do not rise"):
+        SurfaceLoad("top", pressure=1.0, course=((0.0, 0.0), (0.0, 1.0)))
     with pytest.raises(tissue.TissueError, match=r"'lid'.*bottom"):
         at_rest(bar("P1", ("left",)), SurfaceLoad("lid", pressure=1.0))
     body = bar("P1", ("left",))

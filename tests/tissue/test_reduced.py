@@ -105,7 +105,7 @@ def test_a_basis_of_all_is_the_whole_organ() -> None:
 def test_the_audit_is_exact(scheme: type[Scheme]) -> None:
     """Independent check: work of the site forces, gravity and loads = change of kinetic and elastic energy + viscous +
     numerical, at every step."""
-    load = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), ramp=4.0e-3)
+    load = tissue.SurfaceLoad("right", (50.0, 0.0, -300.0), course=((0.0, 0.0), (4.0e-3, 1.0)))
     small = reduced(organ_of(gravity=(0.0, 0.0, -9.81), rayleigh=(5.0, 1e-3), loads=(load,)))
     old, *rest = states(small, scheme, 60, lambda t: PULL * np.sin(500.0 * t))
     scale, before = 0.0, small.energies(old, old)

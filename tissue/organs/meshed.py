@@ -407,8 +407,8 @@ class MeshedOrgan:
         return -float(p[:k] @ ways[:k]), -float(p[k:] @ ways[k:])
 
     def shares_at(self, time: float, share: float) -> Array | None:
-        """Return the parts of the loads that act at `time` [s], times `share`, as a state keeps them: None without
-        loads."""
+        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps, as a state keeps
+        them: None without loads."""
         return self.surface.shares(time, share) if self.surface.each else None
 
     @property

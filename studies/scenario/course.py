@@ -1,0 +1,155 @@
+"""The course of a load over time: keys `course`, `from` and `until` of a load on the organ or on a thread's end.
+
+A course is rows of time [s] and factor [-], linear in between. A course with a name stands for rows; a wave has WAVE
+of them in each period.
+"""
+
+from itertools import pairwise
+from math import ceil, cos, inf, pi
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from studies.scenario.refusal import as_toml
+from studies.scenario.table import NotNegative, Number, Positive, ScenarioTable, Turn, one_sentence
+
+WAVE = 32  # rows of a period: linear in between, they are within 0.25 % of the wave's height
+JUMP = 1e-9  # of a time, in which a load comes and goes: more than the round-off of the end of a step
+STEPS = 4  # of a wave: fewer miss its height by more than a seventh
+COUGH = 0.4  # s, from the rise of the pressure in the abdomen to its end
+
+
+class Ramp(ScenarioTable):
+    """Linear growth from zero, and the whole load from then on."""
+
+    kind: Literal["ramp"]
+    over: Positive = Field(description="time of the growth [s]", examples=[0.1])
+
+    def rows(self, end: float) -> list[Turn]:
+        """Return the rows of the course until `end` [s]."""
+        return [(0.0, 0.0), (self.over, 1.0)]
+
+
+class Hold(ScenarioTable):
+    """Linear growth from zero, the whole load for some time, and linear decay to zero."""
+
+    kind: Literal["hold"]
+    rise: Positive = Field(description="time of the growth [s]", examples=[0.1])
+    hold: Positive = Field(description="time under the whole load [s]", examples=[0.5])
+    fall: Positive = Field(description="time of the decay [s]", examples=[0.1])
+
+    def rows(self, end: float) -> list[Turn]:
+        """Return the rows of the course until `end` [s]."""
+        top = self.rise + self.hold
+        return [(0.0, 0.0), (self.rise, 1.0), (top, 1.0), (top + self.fall, 0.0)]
+
+
+class Cycle(ScenarioTable):
+    """Wave between a low factor, from which it starts, and the whole load: a cosine."""
+
+    kind: Literal["cycle"]
+    period: Positive = Field(description="period of the wave [s]", examples=[0.8])
+    low: Number = Field(default=0.0, description="lowest factor [-]")
+
+    def rows(self, end: float) -> list[Turn]:
+        """Return the rows of the course until `end` [s]."""
+        times = (self.period * k / WAVE for k in range(WAVE * ceil(end / self.period) + 1))
+        return [(time, self.low + (1.0 - self.low) * rise(time / self.period)) for time in times]
+
+
+class Cough(ScenarioTable):
+    """One wave from zero to the whole load and back: a cosine."""
+
+    kind: Literal["cough"]
+    at: NotNegative = Field(default=0.0, description="beginning of the cough [s]", examples=[0.3])
+    duration: Positive = Field(default=COUGH, description="duration of the cough [s]")
+
+    def rows(self, end: float) -> list[Turn]:
+        """Return the rows of the course until `end` [s]."""
+        waves = [(self.at + self.duration * k / WAVE, rise(k / WAVE)) for k in range(WAVE + 1)]
+        return [(0.0, 0.0), *waves] if self.at else waves
+
+
+def rise(share: float) -> float:
+    """Return the height of a wave at a share of its period, from 0 to 1."""
+    return 0.5 - 0.5 * cos(2.0 * pi * share)
+
+
+NamedCourse = Annotated[Ramp | Hold | Cycle | Cough, Field(discriminator="kind")]
+Rows = Annotated[tuple[Turn, ...], Field(min_length=1)]
+Course = Annotated[
+    Rows | NamedCourse,
+    one_sentence(
+        'rows [t, factor] or a table of kind "ramp" (over), "hold" (rise, hold, fall), "cycle" (period, low) or '
+        '"cough" (at, duration), for example course = { kind = "cycle", period = 0.8 }'
+    ),
+]
+
+
+class Timed(ScenarioTable):
+    """A load that may change over time."""
+
+    course: Course | None = Field(
+        default=None,
+        description="factor of the load over time: rows of t [s], factor [-], t increasing, linear in between, or a "
+        "table of a named course. Times count from `from`. In statics t is from 0 to solve.duration; default: the "
+        "whole load",
+        examples=[[[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]], {"kind": "cough", "at": 0.3}],
+    )
+    from_: NotNegative = Field(default=0.0, alias="from", description="time before which the load is zero [s]")
+    until: Positive | None = Field(
+        default=None, description="time after which the load is zero [s]; default: never", examples=[0.5]
+    )
+
+    @model_validator(mode="after")
+    def _check_course(self) -> Self:
+        if self.until is not None and self.until <= self.from_:
+            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        rows = self.course if isinstance(self.course, tuple) else ()
+        for row, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
+            if after <= before:
+                raise ValueError(
+                    f".course.{row} = {as_toml(rows[row])} is refused: "
+                    f"its time must be later than {before} s, the one before it; sort them by time"
+                )
+        if rows and rows[0][0] < 0.0:
+            raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; let it begin there")
+        return self
+
+    def rows(self, end: float, ramp: float = 0.0) -> tuple[Turn, ...] | None:
+        """Return rows of time [s] and factor [-] of the load until `end` [s]; None for the whole load at all times.
+        Without a course the load grows over `ramp` [s]."""
+        end = min(end, self.until or inf)
+        if self.course is None:
+            own: list[Turn] = [(0.0, 0.0), (ramp, 1.0)] if ramp else [(0.0, 1.0)]
+        elif isinstance(self.course, tuple):
+            own = list(self.course)
+        else:
+            own = self.course.rows(max(end - self.from_, 0.0))
+        if own == [(0.0, 1.0)] and not self.from_ and self.until is None:
+            return None
+        begin = self.from_ * (1.0 - JUMP)
+        rows = [(begin + time, factor) for time, factor in own]
+        if self.from_:
+            rows = [(rows[0][0] * (1.0 - JUMP), 0.0), *rows]
+        return tuple(rows if self.until is None else ended(rows, self.until))
+
+    def hasty(self, step: float) -> tuple[str, float] | None:
+        """Return key and value [s] of a wave that is shorter than STEPS steps [s], None if there is none."""
+        match self.course:
+            case Cycle(period=length) if length < STEPS * step:
+                return "course.period", length
+            case Cough(duration=length) if length < STEPS * step:
+                return "course.duration", length
+        return None
+
+
+def ended(rows: list[Turn], until: float) -> list[Turn]:
+    """Return the rows of a load that is zero after `until` [s]."""
+    before = [row for row in rows if row[0] < until]
+    later = next((row for row in rows if row[0] >= until), None)
+    last = before[-1][1] if before else 0.0
+    if later is not None and before:
+        (low, start), (high, stop) = before[-1], later
+        last = start + (stop - start) * (until - low) / (high - low)
+    return [*before, (until, last), (until * (1.0 + JUMP), last), (until * (1.0 + 2.0 * JUMP), 0.0)]
