@@ -92,10 +92,13 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
 def axial_rule(spline: Spline) -> tuple[Array, Array]:
     """Return points and weights of the stretch in the parameter of the knots, shape `(spans, 2)` each; two equal points
     share their weight. Raises `ThreadError` as `exact_weights` does."""
-    points, once = axial_points(spline)
-    w = np.zeros(points.shape)
-    w[once] = exact_weights(spline, points[once])
-    return points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
+    rules = spline.rules if isinstance(spline, Placed) else {}
+    if "axial" not in rules:
+        points, once = axial_points(spline)
+        w = np.zeros(points.shape)
+        w[once] = exact_weights(spline, points[once])
+        rules["axial"] = points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
+    return rules["axial"]
 
 
 def hole_rule(spline: Spline) -> GaussRule:

@@ -221,12 +221,12 @@ def stiffen_hold(
                 push[i] += weighted * holds[1 + c]
 
 
-@owning
-def numbers_in_use(C: Array, r_y: Array, joints: Joints) -> tuple[Indices, int]:
-    """Return the place of each unknown of the holds (15m,) among those that are solved for, −1 for the others, and how
-    many there are. A number of a site that does not give way, with its row of C zero, and is in its place does not
-    move."""
-    at, count = np.empty(BORDER * len(r_y), np.int64), 0
+@loop
+def numbers_in_use(C: Array, r_y: Array, joints: Joints, at: Indices) -> int:
+    """Write the place of each unknown of the holds among those that are solved for into `at` (15m,), −1 for the others,
+    and return how many there are. A number of a site that does not give way, with its row of C zero, and is in its
+    place does not move."""
+    count = 0
     for i in range(len(at)):
         k, j = i // BORDER, i % BORDER - OWN
         in_use = j < 0 or len(joints.strands) > 0 or r_y[k, max(j, 0)] != 0.0
@@ -235,17 +235,34 @@ def numbers_in_use(C: Array, r_y: Array, joints: Joints) -> tuple[Indices, int]:
                 in_use |= C[NINE * k + j, other] != 0.0
         at[i] = count if in_use else -1
         count += in_use
-    return at, count
+    return count
 
 
 @owning
 def solve_holds(
     border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, dz: Array
 ) -> bool:
-    """Solve the border once the thread is eliminated, Vᵀdq = w − G E dz, for `dz` (m, 15). The first column of `G`
-    (9m, 1 + 9m) is w. False where the matrix is singular."""
-    m, (at, size) = len(r), numbers_in_use(C, r_y, joints)
-    M, GE = np.zeros((size, size + 1)), thread_by_holds(border.E, G, at, size)
+    """Solve the border once the thread is eliminated for `dz` (m, 15); arguments as for `holds_matrix`. False where the
+    matrix is singular."""
+    at = np.empty(BORDER * len(r), np.int64)
+    size = numbers_in_use(C, r_y, joints, at)
+    M = np.zeros((size, size + 1))
+    holds_matrix(border, C, G, r, r_y, joints, sigma, at, M)
+    if not solve_dense(M):
+        return False
+    for i in range(len(at)):
+        dz[i // BORDER, i % BORDER] = M[at[i], size] if at[i] >= 0 else 0.0
+    return True
+
+
+@owning
+def holds_matrix(
+    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, at: Indices, M: Array
+) -> None:
+    """Write the equations of the unknowns of the holds `at` (15m,) into `M` (k, k + 1), zero before, their right-hand
+    side last, once the thread is eliminated, Vᵀdq = w − G E dz. The first column of `G` (9m, 1 + 9m) is w."""
+    m, size = len(r), len(M)
+    GE = thread_by_holds(border.E, G, at, size)
     for k in range(m):
         add_own_equations(border, k, G, GE, r, at, M)
         if len(sigma) > 0 and sigma[k] != 0.0:
@@ -254,13 +271,6 @@ def solve_holds(
     if size > OWN * m:
         add_site_equations(border, C, G, GE, r_y, joints, at, M)
     join_laws(joints, sigma, r, at, M)
-    if not solve_dense(M):
-        return False
-    for k in range(m):
-        for j in range(BORDER):
-            place = at[BORDER * k + j]
-            dz[k, j] = M[place, size] if place >= 0 else 0.0
-    return True
 
 
 @loop
@@ -399,5 +409,5 @@ def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Arra
         stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
 
 
-linearise_holds, solve_border = entry(linearise_all), entry(solve_holds)
+linearise_holds, in_use, write_matrix = entry(linearise_all), entry(numbers_in_use), entry(holds_matrix)
 site_residuals, stiffen_holds = entry(site_residual), entry(stiffen_all)

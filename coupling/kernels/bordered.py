@@ -9,10 +9,10 @@ Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
 from functools import cache
 
 import numpy as np
-from scipy.linalg.lapack import dgbtrf, dgbtrs
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels.border import BORDER, NINE, OWN, Border, linearise_holds, solve_border
+from coupling.kernels.border import BORDER, NINE, OWN, Border, in_use, linearise_holds, write_matrix
 from coupling.kernels.constraints import LOCAL, Passage, hold_arrays
 from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
@@ -74,7 +74,7 @@ def values_at_holds(thread: Passage, X: Array) -> Array:
     local = X[thread.first[:, None] + LOCAL, :3]
     values = (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(m, NINE, -1)
     if thread.ridden is not None:
-        values[:, RIDING] = np.einsum("nxm,nxk->mk", thread.ridden.by_qs, X[:, :3])
+        values[:, RIDING] = thread.ridden.by_qs.reshape(-1, m).T @ X[:, :3].reshape(-1, X.shape[2])
     return values.reshape(NINE * m, -1)
 
 
@@ -86,6 +86,19 @@ def banded_solve(A: Array, b: Array) -> Array:
         raise SingularError(SINGULAR_THREAD)
     x, _ = dgbtrs(lu, h, h, b, pivots, overwrite_b=1)
     return np.asarray(x)
+
+
+def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array) -> Array:
+    """Return the solution of the border once the thread is eliminated, shape `(m, 15)`, as the kernel of that name
+    does; by LAPACK, which is faster where there are many holds. Raises `SingularError`."""
+    at = np.empty(BORDER * len(r), dtype=np.int64)
+    size = in_use(C, r_y, joints, at)
+    M = np.zeros((size, size + 1))
+    write_matrix(border, C, G, r, r_y, joints, sigma, at, M)
+    _, _, x, info = dgesv(M[:, :-1], M[:, -1])
+    if info != 0 or not np.isfinite(x).all():
+        raise SingularError(SINGULAR_HOLDS)
+    return np.where(at < 0, 0.0, x[at]).reshape(-1, BORDER)
 
 
 def newton_direction(
@@ -105,15 +118,15 @@ def newton_direction(
     """
     r_q, r, r_y = residuals
     (n, c), m = r_q.shape, len(r)
-    right = np.empty((c * n, 1 + NINE * m), order="F")
-    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n, c)
+    pushed = np.flatnonzero(border.E.any(axis=2))  # a free hole pushes neither T nor T'
+    right = np.empty((c * n, 1 + pushed.size), order="F")
+    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n, c)[:, pushed]
     right[held] = 0.0
     X = banded_solve(A, right)
     if m == 0:
         return X[:, 0].reshape(n, c), np.empty((0, BORDER))
-    G, dz = np.ascontiguousarray(values_at_holds(thread, X.reshape(n, c, -1))), np.zeros((m, BORDER))
-    solved = solve_border(border, np.ascontiguousarray(C), G, r, r_y, *joined, dz)
-    if not (solved and np.isfinite(dz).all()):
-        raise SingularError(SINGULAR_HOLDS)
-    push = np.matvec(border.E, dz).ravel()
+    G = np.zeros((NINE * m, 1 + NINE * m))
+    G[:, [0, *(1 + pushed)]] = values_at_holds(thread, X.reshape(n, c, -1))
+    dz = solve_holds(border, np.ascontiguousarray(C), G, r, r_y, *joined)
+    push = np.matvec(border.E, dz).ravel()[pushed]
     return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz

@@ -42,7 +42,7 @@ ORGANS = {
     for frame in ("normal", "fibre")
 }
 # The end is drawn up and sideways by 0.2 N within the run; the start is held.
-DRAWN = (Fixed(START), Pulled(np.array([0.05, 0.02, 0.2]), STEPS * DT))
+DRAWN = (Fixed(START), Pulled(np.array([0.05, 0.02, 0.2]), np.array([[0.0, 0.0], [STEPS * DT, 1.0]])))
 
 
 @cache
