@@ -15,8 +15,8 @@ ZERO = np.zeros(3)
 
 def check_rows(name: str, rows: Array, columns: str) -> None:
     """Refuse a table that has not the `columns`, the first of them rising times. Raises `ThreadError`."""
-    if rows.ndim != 2 or rows.shape[1] != len(columns.split(", ")) or not len(rows) or not np.isfinite(rows).all():
-        raise ThreadError(f"{name} of shape {rows.shape}; allowed are rows of {columns}, all finite")
+    if np.shape(rows)[1:] != (len(columns.split(", ")),) or not len(rows) or not np.isfinite(rows).all():
+        raise ThreadError(f"{name} of shape {np.shape(rows)}; allowed are rows of {columns}, all finite")
     if (np.diff(rows[:, 0]) <= 0.0).any():
         raise ThreadError(f"{name}: its times do not rise; sort them and drop repeats")
 

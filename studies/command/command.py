@@ -39,7 +39,7 @@ from studies.output.tally import Status
 from studies.pictures.picture import draw_picture
 from studies.scenario import Scenario, ScenarioError, load, schema
 from studies.scenario.reference import reference
-from studies.scenario.toml import scenario_file
+from studies.scenario.toml import scenario_file, written
 from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared, Store
@@ -124,6 +124,9 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
 
 def check(options: argparse.Namespace) -> int:
     """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
+    if options.write:
+        print(written(options.file, options.set), end="")
+        return 0
     with stages(options.json):
         simulation, prepared = timed(partial(_prepare, load(options.file, options.set)), compiles=True)
     remarks, counts = simulation.remarks(), counts_of(simulation, prepared)

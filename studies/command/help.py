@@ -17,7 +17,7 @@ from studies.command.lines import print_lines
 from studies.output.version import installed_version
 from studies.scenario import SCENES, ScenarioError, scenes
 
-TEMPLATE = Path(__file__).with_name("new.toml")
+TEMPLATE, STITCHES = (Path(__file__).with_name(name) for name in ("new.toml", "stitches.toml"))
 GL = (
     "on Debian: apt-get install --no-install-recommends libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 "
     "libxinerama1 libgomp1"
@@ -30,7 +30,8 @@ def new(options: argparse.Namespace) -> int:
     if path.exists():
         raise ScenarioError(f"{path} is refused: it exists already; give another name")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(TEMPLATE.read_text(encoding="utf-8"), encoding="utf-8")
+    template = STITCHES if options.stitches else TEMPLATE
+    path.write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
     folder = Path("results") / path.stem
     print(f"{path} is written\ncheck it  suture check {path}\nrun it    suture run {path} --out {folder}")
     return 0

@@ -117,7 +117,11 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     _add_strict(parser)
     _add_json(parser)
-    parser.add_argument("--picture", metavar="FILE.png", type=Path, help="draw thread, holes and organ at the start")
+    shown = parser.add_mutually_exclusive_group()
+    shown.add_argument("--picture", metavar="FILE.png", type=Path, help="draw thread, holes and organ at the start")
+    shown.add_argument(
+        "--write", action="store_true", help="only print the scenario with path, piercings and ties for its stitches"
+    )
 
 
 def _add_mesh(parser: argparse.ArgumentParser) -> None:
@@ -262,6 +266,7 @@ def _add_plot(parser: argparse.ArgumentParser) -> None:
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", type=Path, help="name of the new file; .toml is added if missing")
+    parser.add_argument("--stitches", action="store_true", help="a wound with three tied stitches")
 
 
 def _add_completion(parser: argparse.ArgumentParser) -> None:

@@ -18,6 +18,7 @@ from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundarie
 from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
+from studies.scenario.stitch import Stitch, long_form
 from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
@@ -56,6 +57,11 @@ class Scenario(ScenarioTable):
     )
     cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
     tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw and lock")
+    stitch: tuple[Stitch, ...] = Field(
+        default=(),
+        description="stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts, and the "
+        "scenario that is run has those in their place",
+    )
     contact: tuple[Contact, ...] = Field(
         default=(), description="pairs of surfaces that press on each other; others overlap"
     )
@@ -72,6 +78,16 @@ class Scenario(ScenarioTable):
             return table
         knots = "travelling" if travels_as_given(given) else "fixed"
         return table | {"thread": {"knots": knots} | given["thread"]}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _write_stitches(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or not isinstance(thread := table.get("thread", {}), dict):
+            return table
+        try:
+            return long_form(table)
+        except (ValidationError, TypeError):  # told of the table itself, and not of a path that is missing
+            return table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
 
     @model_validator(mode="after")
     def _check_piercings(self) -> Self:
@@ -470,14 +486,17 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
     return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
 
-def resolved(scenario: Scenario, length: float, s: Sequence[float]) -> Scenario:
-    """Return the scenario with the defaults that depend on all of it: rest length and abscissas [m], and ramps of dead
-    loads [s].
+def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float] = ()) -> Scenario:
+    """Return the scenario with the defaults that depend on all of it: ramps of dead loads [s] and, unless the resting
+    organ carries the thread along, rest length and abscissas [m].
 
     A piercing that begins later takes its abscissa, unless given, from where the thread is then.
     """
     ends = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
-    thread = scenario.thread.model_copy(update={"length": length, **ends})
+    thread = scenario.thread.model_copy(update=ends)
+    if length is None:
+        return scenario.model_copy(update={"thread": thread})
+    thread = thread.model_copy(update={"length": length})
     pairs = zip(scenario.piercing, s, strict=True)
     piercing = tuple(
         hole.model_copy(update={"s": float(value)}) if hole.s is None and hole.from_ == 0.0 else hole

@@ -3,21 +3,24 @@
 ``load`` reads a file (with ``--set`` overrides), ``dump`` writes a scenario with every default.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import tomli_w
 
 from studies.scenario.organ import FileMesh
 from studies.scenario.refusal import BARE, as_toml, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
+from studies.scenario.stitch import long_form
 from studies.scenario.table import ScenarioError, plain_values
 
+LIST = re.compile(r"\[\n((?:[^\[\]\n]+,\n)+) *\]")  # of numbers or words, as tomli_w writes it
 SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
 
 
@@ -36,6 +39,14 @@ def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         _set(data, override_key(override), _override_value(override), f"--set {override}")
     _make_paths_absolute(data, path.parent)
     return data
+
+
+def written(path: Path | str, overrides: Sequence[str] = ()) -> str:
+    """Write the scenario of a file in TOML, with path, piercings, tracts, ties and cuts in the place of its stitches,
+    and no default written out."""
+    data = read(path, overrides)
+    parsed(data)
+    return compact(tomli_w.dumps(long_form(data)))
 
 
 def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,7 +106,14 @@ def _kind_first(value: Any) -> Any:
 
 def dump(scenario: Scenario) -> str:
     """Write the scenario in TOML, every default written out; it reads back to an equal scenario."""
-    return tomli_w.dumps(tables(scenario))
+    return compact(tomli_w.dumps(tables(scenario)))
+
+
+def compact(text: str) -> str:
+    """Return TOML of tomli_w with each list of numbers or words on one line."""
+    return LIST.sub(
+        lambda found: f"[{', '.join(line.strip().removesuffix(',') for line in found[1].splitlines())}]", text
+    )
 
 
 def mesh_file(scenario: Scenario) -> Path | None:
@@ -134,15 +152,47 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _set(data: dict[str, Any], parts: Sequence[str], value: Any, text: str) -> None:
-    """Set one key in place; `text` is what asks for it."""
-    *parents, last = parts
-    table: Any = data
-    for depth, part in enumerate(parents):
-        table = _enter(table, part, dotted_key(parts[:depth]), text)
+    """Set one key in place, in every entry of a list of tables whose entry is not named; `text` is what asks for it."""
+    _set_below(data, (), parts, value, text)
+
+
+def _set_below(table: Any, parents: tuple[str, ...], parts: Sequence[str], value: Any, text: str) -> None:
+    """Set one key of a table, whose own name has the parts `parents`."""
+    part, *rest = parts
     if isinstance(table, list):
-        table[_index(table, last, dotted_key(parents), text)] = value
+        if part in keys_of_entries(parents) and part not in map(_name, table):
+            for entry in filter(_is_table, table):
+                _set_below(entry, parents, parts, value, text)
+            return
+        key: Any = _index(table, part, dotted_key(parents), text)
     else:
-        table[last] = value
+        key = part
+    if not rest:
+        table[key] = value
+        return
+    inner = table[key] if isinstance(table, list) else table.setdefault(key, {})
+    if not isinstance(inner, dict | list):
+        where = dotted_key([*parents, part])
+        raise ScenarioError(f"{text} is refused: {where} is a value, not a table; set {where} itself")
+    _set_below(inner, (*parents, part), rest, value, text)
+
+
+def keys_of_entries(parents: Sequence[str]) -> set[str]:
+    """Return the keys of the tables in a list of the scenario, none for other places."""
+    field = Scenario.model_fields.get(parents[0]) if len(parents) == 1 else None
+    entry = next(iter(get_args(field.annotation)), None) if field else None
+    fields = getattr(entry, "model_fields", {})
+    return {info.alias or name for name, info in fields.items()}
+
+
+def _name(entry: Any) -> Any:
+    """Return the name of an entry of a list, None if it has none."""
+    return entry.get("name") if isinstance(entry, dict) else None
+
+
+def _is_table(entry: Any) -> bool:
+    """Return whether an entry of a list is a table."""
+    return isinstance(entry, dict)
 
 
 def override_key(text: str) -> list[str]:
@@ -176,18 +226,8 @@ def _override_value(text: str) -> Any:
         ) from None
 
 
-def _enter(table: Any, part: str, parent: str, text: str) -> Any:
-    if isinstance(table, list):
-        return table[_index(table, part, parent, text)]
-    inner = table.setdefault(part, {})
-    if not isinstance(inner, dict | list):
-        where = f"{parent}.{part}" if parent else part
-        raise ScenarioError(f"{text} is refused: {where} is a value, not a table; set {where} itself")
-    return inner
-
-
 def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
-    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    names = [_name(entry) for entry in entries]
     if part in names:
         return names.index(part)
     if part.isdecimal() and int(part) < len(entries):

@@ -26,6 +26,7 @@ from studies.scenario.table import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
+from studies.simulation.laid import LaidPath, laid_path
 from studies.simulation.law import hyperelasticity_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
@@ -63,19 +64,26 @@ class Assembly:
     """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
     makes stress from displacement, None without an organ, `depths`, which tells how deep points lie in it (k,) [m], and
     what was handed over from Python. `fit` tells how its cells were refined, None if they are as given. `holes` are
-    its piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread."""
+    its piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread and `at` (p,)
+    [m] on its path, which the resting organ carries along as `laid`."""
 
     scenario: Scenario
     holes: tuple[model.Piercing, ...]
     system: System[tissue.OrganState]
     organ: AnyOrgan
-    path: RoundedPath
+    laid: LaidPath
+    at: Array
     s: Array
     body: tissue.Elasticity | None
     recovery: Callable[[], tissue.StressRecovery | None]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
     fit: tissue.Fitted | None = None
+
+    @property
+    def path(self) -> RoundedPath:
+        """The path on the undeformed organ."""
+        return self.laid.path
 
     @property
     def begin_abscissae(self) -> Array:
@@ -86,8 +94,8 @@ class Assembly:
     def start(self) -> State[tissue.OrganState]:
         """Solve for the consistent start (Φ = 0, thread as near the path as that allows)."""
         thread = self.system.thread
-        stretch = self.path.length / thread.spline.end
-        points = self.path.position(gauss_rule(thread.spline, MASS_POINTS).s * stretch)
+        stretch = self.laid.length / thread.spline.end
+        points = self.laid.points(gauss_rule(thread.spline, MASS_POINTS).s * stretch)
         return start(self.system, self.s, points, stretch)
 
 
@@ -109,6 +117,13 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_balls(scenario.thread, holes)
     body, fit = stored_body(scenario, holes, mesh, store, given)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
+    at = np.array(s) * (path.length / length)
+    moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
+    there = np.array([is_known(hole) for hole in holes], dtype=bool)
+    laid = laid_path(scenario, path, at[there], moves[there])
+    as_given = scenario
+    scenario, length, s = carried(scenario, holes, laid, at, s)
+    own = [value for hole, value in zip(holes, s, strict=True) if not isinstance(hole, Ball)]
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
     known_s = [value for hole, value in zip(holes, s, strict=True) if is_known(hole)]
@@ -117,10 +132,11 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_pieces(scenario, thread.spline, known_s)
     check_cutting(scenario.cut, thread)
     check_draws(scenario.piercing, thread.spline, own)
-    whole = resolved(scenario, length, own)
+    whole = resolved(scenario, length, own) if scenario is as_given else resolved(as_given)
     depths = partial(stored_depths, scenario, body, store)
     rough = {*given.friction, *(hole.name for hole in scenario.piercing if hole.friction is not None)}
-    bites = bites_of(scenario, path, [value * path.length / length for value in own], rough, depths)
+    at_own = [value for hole, value in zip(holes, at.tolist(), strict=True) if not isinstance(hole, Ball)]
+    bites = bites_of(scenario, path, at_own, rough, depths)
     system: System[tissue.OrganState] = System(
         thread=thread,
         ends=(end_of(whole, whole.thread.start, path, 0.0), end_of(whole, whole.thread.end, path, path.length)),
@@ -132,7 +148,34 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         compiled=is_compiled(scenario.solve),
     )
     recovery = partial(stored_recovery, scenario, body, store)
-    return Assembly(whole, holes, system, organ, path, np.array(s), body, recovery, depths, given, fit)
+    return Assembly(whole, holes, system, organ, laid, at, np.array(s), body, recovery, depths, given, fit)
+
+
+def moves_at_rest(organ: AnyOrgan) -> Array:
+    """Return by how much the holes move as the organ comes to rest before the thread is there, `(p, 3)` [m]."""
+    moved = organ.site_variables(organ.start()) - organ.y0
+    return np.asarray(moved.reshape(-1, 9)[:, :3])
+
+
+def carried(
+    scenario: Scenario, holes: Sequence[model.Piercing], laid: LaidPath, at: Array, s: Sequence[float]
+) -> tuple[Scenario, float, list[float]]:
+    """Return the scenario of a thread that is `laid` on the resting organ, its rest length [m], and the abscissae of
+    its `holes` [m], which are at `s` (p,) [m] of a thread along the path, and there `at` (p,) [m].
+
+    A length or an abscissa that is given stays. Cuts keep their places on a path whose length is the thread's.
+    """
+    length = length_of(scenario, laid)
+    if not laid.moves.any():
+        return scenario, length, list(s)
+    new = laid.length_to(at) * (length / laid.length)
+    moved = [value if hole.s is None else hole.s for hole, value in zip(holes, new.tolist(), strict=True)]
+    if scenario.thread.length is None:
+        cuts = laid.length_to(np.array(scenario.thread.cuts)).tolist()
+        later = [cut.model_copy(update={"s": float(laid.length_to(np.array(cut.s)))}) for cut in scenario.cut]
+        thread = scenario.thread.model_copy(update={"cuts": tuple(cuts)})
+        scenario = scenario.model_copy(update={"thread": thread, "cut": tuple(later)})
+    return scenario, length, moved
 
 
 def is_compiled(solve: model.Solve) -> bool:
@@ -159,7 +202,7 @@ def is_known(hole: model.Piercing) -> bool:
     return hole.s is not None or hole.from_ == 0.0
 
 
-def length_of(scenario: Scenario, path: RoundedPath) -> float:
+def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
     """Return the rest length of the thread [m]. Raises `ScenarioError` if it would be laid stretched beyond any
     suture."""
     length = scenario.thread.length or path.length

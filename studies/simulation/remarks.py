@@ -98,8 +98,7 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
-    own = np.array([at for hole, at in zip(assembly.holes, assembly.s, strict=True) if not isinstance(hole, Ball)])
-    at = own * (assembly.path.length / thread.spline.end)
+    at = np.array([at for hole, at in zip(assembly.holes, assembly.at, strict=True) if not isinstance(hole, Ball)])
     out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, strength)
     if assembly.body is None:
         return out
@@ -622,8 +621,7 @@ def unheld(scenario: Scenario) -> list[Remark]:
 def off_path(assembly: Assembly) -> list[Remark]:
     """Judge how far the holes that hold the thread at the start are from its path."""
     bound = OFF_PATH * assembly.system.thread.section.diameter
-    stretch = assembly.path.length / assembly.system.thread.spline.end
-    there = assembly.path.position(np.clip(assembly.s * stretch, 0.0, assembly.path.length))
+    there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
     places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
     away = np.linalg.norm(there - places, axis=1)
     return [
@@ -665,9 +663,8 @@ def along_path(assembly: Assembly) -> list[Remark]:
     path, body, scenario = assembly.path, assembly.body, assembly.scenario
     if body is None:
         return []
-    stretch = path.length / assembly.system.thread.spline.end
     diameter = assembly.system.thread.section.diameter
-    placed = [(hole, s * stretch) for hole, s in zip(assembly.holes, assembly.s, strict=True) if hole.from_ == 0.0]
+    placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
     out, depths = end_strands(assembly, own), {}

@@ -187,12 +187,8 @@ class TautHands(Hands):
 
     @cached_property
     def straight_state(self) -> State:
-        """Before anything is drawn: straight, every stitch as much longer as its holes have gone apart."""
-        now, laid = (y.reshape(-1, 2, 9) for y in (self.finite.site_variables(self.finite.start()), self.finite.y0))
-        apart, before = (np.linalg.norm(y[:, 0, :3] - y[:, 1, :3], axis=1) for y in (now, laid))
-        longer = 0.5 * np.repeat(apart - before, 2) * np.tile([-1.0, 1.0], len(apart))
-        gaping = replace(self.assembly, s=self.assembly.s + longer)
-        return self.draw(gaping.start(), np.zeros(len(apart)))
+        """Before anything is drawn: straight, through the holes of the gaping wound."""
+        return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
 
     @cached_property
     def pairs(self) -> tuple[NDArray[np.intp], Array]:

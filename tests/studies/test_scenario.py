@@ -552,7 +552,7 @@ def test_the_schema_describes_every_key() -> None:
         if "description" not in field and key != "kind"
     ]
     assert nameless == []
-    expected = {"title", "tissue", "thread", "piercing", "tract", "cut", "tie", "contact", "solve", "output"}
+    expected = {"title", "tissue", "thread", "piercing", "tract", "cut", "tie", "stitch", "contact", "solve", "output"}
     assert expected == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)

@@ -1,0 +1,325 @@
+"""The table of a stitch, `[[stitch]]`: it writes path, piercings, tracts, ties and cuts of a thread.
+
+A stitch is a row of bites. A bite goes down into the tissue through one hole and up through the next, along half an
+ellipse, as a curved needle does; strands on the surface join one bite to the next. In the plane of the surface, `along`
+the wound and across it from left to right, each kind is a list of bites (`bites_of`).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import ceil, cos, pi, sin
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from studies.arrays import Array
+from studies.scenario.piercing import Friction
+from studies.scenario.refusal import as_toml
+from studies.scenario.solve import Solve
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Vector, one_sentence, repetition
+from thread.path import rounded_path
+
+NEAR = 0.3  # of the bite and the depth of a vertical mattress stitch, of its bite next to the edges
+BENDS = 8  # of a bite: each turns the thread by 22.5°
+LIFT = 0.1  # of the bite, by which a strand on the surface is laid above it: it has to be drawn down
+KNOT = 0.3  # of the bite, at which the strands of a knot cross above the surface, and the length of a tail
+UNTIL = 0.75  # of the run, in which a stitch is tied
+FLAT = ("block", "wound")  # meshes with a plane top at z = 0
+ROWS = ("running", "purse-string")  # kinds with a count of bites
+Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
+
+
+class Stitch(ScenarioTable):
+    """Stitch that is laid, drawn by hands and locked."""
+
+    name: Text = Field(
+        description='name of the stitch and its tie; its piercings are "NAME.left" and "NAME.right", or "NAME.1.left", '
+        '"NAME.1.right" and so on',
+        examples=["first"],
+    )
+    kind: Kind = Field(
+        default="single",
+        description='shape of the stitch: "single"; "running", fixed at its first hole, drawn by a hand at its last; '
+        '"vertical-mattress", which goes back near the edges; "horizontal-mattress" and "figure-of-eight", two bites '
+        'joined along the wound or across it; "purse-string", bites around a circle',
+    )
+    at: Vector = Field(
+        description="place on the line of the wound [m]: the middle of the stitch, or the first bite of a running one",
+        examples=[[0, 0, 0]],
+    )
+    along: Vector | None = Field(
+        default=None,
+        description="direction of the wound [-]; right is at the right hand of who walks along it on the surface; "
+        "default: that of the mesh's wound, else y",
+        examples=[[0, 1, 0]],
+    )
+    normal: Vector = Field(default=(0.0, 0.0, 1.0), description="direction out of the tissue at the wound [-]")
+    bite: Annotated[
+        Positive | tuple[Positive, Positive],
+        one_sentence("a distance [m], or those to the left and to the right, for example bite = 5e-3"),
+    ] = Field(
+        description="distance of the holes from the line [m], to both sides, or [left, right]; of a purse-string half "
+        "of a bite along the circle",
+        examples=[5.0e-3],
+    )
+    depth: Positive = Field(description="depth of the bites below `at` [m]", examples=[4.0e-3])
+    pitch: Positive | None = Field(
+        default=None,
+        description="distance of the bites along the wound [m], of a purse-string the radius; default: the bite",
+        examples=[5.0e-3],
+    )
+    count: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
+        default=6, description="number of bites [-] of a running stitch or a purse-string, from 2 to 200"
+    )
+    force: Positive = Field(description="force of the hands that draw it [N]", examples=[1.0])
+    from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
+    until: Positive | None = Field(
+        default=None,
+        description="time at which it is locked [s]; default: three quarters of the run, at the end of a step",
+        examples=[0.25],
+    )
+    hold: Positive | None = Field(
+        default=None, description="tension above which its tie slips [N]; default: never", examples=[10.0]
+    )
+    footprint: Positive = Field(default=1.0e-3, description="radius of the averaging disc of its holes [m]")
+    tract: (
+        Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
+    ) = Field(
+        default=None,
+        description="radius of the tissue along the bites on which the thread bears [m], or false: at the holes alone; "
+        "default: the footprint",
+        examples=[1.0e-3],
+    )
+    friction: Friction | None = Field(
+        default=None,
+        description="friction coefficients [-] along holes and tracts, and grip of each hole [N]; default none",
+        examples=[{"static": 0.1, "kinetic": 0.1}],
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.until is not None and self.until <= self.from_:
+            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        if self.kind not in ROWS and "count" in self.model_fields_set:
+            raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has its own; leave it out")
+        if self.kind == "running" and self.hold is not None:
+            raise ValueError(f".hold = {self.hold} is refused: a running stitch has no tie; leave it out")
+        for key, vector in (("normal", self.normal), ("along", self.along)):
+            if vector is not None and not np.any(vector):
+                raise ValueError(f".{key} = {as_toml(vector)} is refused: it has no length; give a direction")
+        if self.along is not None and np.linalg.norm(np.cross(unit(self.along), unit(self.normal))) < 1e-6:
+            raise ValueError(f".along = {as_toml(self.along)} is refused: it is the normal; give the wound's direction")
+        if self.kind == "purse-string" and self.count * 2.0 * self.mean >= 2.0 * pi * self.step:
+            raise ValueError(
+                f".bite = {as_toml(self.bite)} is refused: {self.count} bites of twice that are longer than the circle "
+                f"of radius {self.step:g} m; lower it or count, or raise pitch"
+            )
+        return self
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Distances of the holes from the line, left and right [m]."""
+        return self.bite if isinstance(self.bite, tuple) else (self.bite, self.bite)
+
+    @property
+    def mean(self) -> float:
+        """Mean of both distances [m]."""
+        return sum(self.sides) / 2.0
+
+    @property
+    def step(self) -> float:
+        """Distance of the bites along the wound, or the radius of the circle [m]."""
+        return self.pitch or self.mean
+
+    def locks(self, solve: Solve) -> float:
+        """Return the time at which it is locked [s], by default at the end of a step."""
+        return self.until or min(ceil(UNTIL * solve.steps) * solve.step, solve.duration)
+
+
+class Bite(NamedTuple):
+    """A way through the tissue: `names` of its two holes, their places along and across the wound [m], and its depth
+    [m]."""
+
+    names: tuple[str, str]
+    first: tuple[float, float]
+    last: tuple[float, float]
+    depth: float
+
+
+def bites_of(stitch: Stitch) -> list[Bite]:
+    """Return the bites of a stitch in the order of the thread."""
+    (left, right), depth, step = stitch.sides, stitch.depth, stitch.step
+    half = 0.5 * step
+
+    def across(label: str, along: float, back: bool = False, share: float = 1.0) -> Bite:
+        holes = (f"{label}left", (along, -share * left)), (f"{label}right", (along, share * right))
+        (one, first), (other, last) = holes[::-1] if back else holes
+        return Bite((one, other), first, last, share * depth)
+
+    match stitch.kind:
+        case "single":
+            return [across("", 0.0)]
+        case "running":
+            return [across(f"{k + 1}.", k * step) for k in range(stitch.count)]
+        case "vertical-mattress":
+            return [across("far.", 0.0), across("near.", 0.0, back=True, share=NEAR)]
+        case "horizontal-mattress":
+            return [across("1.", -half), across("2.", half, back=True)]
+        case "figure-of-eight":
+            return [across("1.", -half), across("2.", half)]
+        case "purse-string":
+            reach = stitch.mean / step
+            turns = [2.0 * pi * (k + 0.5) / stitch.count for k in range(stitch.count)]
+            ends = [[(step * sin(turn + side), step * cos(turn + side)) for side in (-reach, reach)] for turn in turns]
+            return [
+                Bite((f"{k}.left", f"{k}.right"), first, last, depth) for k, (first, last) in enumerate(ends, start=1)
+            ]
+
+
+@dataclass(frozen=True)
+class Laid:
+    """A stitch on its wound: the thread's way through it."""
+
+    stitch: Stitch
+    along: Array
+
+    @cached_property
+    def frame(self) -> Array:
+        """Directions along the wound, across it from left to right, and out of the tissue, unit vectors, `(3, 3)`."""
+        out = unit(self.stitch.normal)
+        along = unit(self.along - (self.along @ out) * out)
+        return np.array([along, np.cross(along, out), out])
+
+    def place(self, where: tuple[float, float], height: float = 0.0) -> Array:
+        """Return the point at a place along and across the wound, and a height above it [m], `(3,)` [m]."""
+        return np.array(self.stitch.at) + np.array([*where, height]) @ self.frame
+
+    @cached_property
+    def bites(self) -> list[Bite]:
+        """Its bites."""
+        return bites_of(self.stitch)
+
+    @property
+    def points(self) -> list[Array]:
+        """The points of its part of the path [m], from tail to tail."""
+        lift, first, last = LIFT * self.stitch.mean, self.bites[0].first, self.bites[-1].last
+        inside: list[Array] = []
+        for bite in self.bites:
+            inside += [self.place(bite.first, lift), self.place(bite.first), *self.deep(bite)]
+            inside += [self.place(bite.last), self.place(bite.last, lift)]
+        return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
+
+    def deep(self, bite: Bite) -> list[Array]:
+        """Return the points of a bite below the surface [m]: corners of lines that touch half an ellipse, upright at
+        its holes."""
+        (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
+        turns = [(2 * k + 1) * half for k in range(BENDS)]
+        ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
+        depths = [bite.depth * sin(turn) / cos(half) for turn in turns]
+        return [self.place((x + w * (u - x), y + w * (v - y)), -d) for w, d in zip(ways, depths, strict=True)]
+
+    def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
+        """Return the points of the tail at a hole [m]: those of two that are tied cross halfway between their holes,
+        one of a running stitch stands upright."""
+        height = KNOT * self.stitch.mean
+        if self.stitch.kind == "running":
+            return [self.place(own, 2.0 * height)]
+        (x, y), (u, v) = own, other
+        size = float(np.hypot(x - u, y - v))
+        ahead = (u - x) / size, (v - y) / size
+        knot = 0.5 * (x + u), 0.5 * (y + v)
+        end = knot[0] + height * (ahead[0] - ahead[1]), knot[1] + height * (ahead[1] + ahead[0])
+        return [self.place(end, 1.2 * height), self.place(knot, height)]
+
+    def piercings(self, at_surface: bool, direction: bool, solve: Solve) -> Iterator[dict[str, Any]]:
+        """Yield the tables of its piercings; `at_surface`: their places are found on the surface, `direction`: normal
+        to it, else along the thread."""
+        stitch, out = self.stitch, self.frame[2]
+        friction = {} if stitch.friction is None else {"friction": stitch.friction.model_dump(exclude_unset=True)}
+        for bite in self.bites:
+            for name, where, down in zip(bite.names, (bite.first, bite.last), (-1.0, 1.0), strict=True):
+                place = rounded(self.place(where))
+                found = {"at": "surface", "near": place, "along": rounded(out)} if at_surface else {"at": place}
+                way = {"direction": "normal" if direction else rounded(down * out)}
+                table = {"name": f"{stitch.name}.{name}", **found, **way, "footprint": stitch.footprint}
+                held = self.hand(name, solve) if stitch.kind == "running" else {}
+                yield table | held | ({} if held.get("kind") == "anchored" else friction)
+
+    def hand(self, name: str, solve: Solve) -> dict[str, Any]:
+        """Return the keys of what holds a running stitch at a hole: it is fixed at its first, and at its last a hand
+        draws it and then holds it."""
+        stitch, locks = self.stitch, self.stitch.locks(solve)
+        if name == self.bites[0].names[0]:
+            return {"kind": "anchored"}
+        if name != self.bites[-1].names[1]:
+            return {}
+        held = {"draw": [[locks, 0.0], [solve.duration, 0.0]]} if locks < solve.duration else {}
+        return {"pull": [[stitch.from_, 0.0], [locks, stitch.force]]} | held
+
+    def tracts(self) -> list[dict[str, Any]]:
+        """Return the tables of its tracts."""
+        stitch = self.stitch
+        if stitch.tract is False:
+            return []
+        friction = (
+            {}
+            if stitch.friction is None
+            else {"friction": stitch.friction.model_dump(exclude_unset=True, exclude={"grip"})}
+        )
+        own = {"radius": stitch.tract or stitch.footprint} | friction
+        return [{"between": [f"{stitch.name}.{name}" for name in bite.names]} | own for bite in self.bites]
+
+    def ties(self, solve: Solve) -> list[dict[str, Any]]:
+        """Return the table of its tie."""
+        stitch, names = self.stitch, [self.bites[0].names[0], self.bites[-1].names[1]]
+        if stitch.kind == "running":
+            return []
+        table = {"name": stitch.name, "between": [f"{stitch.name}.{name}" for name in names], "force": stitch.force}
+        table |= {"from": stitch.from_, "until": stitch.locks(solve)}
+        return [table if stitch.hold is None else table | {"hold": stitch.hold}]
+
+
+def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tables of a scenario with those that its stitches stand for in their place: one thread through all of
+    them, cut between two. Raises `ValidationError` where a stitch or `[solve]` is refused, and `ValueError` where the
+    scenario has tables of its own for what they write."""
+    stitches = [Stitch.model_validate(table) for table in data.get("stitch", ())]
+    if not stitches:
+        return dict(data)
+    if problem := repetition("stitch", [stitch.name for stitch in stitches]):
+        raise ValueError(problem)
+    solve, thread, organ = Solve.model_validate(data.get("solve", {})), data.get("thread", {}), data.get("tissue")
+    owned = [("thread", key) for key in ("path", "cuts", "length") if key in thread]
+    owned += [(key, "") for key in ("piercing", "tract") if data.get(key)]
+    if owned:
+        key = ".".join(filter(None, owned[0]))
+        reason = "[[stitch]] writes it; leave it out, or take the long form, which suture check --write shows"
+        raise ValueError(f"{key} is refused: {reason}")
+    mesh = organ.get("mesh", {}) if isinstance(organ, Mapping) else {}
+    default = [-1.0, 0.0, 0.0] if mesh.get("kind") == "wound" and mesh.get("along") == "x" else [0.0, 1.0, 0.0]
+    laid = [Laid(stitch, np.array(stitch.along or default, dtype=float)) for stitch in stitches]
+    parts = [each.points for each in laid]
+    path = [rounded(point) for part in parts for point in part]
+    whole = rounded_path(path)
+    between = [0.5 * (before[-1] + after[0]) for before, after in pairwise(parts)]
+    cuts = [whole.nearest(point)[0] for point in between]
+    sought = organ is not None and mesh.get("kind") not in FLAT
+    thread = {**thread, "path": path, **({"cuts": cuts} if cuts else {})}
+    holes = [hole for each in laid for hole in each.piercings(sought, organ is not None, solve)]
+    tracts = [tract for each in laid for tract in each.tracts()] if organ is not None else []
+    ties = [*data.get("tie", ()), *(tie for each in laid for tie in each.ties(solve))]
+    rest = {key: value for key, value in data.items() if key != "stitch"}
+    return rest | {"thread": thread, "piercing": holes, "tract": tracts, "tie": ties}
+
+
+def unit(vector: Sequence[float] | Array) -> Array:
+    """Return a vector of length one."""
+    return np.asarray(vector, dtype=float) / np.linalg.norm(vector)
+
+
+def rounded(point: Array) -> list[float]:
+    """Return the numbers of a point without the round-off of its frame, to a picometre."""
+    return [round(value, 12) + 0.0 for value in point.tolist()]

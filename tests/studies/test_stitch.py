@@ -1,0 +1,219 @@
+"""Stitches that write their threads: the places of each kind, its long form, refusals, and a wound that gapes."""
+
+import tomllib
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studies.command import command
+from studies.scenario import ScenarioError, load, parse
+from studies.scenario.stitch import NEAR, Stitch, bites_of
+from studies.scenario.toml import changed
+from studies.simulation import prepare
+from studies.simulation.assembly import assemble
+from thread.path import rounded_path
+
+BITE, DEPTH, PITCH = 5e-3, 4e-3, 7e-3
+STITCH: dict[str, Any] = {"name": "first", "at": [0.0, 0.0, 0.0], "bite": BITE, "depth": DEPTH, "force": 0.2}
+WOUND: dict[str, Any] = {
+    "tissue": {
+        "youngs_modulus": 4e5,
+        "poisson_ratio": 0.4,
+        "density": 1070.0,
+        "clamp": ["bottom"],
+        "mesh": {
+            "kind": "wound",
+            "size": [0.04, 0.04, 0.016],
+            "length": 0.016,
+            "depth": 0.008,
+            "h": 4e-3,
+            "accuracy": "given",
+        },
+    },
+    "thread": {"suture": "4-0 polypropylene"},
+    "solve": {"kind": "static", "load_steps": 4},
+}
+KINDS = {
+    "single": ["left", "right"],
+    "running": ["1.left", "1.right", "2.left", "2.right", "3.left", "3.right"],
+    "vertical-mattress": ["far.left", "far.right", "near.right", "near.left"],
+    "horizontal-mattress": ["1.left", "1.right", "2.right", "2.left"],
+    "figure-of-eight": ["1.left", "1.right", "2.left", "2.right"],
+    "purse-string": ["1.left", "1.right", "2.left", "2.right", "3.left", "3.right"],
+}
+
+
+def wound(*stitches: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """The wound with stitches, each the first with other keys."""
+    return deepcopy(WOUND) | {"stitch": [STITCH | stitch for stitch in stitches or ({},)]} | more
+
+
+def of_kind(kind: str) -> dict[str, Any]:
+    """The keys of a stitch of a kind with a pitch, and three bites where it may have them."""
+    return {"kind": kind, "pitch": PITCH} | ({"count": 3} if kind in ("running", "purse-string") else {})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_leads_its_thread_through_its_holes(kind: str) -> None:
+    """Independent check: the path passes each hole, in their order and upright, and is DEPTH deep between those of a
+    bite (less near the edges), nowhere above half an ellipse; a tie joins the first and the last, of a running stitch
+    none."""
+    scenario = parse(wound(of_kind(kind)))
+    assert [hole.name for hole in scenario.piercing] == [f"first.{name}" for name in KINDS[kind]]
+    path, after = rounded_path(scenario.thread.path), 0.0
+    for number, hole in enumerate(scenario.piercing):
+        at, away = path.nearest(hole.place)
+        assert away <= 1e-9 and at > after
+        assert path.tangent([at])[0] == pytest.approx([0, 0, 1.0 if number % 2 else -1.0], abs=1e-9)
+        if number % 2:
+            deep = path.position(np.linspace(after, at, 101))[:, 2].min()
+            assert -deep == pytest.approx(DEPTH * (NEAR if ".near." in hole.name else 1.0), rel=1e-9)
+        after = at
+    pairs = [(scenario.piercing[0].name, scenario.piercing[-1].name)] if kind != "running" else []
+    assert [tie.between for tie in scenario.tie] == pairs
+    assert [tract.between for tract in scenario.tract] == [
+        (one.name, other.name) for one, other in zip(scenario.piercing[::2], scenario.piercing[1::2], strict=True)
+    ]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_holes_are_where_surgeons_make_them(kind: str) -> None:
+    """Independent check: distances of the holes from the line, along it, and of a purse-string from its middle."""
+    bites = bites_of(Stitch.model_validate(STITCH | of_kind(kind)))
+    places = {name: place for bite in bites for name, place in zip(bite.names, (bite.first, bite.last), strict=True)}
+    if kind == "purse-string":
+        radii = [np.hypot(*place) for place in places.values()]
+        assert radii == pytest.approx([PITCH] * 6)
+        bite = bites[0]
+        assert np.linalg.norm(np.subtract(bite.first, bite.last)) == pytest.approx(2 * PITCH * np.sin(BITE / PITCH))
+        return
+    for name, (_, across) in places.items():
+        share = NEAR if "near" in name else 1.0
+        assert across == pytest.approx(share * BITE * (1.0 if "right" in name else -1.0))
+    along = sorted({along for along, _ in places.values()})
+    apart = {"single": 0, "vertical-mattress": 0, "running": 2}.get(kind, 1)
+    assert along[-1] - along[0] == pytest.approx(apart * PITCH)
+
+
+def test_a_stitch_turns_with_its_wound() -> None:
+    """Independent check: along x the left hole is at lower y, as the left lip is; a surface that is no plane is asked
+    for the places; unequal bites are on their sides; without an organ the thread is led as before."""
+    table = wound({"bite": [4e-3, 6e-3]})
+    table["tissue"]["mesh"] |= {"along": "x"}
+    left, right = parse(table).piercing
+    assert left.at == pytest.approx((0, -4e-3, 0)) and right.at == pytest.approx((0, 6e-3, 0))
+    tube = wound({"at": [0, 0, 0.02], "along": [1, 0, 0]})
+    tube["tissue"] |= {
+        "clamp": ["left"],
+        "mesh": {"kind": "tube", "radius": 0.02, "wall": 8e-3, "length": 0.05, "h": 4e-3},
+    }
+    left, right = parse(tube).piercing
+    assert left.at == "surface" and left.near == pytest.approx((0, BITE, 0.02)) and left.along == (0, 0, 1)
+    bare = parse({key: value for key, value in wound({"tract": False}).items() if key != "tissue"})
+    assert [hole.direction for hole in bare.piercing] == [(0, 0, -1), (0, 0, 1)]
+
+
+def test_stitches_are_one_thread_that_is_cut_between() -> None:
+    """Independent check: each cut is on the strand between two stitches, and pieces have the holes of one."""
+    scenario = parse(wound({"at": [0, -8e-3, 0]}, {"name": "second"}, {"name": "third", "at": [0, 8e-3, 0]}))
+    path = rounded_path(scenario.thread.path)
+    s = [path.nearest(hole.place)[0] for hole in scenario.piercing]
+    assert len(scenario.thread.cuts) == 2
+    assert np.searchsorted(scenario.thread.cuts, s).tolist() == [0, 0, 1, 1, 2, 2]
+    assert all(path.position([cut])[0, 2] > 0.0 for cut in scenario.thread.cuts)
+
+
+def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: what `check --write` prints is parsed to an equal scenario; a key that names no entry is set
+    in all of them."""
+    import tomli_w
+
+    file = tmp_path / "wound.toml"
+    file.write_text(
+        tomli_w.dumps(
+            wound(
+                {"friction": {"static": 0.2, "kinetic": 0.1}}, of_kind("running") | {"name": "row", "at": [0, -0.01, 0]}
+            )
+        )
+    )
+    assert command.main(["check", str(file), "--write", "--set", "stitch.bite=6e-3"]) == 0
+    text = capsys.readouterr().out
+    assert "[[stitch]]" not in text and parse(tomllib.loads(text)) == load(file, ["stitch.bite=6e-3"])
+    bites = [stitch["bite"] for stitch in changed(wound({}, {"name": "b"}), {"stitch.bite": 6e-3})["stitch"]]
+    assert bites == [6e-3, 6e-3]
+
+
+@pytest.mark.parametrize(
+    ("stitch", "words"),
+    [
+        ({"bite": 0.0}, r"stitch\.first\.bite = 0\.0 is refused"),
+        ({"kind": "singel"}, r'nearest is "single"'),
+        ({"count": 3}, r"count = 3 is refused: a single stitch has its own"),
+        ({"along": [0, 0, 1]}, r"along = .*it is the normal"),
+        ({"normal": [0, 0, 0]}, r"normal = .*no length"),
+        ({"from": 0.5, "until": 0.4}, r"until = 0\.4 is refused: it must be later than from"),
+        ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a running stitch has no tie"),
+        ({"kind": "purse-string", "pitch": 5e-3, "count": 6}, r"bite = 0\.005 is refused: 6 bites"),
+        (
+            {"bites": 1},
+            r"stitch\.first\.bites = 1 is refused: there is no such key; the nearest is stitch\.first\.bite",
+        ),
+    ],
+)
+def test_refused_stitches(stitch: dict[str, Any], words: str) -> None:
+    """Independent check: each fault has the key, the value and the remedy, and no fault of a path that is missing."""
+    with pytest.raises(ScenarioError, match=words) as refused:
+        parse(wound(stitch))
+    assert "thread.path" not in str(refused.value)
+
+
+def test_stitches_and_a_path_are_refused() -> None:
+    """Independent check: there is one thread, and names are unique."""
+    with pytest.raises(ScenarioError, match=r"thread\.path is refused: \[\[stitch\]\] writes it"):
+        parse(wound(thread=WOUND["thread"] | {"path": [[0, 0, 0], [0, 0, 1]]}))
+    with pytest.raises(ScenarioError, match=r"stitch\.name"):
+        parse(wound({}, {"at": [0, 8e-3, 0]}))
+
+
+def test_a_stitch_is_drawn_to_its_force_and_locked() -> None:
+    """Independent check: hands draw both strands to the force, the loop keeps that when it is locked, and its images
+    under the half turn of the wound are equal."""
+    *_, (drawn, _), (locked, _) = prepare(parse(wound({"friction": {"static": 0.1, "kinetic": 0.1}}))).advance()
+    assert [tie.state for tie in locked.ties] == ["tied"]
+    assert drawn.ties[0].force == pytest.approx(STITCH["force"], rel=1e-3)
+    assert locked.ties[0].force == pytest.approx(STITCH["force"], rel=1e-3)
+    left, right = locked.piercings
+    assert left.tension_before == pytest.approx(right.tension_after, rel=0.02)
+
+
+@pytest.mark.parametrize("length", [None, 0.034])
+def test_a_thread_is_laid_into_the_gaping_wound(length: float | None) -> None:
+    """Independent check: an ellipse in prestretched skin gapes before the thread is there. The thread that is laid into
+    it is longer by that, and bears less than a hundredth of what the same thread, of the length of its path on the
+    undeformed organ, would bear; a length that is given stays."""
+    table = wound({"tract": False})
+    table["tissue"] |= {"material": "neo-hookean", "prestretch": [1.1, 1.0, 0.91], "clamp": ["left", "right", "bottom"]}
+    if length is not None:
+        table = tomllib.loads(_written(table))
+        table["thread"]["length"] = length
+    assembly = assemble(parse(table))
+    holes = assembly.organ.site_variables(assembly.organ.start()).reshape(-1, 9)[:, :3]
+    gape = np.linalg.norm(holes[1] - holes[0]) - 2 * BITE
+    assert gape > 2e-4
+    rest = assembly.system.thread.spline.end
+    assert rest == pytest.approx(length or assembly.laid.length)
+    assert 0.5 * gape < assembly.laid.length - assembly.path.length < gape  # the gape draws across, and little down
+    if length is None:
+        strained = assembly.system.thread.EA * gape / np.diff(assembly.s)[0]
+        assert np.abs(assembly.start().N).max() < 0.01 * strained
+
+
+def _written(table: dict[str, Any]) -> str:
+    """The long form of a scenario in TOML."""
+    import tomli_w
+
+    from studies.scenario.stitch import long_form
+
+    return tomli_w.dumps(long_form(table))
