@@ -38,13 +38,8 @@ class Placed(Spline):
     def moved(self, s: Array) -> "Placed":
         """Return the spline with its holes at `s` (m,) [m]."""
         placed = Placed(self.knots, self.travel.places(s), self.travel)
-        placed.__dict__.update(chi=self.chi, rules=self.rules)  # which do not move
+        placed.__dict__["chi"] = self.chi  # whose functions do not move
         return placed
-
-    @cached_property
-    def rules(self) -> dict[str, tuple[Array, Array]]:
-        """Points and weights of quadrature in χ, by name; who makes one puts it here."""
-        return {}
 
     @cached_property
     def chi(self) -> Spline:

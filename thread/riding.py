@@ -20,7 +20,7 @@ from thread.kernels.travel import (
 from thread.placed import Placed
 from thread.quadrature import gauss_rule, rule_at
 from thread.spline import ORDERS, Spline
-from thread.thread import BENDING_POINTS, MASS_POINTS, Points, Thread, axial_rule
+from thread.thread import BENDING_POINTS, MASS_POINTS, Points, Thread
 
 LOCAL = np.arange(ORDERS)
 
@@ -47,7 +47,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         return standing(thread)
     chi, travel = spline.chi, spline.travel
     bending, mass = gauss_rule(chi, BENDING_POINTS), gauss_rule(chi, MASS_POINTS)
-    stretch = rule_at(chi, *axial_rule(spline))
+    stretch = rule_at(chi, *thread.axial_parameters)
     B, A, M = bending.b, stretch.b, mass.b
     first, at = chi.basis(chi.breaks[travel.at])
     return Ride(

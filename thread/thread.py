@@ -89,18 +89,6 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
     return points, np.hstack([np.ones_like(two), two])
 
 
-def axial_rule(spline: Spline) -> tuple[Array, Array]:
-    """Return points and weights of the stretch in the parameter of the knots, shape `(spans, 2)` each; two equal points
-    share their weight. Raises `ThreadError` as `exact_weights` does."""
-    rules = spline.rules if isinstance(spline, Placed) else {}
-    if "axial" not in rules:
-        points, once = axial_points(spline)
-        w = np.zeros(points.shape)
-        w[once] = exact_weights(spline, points[once])
-        rules["axial"] = points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
-    return rules["axial"]
-
-
 def hole_rule(spline: Spline) -> GaussRule:
     """Return the ends of the spans with half of each span as the weight where a hole stands, else zero, shape `(spans,
     2)`: where knots travel, for else no knot stands at a hole."""
@@ -193,7 +181,9 @@ class Thread:
         spline = self.spline
         if not isinstance(spline, Placed) or np.array_equal(spline.travel.places(s), spline.places):
             return self
-        return replace(self, spline=spline.moved(s))
+        thread = replace(self, spline=spline.moved(s))
+        thread.__dict__["axial_parameters"] = self.axial_parameters  # on χ, which stay
+        return thread
 
     def with_spline(self, spline: Spline) -> "Thread":
         """Return the thread on another spline: with springs, as many more as the spline has functions of T more."""
@@ -249,7 +239,16 @@ class Thread:
         (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it, and
         `barrier` at the knots of holes.
         """
-        return rule_at(self.spline, *axial_rule(self.spline))
+        return rule_at(self.spline, *self.axial_parameters)
+
+    @cached_property
+    def axial_parameters(self) -> tuple[Array, Array]:
+        """Points and weights of that rule in the parameter of the knots, shape `(spans, 2)` each; two equal points
+        share their weight. Raises `ThreadError` as `exact_weights` does."""
+        points, once = axial_points(self.spline)
+        w = np.zeros(points.shape)
+        w[once] = exact_weights(self.spline, points[once])
+        return points, np.where(once.all(axis=1, keepdims=True), w, 0.5 * w.sum(axis=1, keepdims=True))
 
     # -- linear parts ------------------------------------------------------------------------------------------
 
