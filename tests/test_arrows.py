@@ -20,7 +20,7 @@ MAY = {
     "studies": {"meshes", "thread", "tissue", "coupling"},
 }
 NEVER = {"coupling": {"skfem", "meshio", "gmsh", "pyvista"}, "thread": {"skfem", "meshio", "gmsh", "pyvista"}}
-TESTS = {"tests", "pytest"}
+ABOVE = {"tests", "pytest", "suturefem"}  # tests and users' programs
 FILES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
@@ -43,7 +43,7 @@ def imported(source: str, package: str) -> set[str]:
 def against(names: set[str], package: str) -> set[str]:
     """Imports that go against the arrows."""
     others = (names & PACKAGES) - MAY[package] - {package}
-    return others | (names & TESTS) | (names & NEVER.get(package, set()))
+    return others | (names & ABOVE) | (names & NEVER.get(package, set()))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -115,24 +115,36 @@ def test_the_check_sees_what_it_should() -> None:
     assert against(found, "coupling") == {"skfem", "studies", "meshes"}
     assert against({"tissue", "skfem"}, "tissue") == set()
     assert against({"thread"}, "tissue") == {"thread"}
-    assert against({"tests"}, "studies") == {"tests"}
+    assert against({"tests", "suturefem"}, "studies") == {"tests", "suturefem"}
 
 
-def test_every_folder_of_modules_is_installed() -> None:
-    """Independent check: setuptools finds the folders that have an `__init__.py` and whose name is included."""
-    included = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
-    patterns = included["find"]["include"]
-    for folder in {path.parent for path in FILES}:
-        name = ".".join(folder.relative_to(ROOT).parts)
-        assert (folder / "__init__.py").is_file(), f"{name} has no __init__.py"
-        assert any(fnmatchcase(name, pattern) for pattern in patterns), f"{name} is not included"
+WHEEL = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"][
+    "wheel"
+]
+
+
+def test_every_module_is_installed() -> None:
+    """Independent check: each lies in an included folder with an `__init__.py` and type information, and `suturefem` at
+    the top."""
+    assert set(WHEEL["only-include"]) == PACKAGES
+    assert [path for path in FILES if not (path.parent / "__init__.py").is_file() or excluded(path)] == []
+    door = ROOT / "studies" / "api" / "suturefem"
+    assert WHEEL["sources"] == {"studies/api/": ""}
+    assert [
+        folder for folder in (*(ROOT / name for name in PACKAGES), door) if not (folder / "py.typed").is_file()
+    ] == []
 
 
 def test_every_scene_is_installed() -> None:
-    """Independent check: all scenario files are package data: the scenes with the surfaces that they read, those of the
-    studies, and the one that a new scenario begins as."""
-    data = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["package-data"]
-    rooms = {room: ROOT / room.replace(".", "/") for room in ("studies", "studies.scenario", "studies.command")}
-    scenes = {path for room, folder in rooms.items() for pattern in data[room] for path in folder.glob(pattern)}
-    assert scenes == {path for kind in ("toml", "obj") for path in (ROOT / "studies").rglob(f"*.{kind}")}
-    assert scenes
+    """Independent check: the shipped scenes with their surfaces, those of the studies, a new scenario, and the files of
+    the report."""
+    scenes = [path for kind in ("toml", "obj", "html", "css", "js") for path in (ROOT / "studies").rglob(f"*.{kind}")]
+    assert len(scenes) > 20
+    assert [path for path in scenes if excluded(path)] == []
+    assert excluded(ROOT / "studies/friction/results/figure.png")
+
+
+def excluded(path: Path) -> bool:
+    """Whether a file, or a folder that it lies in, is left out of what is installed."""
+    name = path.relative_to(ROOT)
+    return any(fnmatchcase(str(part), pattern) for part in (name, *name.parents) for pattern in WHEEL["exclude"])

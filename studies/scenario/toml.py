@@ -24,20 +24,23 @@ LIST = re.compile(r"\[\n((?:[^\[\]\n]+,\n)+) *\]")  # of numbers or words, as to
 SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
 
 
-def load(path: Path | str, overrides: Sequence[str] = ()) -> Scenario:
-    """Read a scenario file, or a shipped scene by its name; each override is ``dotted.key=value`` with the value in
-    TOML."""
-    return parsed(read(path, overrides))
+def load(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
+    """Read a scenario from a file, from a shipped scene by its name, or from its tables; each override is
+    ``dotted.key=value`` with the value in TOML."""
+    return parsed(read(source, overrides))
 
 
-def read(path: Path | str, overrides: Sequence[str] = ()) -> dict[str, Any]:
+def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Read the tables of a scenario as `load` does, without validating them; a mesh file and a folder of bases are
     named by their full paths."""
-    path = scenario_file(path)
-    data = _read(path)
+    if isinstance(source, Mapping):
+        data, folder = deepcopy(dict(source)), Path()
+    else:
+        path = scenario_file(source)
+        data, folder = _read(path), path.parent
     for override in overrides:
         _set(data, override_key(override), _override_value(override), f"--set {override}")
-    _make_paths_absolute(data, path.parent)
+    _make_paths_absolute(data, folder)
     return data
 
 

@@ -110,9 +110,7 @@ def check_over(over: object) -> None:
 
 def base_tables(base: Base) -> dict[str, Any]:
     """Return the tables of the varied scenario."""
-    if isinstance(base, Scenario):
-        return tables(base)
-    return dict(base) if isinstance(base, Mapping) else read(base)
+    return tables(base) if isinstance(base, Scenario) else read(base)
 
 
 def plan(base: Mapping[str, Any], cases: Sequence[Settings]) -> list[Planned]:

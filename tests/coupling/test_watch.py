@@ -17,7 +17,8 @@ from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_bac
 from coupling.step.newton import ROUND_OFF
 from coupling.step.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
-from studies import parse, prepare
+from studies.scenario import parse
+from studies.simulation import prepare
 from tests.bounds import FIRST_ORDER, IDENTITY
 from tests.thread.threads import LENGTH, X, Z, laid, line, straight, uniform, without_organ
 from thread.ends import Driven, End, Fixed, Free

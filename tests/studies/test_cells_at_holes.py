@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-import studies
+import suturefem
 from meshes.block import block
 from studies.command.summary import refinement_line
 from studies.output.quantities import quantities
@@ -33,7 +33,7 @@ def test_a_run_reports_its_cells_and_their_error(tmp_path: Path) -> None:
     """Independent check: what was asked for is reached, the summary and the line of the command say so, and nothing is
     added to a hole's compliance."""
     simulation = fitted(FITTED, {})
-    out = studies.run(simulation.scenario, tmp_path / "out")
+    out = suturefem.run(simulation.scenario, tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     rounds, error = summary["mesh"]["rounds"], summary["piercings"]["ring"]["compliance_error"]
     assert out is not None

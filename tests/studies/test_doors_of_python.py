@@ -1,4 +1,4 @@
-"""What `studies` offers from Python: runs into folders, folders opened, meshes handed over."""
+"""What `suturefem` offers: runs into folders, folders opened, meshes handed over."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,7 +11,7 @@ import pytest
 import pyvista as pv
 from scipy.sparse import eye_array
 
-import studies
+import suturefem
 from meshes.block import block
 from meshes.errors import MeshError
 from meshes.given import given_mesh
@@ -43,9 +43,9 @@ def meshes() -> list[Any]:
 def test_a_mesh_is_handed_over(mesh: Any) -> None:
     """Consistency check: the run is that of the same block made by the scenario, as far as round-off of the order of
     its nodes."""
-    made = [*studies.prepare(parse(BARE)).advance()][-1][0]
+    made = [*suturefem.prepare(parse(BARE)).advance()][-1][0]
     assert np.linalg.norm(made.piercings[0].force) > 1e-3  # N: the thread presses on its hole
-    given = [*studies.prepare(parse(GIVEN), mesh=mesh).advance()][-1][0]
+    given = [*suturefem.prepare(parse(GIVEN), mesh=mesh).advance()][-1][0]
     assert given.piercings[0].force == pytest.approx(made.piercings[0].force, rel=1e-6, abs=1e-9)
     assert given.piercings[0].displacement == pytest.approx(made.piercings[0].displacement, rel=1e-6, abs=1e-12)
 
@@ -60,20 +60,20 @@ def test_a_mesh_that_is_none_is_refused() -> None:
     with pytest.raises(MeshError, match="boundary 'lost' of the mesh has no facets"):
         given_mesh(made.with_boundaries({"lost": lambda x: x[2] > 1.0}))
     with pytest.raises(ScenarioError, match="has no organ"):
-        studies.prepare(
+        suturefem.prepare(
             parse({key: value for key, value in ORGAN.items() if key not in ("tissue", "piercing")}), mesh=made
         )
     with pytest.raises(ScenarioError, match=r"prepare\(scenario, mesh=…\)"):
-        studies.prepare(parse(GIVEN))
-    kept = studies.prepare(parse(GIVEN), mesh=made).scenario
+        suturefem.prepare(parse(GIVEN))
+    kept = suturefem.prepare(parse(GIVEN), mesh=made).scenario
     assert kept.tissue is not None
     with pytest.raises(ScenarioError, match=r"tissue\.mesh\.sha256"):
-        studies.prepare(kept, mesh=block((0.02, 0.02, 0.01), 4e-3))
-    assert studies.prepare(kept, mesh=made).scenario == kept
+        suturefem.prepare(kept, mesh=block((0.02, 0.02, 0.01), 4e-3))
+    assert suturefem.prepare(kept, mesh=made).scenario == kept
 
 
 def test_a_name_in_the_place_of_a_scenario_is_refused(tmp_path: Path) -> None:
-    for door in (studies.prepare, partial(studies.run, folder=tmp_path / "run")):
+    for door in (suturefem.prepare, partial(suturefem.run, folder=tmp_path / "run")):
         with pytest.raises(ScenarioError, match=r"'skin' is refused: it is no scenario; load a file or a scene"):
             door("skin")  # type: ignore[arg-type]
     assert not (tmp_path / "run").exists()
@@ -99,11 +99,11 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         r"thread\.1 = 2 is refused: there is no",
     ),
     "a number for a name": (lambda: load(5), "5 is refused: it names no scenario"),  # type: ignore[arg-type]
-    "a number for a folder": (lambda: studies.open_run(5), "5 is refused: it names no folder"),  # type: ignore[arg-type]
+    "a number for a folder": (lambda: suturefem.open_run(5), "5 is refused: it names no folder"),  # type: ignore[arg-type]
     "a number for a suture": (lambda: suture(5), "suture = 5 is no name"),  # type: ignore[arg-type]
     **{
         f"friction {law!r}": (
-            lambda law=law: studies.prepare(parse(BARE), friction=law),
+            lambda law=law: suturefem.prepare(parse(BARE), friction=law),
             "give a dict of laws by piercing",
         )
         for law in (0.1, [0.1], "x", {"ring": 0.1}, {"ring": None}, {3: None})
@@ -125,15 +125,15 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         for facets in (np.array([-1]), np.array([10**6]), np.array([0.5]), 5, None)
     },
     "a clamp inside": (
-        lambda: studies.prepare(parse(HELD), mesh=named(INNER)),
+        lambda: suturefem.prepare(parse(HELD), mesh=named(INNER)),
         r"tissue\.clamp = .* lie inside the organ",
     ),
     "complex stiffness": (
-        lambda: studies.prepare(parse(BARE), stiffness=1j * eye_array(UNKNOWNS, format="csr")),  # type: ignore[arg-type]
+        lambda: suturefem.prepare(parse(BARE), stiffness=1j * eye_array(UNKNOWNS, format="csr")),  # type: ignore[arg-type]
         "its numbers are complex128; give real ones",
     ),
     **{
-        f"{key} 5": (lambda key=key: studies.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
+        f"{key} 5": (lambda key=key: suturefem.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
         for key in ("basis", "energy", "ranks", "store", "on_step")
     },
     "a sweep over a number": (lambda: sweep(BARE, {"solve.dt": 5}, "none"), "give a list of values"),  # type: ignore[dict-item]
@@ -147,7 +147,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         "less than a micrometre",
     ),
     "five times the path": (
-        lambda: studies.prepare(parse(changed(BARE, {"thread.length": 1.0}))),
+        lambda: suturefem.prepare(parse(changed(BARE, {"thread.length": 1.0}))),
         r"thread\.length = 1\.0 is refused: the path is .* lengthen the path by the slack",
     ),
 }
@@ -165,11 +165,11 @@ def test_a_run_is_opened(tmp_path: Path) -> None:
     """Consistency check: the steps that the callback saw are the rows of the tables, the frames have named blocks with
     the units of their arrays, and the numbers are those of the summary."""
     seen: list[StepRecord] = []
-    run = studies.run(parse(ORGAN), tmp_path / "run", on_step=seen.append)
+    run = suturefem.run(parse(ORGAN), tmp_path / "run", on_step=seen.append)
     assert repr(run) == f"OpenRun({str(tmp_path / 'run')!r}, completed, 3 frames)"
     assert run.times == pytest.approx([0.0, 6e-3, 8e-3], rel=1e-12)
     assert run.quantities == quantities(run.summary)
-    assert dump(run.scenario) == dump(studies.open_run(tmp_path / "run").scenario)
+    assert dump(run.scenario) == dump(suturefem.open_run(tmp_path / "run").scenario)
     frame = run.frame()
     assert frame.keys() == ["organ", "thread", "piercings"]
     assert frame["thread"].user_dict["units"]["tension"] == "N"
@@ -184,10 +184,10 @@ def test_a_run_is_opened(tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match="the nearest is piercings"):
         run.table("piercing")
     with pytest.raises(ResultsError, match="holds no run"):
-        studies.open_run(tmp_path)
+        suturefem.open_run(tmp_path)
     with pytest.raises(ScenarioError, match="holds a run already"):
-        studies.run(parse(ORGAN), tmp_path / "run")
-    assert studies.run(parse(ORGAN), tmp_path / "run", resume=True).summary == run.summary
+        suturefem.run(parse(ORGAN), tmp_path / "run")
+    assert suturefem.run(parse(ORGAN), tmp_path / "run", resume=True).summary == run.summary
 
 
 def test_an_exception_of_a_callback_ends_the_run(tmp_path: Path) -> None:
@@ -198,8 +198,8 @@ def test_an_exception_of_a_callback_ends_the_run(tmp_path: Path) -> None:
             raise RuntimeError("far enough")
 
     with pytest.raises(RuntimeError, match="far enough"):
-        studies.run(parse(ORGAN), tmp_path, on_step=stop)
-    ended = studies.open_run(tmp_path)
+        suturefem.run(parse(ORGAN), tmp_path, on_step=stop)
+    ended = suturefem.open_run(tmp_path)
     assert (ended.summary["status"], ended.summary["error"], ended.summary["steps"]) == ("failed", "far enough", 2)
 
 
@@ -207,9 +207,8 @@ def test_what_is_offered_stays_what_it_is() -> None:
     """Independent check: a module of a package does not take the place of a function that is called like it, and each
     tells of itself in one line."""
     for _ in range(2):
-        for name in studies.__all__:
-            assert callable(getattr(studies, name))
-            assert name in dir(studies)
-    assert repr(studies.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
+        for name in set(suturefem.__all__) - {"__version__"}:
+            assert callable(getattr(suturefem, name))
+    assert repr(suturefem.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
     with pytest.raises(AttributeError, match="no attribute 'fly'"):
-        _ = studies.fly
+        _ = suturefem.fly

@@ -11,7 +11,7 @@ import skfem
 from scipy.sparse import csr_matrix
 from skfem.helpers import ddot, sym_grad, trace
 
-import studies
+import suturefem
 from coupling.errors import CouplingError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
@@ -39,7 +39,7 @@ MU = 1e5 / 2.6
 
 def last(data: dict[str, Any], **handed: Any) -> StepRecord:
     """The last step of a scenario given as tables."""
-    return [*studies.prepare(parse(data), **handed).advance()][-1][0]
+    return [*suturefem.prepare(parse(data), **handed).advance()][-1][0]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def test_a_stiffness_of_one_s_own(element: str) -> None:
     data = changed(BARE, {"tissue.element": element})
     made = last(data)
     assert_same(made, last(data, stiffness=Form()))
-    mesh = studies.prepare(parse(data)).assembly.body.mesh  # type: ignore[union-attr]
+    mesh = suturefem.prepare(parse(data)).assembly.body.mesh  # type: ignore[union-attr]
     elements = {"P1": skfem.ElementTetP1, "P2": skfem.ElementTetP2}
     basis = skfem.Basis(mesh, skfem.ElementVector(elements[element]()))
     assert_same(made, last(data, basis=basis, stiffness=Form()(basis)))
@@ -110,7 +110,7 @@ def test_an_energy_of_one_s_own() -> None:
     """Consistency check: the scenario's neo-Hookean solid as a function of F gives the scenario's run, and the remark
     tells its shear modulus; a stiffer one gives way less."""
     made = last(FINITE)
-    simulation = studies.prepare(parse(FINITE), energy=neo_hookean)
+    simulation = suturefem.prepare(parse(FINITE), energy=neo_hookean)
     assert_same(made, [*simulation.advance()][-1][0])
     [said] = [remark for remark in simulation.foreseen if remark.code == "handed-over"]
     assert f"{MU:.4g} to {MU:.4g} Pa" in said.message
@@ -122,22 +122,22 @@ def test_a_prepared_run_into_a_folder(tmp_path: Path) -> None:
     """Consistency check: the folder has the numbers of the run and says what came from Python; each step is told once,
     after it was recorded; the run cannot go on."""
     told: list[int] = []
-    simulation = studies.prepare(parse(BARE), stiffness=Form(), on_step=lambda step: told.append(step.step))
-    run = studies.run(simulation, tmp_path)
+    simulation = suturefem.prepare(parse(BARE), stiffness=Form(), on_step=lambda step: told.append(step.step))
+    run = suturefem.run(simulation, tmp_path)
     assert told == [0, 1, 2]
     assert [remark["code"] for remark in run.remarks if "Python" in remark["message"]] == ["handed-over"]
     assert "stress-of-e-nu" in {remark["code"] for remark in run.remarks}
     for again, words in (({"resume": True}, "which stiffness the run had"), ({"mesh": object()}, "has its own")):
         with pytest.raises(ScenarioError, match=words):
-            studies.run(simulation, tmp_path, **again)
-    assert studies.run(simulation, tmp_path, overwrite=True).quantities == run.quantities
+            suturefem.run(simulation, tmp_path, **again)
+    assert suturefem.run(simulation, tmp_path, overwrite=True).quantities == run.quantities
 
 
 def test_friction_of_one_s_own_is_known_to_the_remarks() -> None:
     """Independent check: by the same law the scenario and Python give a run whose end depends on the way there."""
     said = changed(RING, {"piercing.0.friction": {"static": 0.2, "kinetic": 0.2}})
     for rough, data, handed in ((False, RING, {}), (True, said, {}), (True, RING, {"friction": {"ring": Howell()}})):
-        assert rubs(studies.prepare(parse(data), **handed).assembly) == rough
+        assert rubs(suturefem.prepare(parse(data), **handed).assembly) == rough
 
 
 def basis(element: Any = None) -> skfem.Basis:
@@ -175,6 +175,6 @@ def basis(element: Any = None) -> skfem.Basis:
 def test_what_does_not_fit_is_refused(data: dict[str, Any], handed: dict[str, Any], words: str) -> None:
     """Independent check: each in words, with what is to be done, before a step is made."""
     with pytest.raises(ScenarioError, match=words):
-        studies.prepare(parse(data), **handed)
+        suturefem.prepare(parse(data), **handed)
     with pytest.raises(CouplingError, match="Howell"):
-        studies.prepare(parse(RING), friction={"ring": Howell(held=0.5)})
+        suturefem.prepare(parse(RING), friction={"ring": Howell(held=0.5)})

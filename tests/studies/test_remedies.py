@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-import studies
+import suturefem
 from coupling.errors import CouplingError, CreatedEnergyError, TogetherError, TurnedHoleError
-from studies import load, prepare
 from studies.command import command
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import parse
 from studies.scenario.toml import changed, dump, parsed, tables
 from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
+from suturefem import load, prepare
 from tests.studies.samples import Stub, framing, step
 
 FAILURE = CouplingError("no convergence")
@@ -127,7 +127,7 @@ def test_a_run_that_fails_leaves_what_helps(tmp_path: Path) -> None:
     """Independent check: the paper's linear scheme creates energy at 1 ms, Newton's at the same step does not. From
     Python and by the command the summary says the same; who asks for none gets none."""
     with pytest.raises(CreatedEnergyError):
-        studies.run(load("paper_figure_1", LINEAR), tmp_path / "python")
+        suturefem.run(load("paper_figure_1", LINEAR), tmp_path / "python")
     words = ["run", "paper_figure_1", *(word for pair in LINEAR for word in ("--set", pair)), "--quiet", "--no-picture"]
     assert command.main([*words, "--out", str(tmp_path / "command")]) == 1
     said = [remedy_in(tmp_path / way) for way in ("python", "command")]
@@ -147,7 +147,7 @@ def test_unbalanced_dead_loads_are_refused_before_anything_is_run(
     unequal = parse(tables(scenario_of(kind="static")) | {"thread": thread | loads})
     reason = r"1 N at the start and 2 N at the end .* let the loads differ by less"
     with pytest.raises(ScenarioError, match=f"^thread.start.force and thread.end.force are refused: .* {reason}$"):
-        studies.run(unequal, tmp_path / "python")
+        suturefem.run(unequal, tmp_path / "python")
     assert not list((tmp_path / "python").glob("*.csv"))
     (tmp_path / "unequal.toml").write_text(dump(unequal), encoding="utf-8")
     for words in (["run", "--out", str(tmp_path / "command")], ["check"]):

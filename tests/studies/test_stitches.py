@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies import load, prepare
 from studies.scenario import parse
 from studies.scenario.toml import SCENES, parsed
 from studies.simulation.recording import contact_records, gap_profile, observed_wounds, step_record
 from studies.simulation.wound import wounds_of
+from suturefem import load, prepare
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.meshes.samples import NEEDS_GMSH
 from tests.thread.threads import Array

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studies import load, prepare
+from suturefem import load, prepare
 from tests.bounds import ELASTICA_COARSE, RESIDUAL
 from thread.vectors import dot
 

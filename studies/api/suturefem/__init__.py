@@ -1,0 +1,41 @@
+"""A suture thread and the organ that it pierces, from Python.
+
+`load` a scenario, `prepare` it and step through it, or `run` it into a folder; `open_run` gives the content of a
+folder; `sweep` varies keys, `refine` judges whether a number converges.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from studies.output.opened import open_run
+    from studies.output.version import __version__
+    from studies.refinement.refine import refine
+    from studies.scenario import load
+    from studies.simulation import prepare
+    from studies.simulation.recorded import run
+    from studies.sweeps.sweep import sweep
+
+__all__ = ["__version__", "load", "open_run", "prepare", "refine", "run", "sweep"]
+
+HOMES = {
+    "__version__": "studies.output.version",
+    "load": "studies.scenario",
+    "open_run": "studies.output.opened",
+    "prepare": "studies.simulation",
+    "refine": "studies.refinement.refine",
+    "run": "studies.simulation.recorded",
+    "sweep": "studies.sweeps.sweep",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name when it is first used: importing the package itself takes a millisecond."""
+    if name not in HOMES:
+        raise AttributeError(f"module 'suturefem' has no attribute {name!r}")
+    return getattr(import_module(HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Name what the package offers."""
+    return __all__
