@@ -41,7 +41,7 @@ def load_gmsh() -> Any:
         return import_module("gmsh")
     except ModuleNotFoundError as error:
         raise MeshError(
-            f"gmsh is not installed: `pip install gmsh` (no wheel exists for Linux on ARM). {WITHOUT_GMSH}"
+            f"gmsh is not installed: pip install 'suturefem[mesh]' (no wheel exists for Linux on ARM). {WITHOUT_GMSH}"
         ) from error
     except OSError as error:
         found = re.search(r"lib[\w+.-]+\.so[.\d]*", str(error))

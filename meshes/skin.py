@@ -170,8 +170,10 @@ def polydata_arrays(path: Path) -> tuple[Array, Indices]:
     """Read points and triangles of VTK PolyData, strips of triangles taken apart; on some torn files VTK comes to no
     end: call it in a process of its own. Raises `MeshError`.
     """
-    import pyvista as pv
-
+    try:
+        import pyvista as pv
+    except ModuleNotFoundError:
+        raise MeshError("VTK PolyData is read by pyvista: pip install 'suturefem[pictures]', or save as .stl") from None
     found = pv.read(path)
     if not isinstance(found, pv.PolyData):
         raise MeshError(f"it holds {type(found).__name__}: a surface is wanted, as PolyData")

@@ -21,10 +21,11 @@ from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from studies.extras import installation
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-CLUSTER = "pip install 'suturefem[cluster]'"
 ENDED = "a process was ended from outside, perhaps for want of memory; take fewer --jobs: completed work is kept"
 TIMEOUT = 30.0  # s, after which a scheduler that does not answer is said not to
 
@@ -204,7 +205,9 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError:
-        raise WorkersError(f"--dask is refused: Dask's distributed is not installed; {CLUSTER}") from None
+        raise WorkersError(
+            f"--dask is refused: Dask's distributed is not installed; {installation('distributed')}"
+        ) from None
     return distributed
 
 

@@ -24,7 +24,7 @@ from studies.arrays import Array
 from studies.bench.rows import keep
 from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.organs.meshed import compliance
-from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, solver
+from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, solver
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.iterative import ConjugateGradients
 
@@ -77,12 +77,13 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
     """Measure every solver, print the table in Markdown, and write JSON where asked; return the exit status."""
     rows, assemblies = [], []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
+    methods += [MULTIGRID] if has_pyamg() else []
     print(HEAD)
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
         for size in sizes:
             organ = organ_of(size, element)
-            for row in measure_solvers(organ, element, [*methods, MULTIGRID], speed):
+            for row in measure_solvers(organ, element, methods, speed):
                 rows.append(row)
                 print(line(row), flush=True)
             assemblies.append(measure_assembly(organ.elasticity))

@@ -27,6 +27,7 @@ from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, duration, stages
 from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
+from studies.extras import missing
 from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
@@ -86,6 +87,10 @@ def _carry_out(options: argparse.Namespace) -> int:
         return complain(error, REFUSED)
     except FactorError as error:
         return complain(error, FAILED)
+    except ModuleNotFoundError as error:
+        if not (sentence := missing(error)):
+            raise
+        return complain(sentence, REFUSED)
     except MemoryError as error:
         reason = f"there is not enough memory ({error}); use fewer control points or a coarser mesh"
         return complain(reason, REFUSED)

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from studies.command.lines import print_lines
+from studies.extras import installation
 from studies.output.version import installed_version
 from studies.scenario import SCENES, ScenarioError, scenes
 
@@ -100,7 +101,7 @@ def find_gmsh() -> Finding:
     try:
         import_module("gmsh")
     except ImportError as error:
-        return Finding("gmsh", False, str(error), needed, "pip install gmsh")
+        return Finding("gmsh", False, str(error), needed, installation("gmsh"))
     except OSError as error:
         return Finding("gmsh", False, str(error), needed, GL)
     return Finding("gmsh", True, installed_version("gmsh") or "", needed)
@@ -118,16 +119,16 @@ def find_gl() -> Finding:
         drawn = draw_picture(Snapshot(0.0, thread, ()), None, Path(folder) / "picture.png")
     said, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
     needed = "3-D pictures; without it, pictures are sections"
-    return Finding("GL", there, said.partition("; ")[2].partition(", for the")[0] if not there else said, needed, GL)
+    remedy = GL if installed_version("pyvista") else installation("pyvista")
+    return Finding("GL", there, said if there else said.partition("; ")[2].partition(", for the")[0], needed, remedy)
 
 
-def finder(name: str, package: str, needed: str, extra: str) -> Callable[[], Finding]:
-    """Return the finder of a package of an extra."""
+def finder(name: str, library: str, needed: str) -> Callable[[], Finding]:
+    """Return the finder of an optional library."""
 
     def find() -> Finding:
-        version = installed_version(package)
-        remedy = f"pip install 'suturefem[{extra}]'"
-        return Finding(name, version is not None, version or "not installed", needed, remedy)
+        version = installed_version(library)
+        return Finding(name, version is not None, version or "not installed", needed, installation(library))
 
     return find
 
@@ -137,15 +138,17 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_memory,
     find_gmsh,
     find_gl,
-    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast", "fast"),
-    finder("Pardiso", "pypardiso", "the least fill on large organs", "fast"),
-    finder("pandas", "pandas", "data frames of open_run", "tables"),
-    finder("Parquet", "pyarrow", "table.parquet of a sweep", "tables"),
-    finder("plotly", "plotly", "suture report", "report"),
-    finder("MkDocs", "mkdocs", "the site of these pages", "docs"),
-    finder("latex2mathml", "latex2mathml", "formulas of the site", "docs"),
-    finder("Dask", "distributed", "sweeps on a cluster", "cluster"),
-    finder("MPI", "mpi4py", "an organ's columns shared among processes", "mpi"),
+    finder("matplotlib", "matplotlib", "suture plot, figures of studies, sweeps and refinements"),
+    finder("PyAMG", "pyamg", "multigrid of large organs"),
+    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast"),
+    finder("Pardiso", "pypardiso", "the least fill on large organs"),
+    finder("pandas", "pandas", "data frames of open_run"),
+    finder("Parquet", "pyarrow", "table.parquet of a sweep"),
+    finder("plotly", "plotly", "suture report"),
+    finder("MkDocs", "mkdocs", "the site of these pages"),
+    finder("latex2mathml", "latex2mathml", "formulas of the site"),
+    finder("Dask", "distributed", "sweeps on a cluster"),
+    finder("MPI", "mpi4py", "an organ's columns shared among processes"),
 )
 
 

@@ -7,6 +7,8 @@ from studies.command.lines import print_lines
 
 def report_results(options: argparse.Namespace) -> int:
     """``suture report``: one page of folders."""
+    import plotly  # noqa: F401  # the first to be missed, because its extra brings the others too
+
     from studies.report.report import write_report
 
     print_lines(write_report(options.folders, options.out))

@@ -9,6 +9,7 @@ from time import monotonic
 
 from studies.command.lines import complain, print_lines
 from studies.command.progress import TOLD_OF_LOOPS, duration, stages
+from studies.extras import installation
 from studies.output.files import as_json
 from studies.refinement.refine import in_words, refine
 from studies.refinement.refined import Refined
@@ -16,7 +17,7 @@ from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
-from studies.sweeps.table import TABLES, SweepTable, counted, drawn_columns, plain
+from studies.sweeps.table import SweepTable, counted, drawn_columns, plain
 from studies.workers import WorkersError, workers_of
 
 STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
@@ -30,12 +31,12 @@ def run_sweep(options: argparse.Namespace) -> int:
     told.begin(len(cases) or 1)
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
+        if wanted:
+            from studies.sweeps.figure import write_figure  # without matplotlib it is refused before the runs
         with stages(options.json, TOLD_OF_LOOPS):
             check = partial(drawn_columns, names=wanted) if wanted else None
             table = sweep(base, cases, options.out, workers, told.tell, check=check)
         if wanted:
-            from studies.sweeps.figure import write_figure
-
             write_figure(table, wanted, options.out)
     except WorkersError as error:
         return complain(error, FAILED)
@@ -72,7 +73,7 @@ def report(table: SweepTable, folder: Path) -> list[str]:
 def _parquet(folder: Path) -> str:
     """Return where the table in Parquet is, or how to have it."""
     path = folder / "table.parquet"
-    return f", {path.name}" if path.is_file() else f" (table.parquet needs pyarrow: {TABLES})"
+    return f", {path.name}" if path.is_file() else f" (table.parquet needs pyarrow: {installation('pyarrow')})"
 
 
 def rows(table: SweepTable) -> list[dict[str, object]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from studies.extras import installation
 from studies.output.columns import TABLES, UNITS
 from studies.output.manifest import SCENARIO
 from studies.output.quantities import Quantity, quantities
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyvista as pv
 
-PANDAS = "pip install 'suturefem[tables]'"
 WHOLE = {column.name for layout in TABLES for column in layout.columns if column.kind == "whole"}
 
 
@@ -77,7 +77,7 @@ class OpenRun:
         try:
             import pandas as pd
         except ImportError as error:
-            raise ImportError(f"tables as data frames need pandas: {PANDAS}") from error
+            raise ImportError(f"tables as data frames need pandas: {installation('pandas')}") from error
         found = self.results.tables[name]
         frame = pd.DataFrame({key: values.tolist() for key, values in found.columns.items()})
         whole = [key for key in frame if key in WHOLE and not np.isnan(found.columns[key]).any()]

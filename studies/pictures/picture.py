@@ -11,9 +11,11 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from meshes.child import last_words, run_module
+from studies.extras import installation
 from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
 from studies.output.records import Snapshot
@@ -46,19 +48,26 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str, patien
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
-        for window in WINDOWS:
+        for window in WINDOWS if is_installed("pyvista") else ():
             # what renders is found by drawing: the look that pyvista takes, for a mesh, takes a window more
             setting = {"VTK_DEFAULT_OPENGL_WINDOW": window, "ALLOW_PLOTTING": "true"}
             causes.append(draw_apart(space, source, Path(path), setting, patience))
             if not causes[-1]:
                 return Drawn(f"{path}: 3-D picture (VTK)")
-        causes.append(draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience))
-    remedy = f"for the 3-D picture: apt-get install --no-install-recommends {PACKAGES}"
-    no_space = f"no OpenGL renders here ({causes[-2]})"
-    if not causes[-1]:
-        return Drawn(f"{path}: section (matplotlib); {no_space}, {remedy}")
-    failure = f"by VTK: {causes[-2]}; by matplotlib: {causes[-1]}"
+        flat = "matplotlib is not installed"
+        if is_installed("matplotlib"):
+            flat = draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience)
+    no_space = f"no OpenGL renders here ({causes[-1]})" if causes else "pyvista is not installed"
+    remedy = f"apt-get install --no-install-recommends {PACKAGES}" if causes else installation("pyvista")
+    if not flat:
+        return Drawn(f"{path}: section (matplotlib); {no_space}, for the 3-D picture: {remedy}")
+    failure = f"{no_space}; {flat}; {remedy}"
     return Drawn(f"{path}: none, {failure}", failure)
+
+
+def is_installed(library: str) -> bool:
+    """Return whether a library is installed, without importing it."""
+    return find_spec(library) is not None
 
 
 def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str], patience: float = 1.0) -> str:

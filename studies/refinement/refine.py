@@ -35,6 +35,8 @@ def refine(
     Raises `ScenarioError`, for a quantity that there is not before the first level is run, and
     `studies.workers.WorkersError`.
     """
+    from studies.refinement.figure import pictures  # without matplotlib it is refused before the runs
+
     names = [quantity] if isinstance(quantity, str) else list(quantity)
     plain = base_tables(base)
     rungs = ladder(parsed(plain), over, levels, ratio)
@@ -42,6 +44,8 @@ def refine(
     rungs = as_meshed(rungs, table)
     found = tuple(refined(name, rungs, table) for name in names)
     write(found, rungs, Path(folder))
+    for kind, picture in pictures(found, rungs).items():
+        write_bytes(Path(folder) / f"figure.{kind}", picture)
     return found
 
 
@@ -111,11 +115,7 @@ def in_words(one: Refined) -> dict[str, str]:
 
 
 def write(found: Sequence[Refined], rungs: Ladder, folder: Path) -> None:
-    """Write ``verdict.md``, ``verdict.json`` and the figure."""
-    from studies.refinement.figure import pictures
-
+    """Write ``verdict.md`` and ``verdict.json``."""
     write_text(folder / "verdict.md", markdown(found, rungs))
     asked: Mapping[str, Any] = {"over": rungs.kinds, "quantities": [one.record() for one in found]}
     write_json(folder / "verdict.json", asked)
-    for kind, picture in pictures(found, rungs).items():
-        write_bytes(folder / f"figure.{kind}", picture)

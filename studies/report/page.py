@@ -8,21 +8,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from studies.output.reading import ResultsError
-
 HERE = Path(__file__).parent
-MISSING = (
-    "suture report is refused: plotly, which draws its charts, is not installed; add it with "
-    "pip install 'suturefem[report]'"
-)
 
 
 def plotly_script() -> str:
-    """Return plotly's program as one text. Raises `ResultsError` if plotly is not installed."""
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError:
-        raise ResultsError(MISSING) from None
+    """Return plotly's program as one text."""
+    from plotly.offline import get_plotlyjs
+
     return str(get_plotlyjs())
 
 

@@ -19,7 +19,6 @@ from studies.scenario.refusal import as_toml
 from studies.study import comma_separated
 
 NEAR, LIKE = 3, 0.6  # names that are suggested at most, and how like they are: difflib's own bound
-TABLES = "pip install 'suturefem[tables]'"
 
 
 @dataclass(frozen=True)

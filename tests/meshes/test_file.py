@@ -416,7 +416,7 @@ def test_a_unit_that_is_no_length_is_refused(tmp_path):
         ),
         (OSError("libXft.so.2: cannot open shared object file"), "system library libXft.so.2 is missing"),
         (OSError("wrong ELF class"), "a system library is missing (wrong ELF class)"),
-        (ModuleNotFoundError("No module named 'gmsh'"), "gmsh is not installed: `pip install gmsh`"),
+        (ModuleNotFoundError("No module named 'gmsh'"), "gmsh is not installed: pip install 'suturefem[mesh]'"),
     ],
 )
 def test_without_gmsh_the_error_says_what_to_install_and_what_works(monkeypatch, error, says):

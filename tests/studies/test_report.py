@@ -225,11 +225,13 @@ def test_what_is_no_result_is_refused(tmp_path: Path, run: Path, capsys: pytest.
     assert "name it page.html" in capsys.readouterr().err
 
 
-def test_without_plotly_the_report_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_plotly_the_report_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Independent check: an import that fails ends in a sentence with the command."""
-    monkeypatch.setitem(__import__("sys").modules, "plotly.offline", None)
-    with pytest.raises(ResultsError, match="pip install"):
-        page.plotly_script()
+    monkeypatch.setitem(__import__("sys").modules, "plotly", None)
+    assert main(["report", "nowhere", "--out", "page.html"]) == 2
+    assert capsys.readouterr().err == "suture: plotly is not installed; add it with pip install 'suturefem[report]'\n"
 
 
 def grid_skin(n: int) -> tuple[np.ndarray, Skin]:

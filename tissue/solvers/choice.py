@@ -13,6 +13,7 @@ at which a factor takes longer than those columns.
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Protocol
 
 from scipy.sparse import csr_matrix
@@ -29,6 +30,7 @@ from tissue.solvers.ordering import dissection, node_graph
 log = logging.getLogger(__name__)
 
 MULTIGRID = "multigrid"
+PYAMG = "pip install 'suturefem[large]'"
 SOLVERS = ("auto", *LIBRARIES, MULTIGRID)
 FACTOR_ONCE = {
     "cholmod": 250_000,
@@ -98,26 +100,34 @@ def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> Solver
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
     if name in LIBRARIES and not is_installed(name):
         raise TissueError(f"solver = {name!r} needs {LIBRARIES[name]}; pip install it, or take 'auto'")
+    if name == MULTIGRID and not has_pyamg():
+        raise TissueError(f"solver = {name!r} needs pyamg; {PYAMG}, or take 'auto'")
     direct = next(method for method in LIBRARIES if is_installed(method)) if name == "auto" else name
     room = SHARE * free_memory()
     levels = SolverChoice(MULTIGRID, _times(room, BYTES_OF_LEVELS * A.nnz))
     by_nodes = is_by_nodes(places)
+    has_levels = by_nodes and has_pyamg()
     if direct == MULTIGRID and not by_nodes:
         raise TissueError(
             f"solver = {name!r} needs three unknowns a node, and rollers hold one; take 'auto' or a clamp"
         )
-    if direct == MULTIGRID or (name == "auto" and by_nodes and once and A.shape[0] > FACTOR_ONCE[direct]):
+    if direct == MULTIGRID or (name == "auto" and has_levels and once and A.shape[0] > FACTOR_ONCE[direct]):
         return levels
     need = factor_bytes(A, places, direct)
     if need <= room:
         return SolverChoice(direct, _times(room, need))
-    if name == "auto" and by_nodes:
+    if name == "auto" and has_levels:
         return levels
-    remedy = "'multigrid' or a coarser mesh" if by_nodes else "a coarser mesh"
+    remedy = f"'multigrid' ({PYAMG}) or a coarser mesh" if by_nodes else "a coarser mesh"
     raise TissueError(
         f"solver = {name!r}: the factor of {A.shape[0]} unknowns takes about {need / GIGA:.2g} GB and "
         f"{room / GIGA:.2g} GB are available; take {remedy}"
     )
+
+
+def has_pyamg() -> bool:
+    """Return whether the library that aggregates the levels of multigrid is installed."""
+    return find_spec("pyamg") is not None
 
 
 def _times(room: float, need: float) -> int:
