@@ -182,9 +182,12 @@ def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
 
 
 def _draw_start(simulation: Simulation, path: Path) -> str:
-    """Draw thread, holes and organ before the first step; return the line that says how. Raises `OSError`."""
+    """Draw thread, holes with footprints, organ and held nodes before the first step; return the line that says how.
+    Raises `OSError`."""
     _, frame = next(iter(simulation.advance()))
-    drawn = draw_picture(frame(), simulation.topology, path, f"{simulation.scenario.title or 'start'}: the start")
+    footprints = [hole.footprint for hole in simulation.scenario.piercing]
+    title = f"{simulation.scenario.title or 'start'}: the start"
+    drawn = draw_picture(frame(), simulation.topology, path, title, simulation.held, footprints)
     if drawn.failure:
         raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
     return drawn.line

@@ -4,7 +4,6 @@ import argparse
 import json
 import os
 import platform
-import tomllib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib import import_module
@@ -16,7 +15,8 @@ import numpy as np
 from studies.command.lines import print_lines
 from studies.extras import installation
 from studies.output.version import installed_version
-from studies.scenario import SCENES, ScenarioError, scenes
+from studies.scenario import ScenarioError, scenes
+from studies.scenario.reference import cost_of, title_of
 
 TEMPLATE, STITCHES = (Path(__file__).with_name(name) for name in ("new.toml", "stitches.toml"))
 GL = (
@@ -39,18 +39,13 @@ def new(options: argparse.Namespace) -> int:
 
 
 def list_scenes(options: argparse.Namespace) -> int:
-    """``suture scenes``: the shipped scenarios with their titles."""
-    titles = {name: title_of(SCENES / f"{name}.toml") for name in scenes()}
+    """``suture scenes``: the shipped scenarios with their titles and costs."""
+    told = {name: {"title": title_of(name), "cost": cost_of(name)} for name in scenes()}
     if options.json:
-        print(json.dumps({name: {"title": title} for name, title in titles.items()}, ensure_ascii=False))
+        print(json.dumps(told, ensure_ascii=False))
     else:
-        print_lines([f"{name:22}  {title}" for name, title in titles.items()])
+        print_lines([f"{name:22}  {scene['title']} ({scene['cost']})" for name, scene in told.items()])
     return 0
-
-
-def title_of(path: Path) -> str:
-    """Return the title of a scenario file."""
-    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
 
 
 @dataclass(frozen=True)

@@ -118,7 +118,12 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
     _add_strict(parser)
     _add_json(parser)
     shown = parser.add_mutually_exclusive_group()
-    shown.add_argument("--picture", metavar="FILE.png", type=Path, help="draw thread, holes and organ at the start")
+    shown.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        type=Path,
+        help="draw the start: thread, holes, footprints, organ and held nodes",
+    )
     shown.add_argument(
         "--write", action="store_true", help="only print the scenario with path, piercings and ties for its stitches"
     )

@@ -9,12 +9,13 @@ import pickle
 import re
 import subprocess
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
 from meshes.child import last_words, run_module
+from studies.arrays import Array
 from studies.extras import installation
 from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
@@ -35,9 +36,21 @@ class Drawn:
     failure: str = ""
 
 
-def draw_picture(frame: Snapshot, topology: OrganTopology | None, path: Path | str, title: str = "") -> Drawn:
-    """Draw a frame into a PNG file."""
-    return draw_scene((frame_of(frame), topology, title), path, "studies.pictures.space", "studies.pictures.section")
+def draw_picture(
+    frame: Snapshot,
+    topology: OrganTopology | None,
+    path: Path | str,
+    title: str = "",
+    held: Array | None = None,
+    footprints: Sequence[float] = (),
+) -> Drawn:
+    """Draw a frame into a PNG file, and if given the places of `held` nodes `(k, 3)` [m] and the radii of its holes'
+    `footprints` [m]."""
+    shown = frame_of(frame)
+    sizes = footprints or [0.0] * len(shown.piercings)
+    holes = tuple(replace(hole, footprint=size) for hole, size in zip(shown.piercings, sizes, strict=True))
+    scene = replace(shown, held=held, piercings=holes), topology, title
+    return draw_scene(scene, path, "studies.pictures.space", "studies.pictures.section")
 
 
 def draw_scene(scene: object, path: Path | str, space: str, section: str, patience: float = 1.0) -> Drawn:

@@ -13,23 +13,25 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Hole:
     """A piercing: its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the thread [N], and
-    its state in a word."""
+    its state in a word; the radius of its `footprint` [m] if it is drawn."""
 
     name: str
     s: float
     x: Array
     force: Array
     state: str
+    footprint: float = 0.0
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Thread, holes and organ at a `time` [s]; None without an organ."""
+    """Thread, holes and organ at a `time` [s]; None without an organ. Places of nodes `held` `(k, 3)` [m] are drawn."""
 
     time: float
     thread: ThreadRecord
     piercings: tuple[Hole, ...]
     organ: OrganRecord | None
+    held: Array | None = None
 
 
 Scene = tuple[Frame, OrganTopology | None, str]  # with a title

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from studies.arrays import Array
 from studies.figure import literal
@@ -22,6 +23,7 @@ from studies.pictures.view import (
     MARKER,
     MILLI,
     SIZE,
+    THREAD,
     Indices,
     Scale,
     caption,
@@ -55,6 +57,7 @@ def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title:
         figure.colorbar(stress, ax=axes, label=stress_words(frame), shrink=0.8, pad=0.02)
     figure.colorbar(_section_thread(axes, frame, scale), ax=axes, label=tension_words(frame), shrink=0.8, pad=0.02)
     _section_piercings(axes, frame, scale)
+    _section_held(axes, frame)
     _section_frame(axes, frame, title, scale)
     figure.draw_without_rendering()  # from here on a place has its pixel
     _section_names(axes, frame, scale)
@@ -114,8 +117,15 @@ def _section_piercings(axes: Axes, frame: Frame, scale: Scale) -> None:
     for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
         x, _, z = hole.x / MILLI
         axes.plot(x, z, "o", color=MARKER, markersize=8, zorder=4)
+        axes.add_patch(Circle((x, z), hole.footprint / MILLI, color=MARKER, alpha=0.3, zorder=3))
         if scale.shows(float(np.linalg.norm(hole.force))):
             axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
+
+
+def _section_held(axes: Axes, frame: Frame) -> None:
+    """Draw the places of held nodes."""
+    if frame.held is not None:
+        axes.plot(*frame.held[:, [0, 2]].T / MILLI, ".", color=THREAD, markersize=4, zorder=3)
 
 
 def _section_names(axes: Axes, frame: Frame, scale: Scale) -> None:
@@ -145,7 +155,7 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("z [mm]")
-    axes.set_title(f"{literal(caption(frame, title))}\n{legend(scale)}".strip(), fontsize=10)
+    axes.set_title(f"{literal(caption(frame, title))}\n{legend(scale, frame)}".strip(), fontsize=10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 

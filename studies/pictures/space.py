@@ -19,6 +19,7 @@ from vtkmodules.vtkCommonCore import vtkLookupTable, vtkPoints, vtkUnsignedCharA
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkCommonMath import vtkMatrix4x4
 from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkFeatureEdges, vtkPolyDataNormals, vtkTubeFilter
+from vtkmodules.vtkFiltersGeneral import vtkVertexGlyphFilter
 from vtkmodules.vtkFiltersSources import vtkArrowSource, vtkSphereSource
 from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkScalarBarActor
 from vtkmodules.vtkRenderingCore import (
@@ -42,6 +43,7 @@ from studies.pictures.view import (
     LEFT,
     MARKER,
     SIZE,
+    THREAD,
     Indices,
     Scale,
     aimed_at,
@@ -53,6 +55,7 @@ from studies.pictures.view import (
     read_scene,
     rgb,
     scale_of,
+    shown_organ,
     stress_words,
     surface,
     tension_colours,
@@ -84,10 +87,12 @@ class Stage:
 
 
 def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str) -> Stage:
-    """Return the stage that shows the aimed points and every arrow of all frames."""
+    """Return the stage that shows the aimed points, every arrow and the organ of all frames."""
     scale = scale_of(frames)
-    seen = np.concatenate([part for frame in frames for part in (aimed_at(frame), scale.tips(frame))])
-    return Stage(topology, title, scale, camera_on(seen, SIZE, MARGINS))
+    parts = [(aimed_at(frame), scale.tips(frame), shown_organ(frame, topology, scale)) for frame in frames]
+    return Stage(
+        topology, title, scale, camera_on(np.concatenate([part for each in parts for part in each]), SIZE, MARGINS)
+    )
 
 
 def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
@@ -161,7 +166,7 @@ def _axes(camera: Camera) -> Any:
 def props_of(frame: Frame, stage: Stage) -> list[Any]:
     """Return the props of a frame, with the texts and scales of its picture."""
     organ = [] if stage.topology is None else _organ(stage.topology, frame, stage.scale)
-    return [*organ, *_thread(frame, stage.scale), *_piercings(frame, stage.scale), *_names(frame, stage),
+    return [*organ, *_thread(frame, stage.scale), *_piercings(frame, stage.scale), *_held(frame), *_names(frame, stage),
             *_words(frame, stage)]  # fmt: skip
 
 
@@ -212,19 +217,41 @@ def _tube(points: Array, values: Array, radius: float) -> Any:
 
 
 def _piercings(frame: Frame, scale: Scale) -> list[Any]:
-    """Return the holes as balls, with the force of the organ's hole on the thread as arrows to one scale."""
+    """Return the holes as balls, with the force of the organ's hole on the thread as arrows to one scale, and
+    footprints as transparent balls."""
     props = []
     for hole in frame.piercings:
-        ball = vtkSphereSource()
-        ball.SetRadius(0.008 * scale.width)
-        ball.SetCenter(*hole.x)
-        ball.SetThetaResolution(30)
-        ball.SetPhiResolution(30)
-        props.append(_plain(ball, MARKER))
+        props.append(_plain(_ball(hole.x, 0.008 * scale.width), MARKER))
+        if hole.footprint:
+            props.append(_plain(_ball(hole.x, hole.footprint), MARKER))
+            props[-1].GetProperty().SetOpacity(0.35)
         force = float(np.linalg.norm(hole.force))
         if scale.shows(force):
             props.append(_arrow(hole.x, scale.reach / scale.force * hole.force))
     return props
+
+
+def _ball(place: Array, radius: float) -> Any:
+    """Return what makes a ball around a place (3,) [m]."""
+    ball = vtkSphereSource()
+    ball.SetRadius(radius)
+    ball.SetCenter(*place)
+    ball.SetThetaResolution(30)
+    ball.SetPhiResolution(30)
+    return ball
+
+
+def _held(frame: Frame) -> list[Any]:
+    """Return the held nodes as dots."""
+    if frame.held is None:
+        return []
+    places, dots = vtkPolyData(), vtkVertexGlyphFilter()
+    places.SetPoints(_points(frame.held))
+    dots.SetInputData(places)
+    actor = _plain(dots, THREAD)
+    actor.GetProperty().SetPointSize(7.0)
+    actor.GetProperty().RenderPointsAsSpheresOn()
+    return [actor]
 
 
 def _arrow(start: Array, way: Array) -> Any:
@@ -275,7 +302,7 @@ def _words(frame: Frame, stage: Stage) -> list[Any]:
     places = [[left, low + 8], [left, low - 8], [left, low], [right, low], [right, low + 8], [right, low - 8]]
     return [
         _text(caption(frame, stage.title), (24.0, height - 48.0), TITLE),
-        _text(legend(stage.scale), (24.0, height - 84.0), SMALL),
+        _text(legend(stage.scale, frame), (24.0, height - 84.0), SMALL),
         _pixel_line(np.array(places), 2.0),
         _text(words, (left, low + 14.0), SMALL),
     ]

@@ -22,6 +22,7 @@ PRESSURE = ("#a6cee3", "#3f9b56", "#0f4a1f")  # of a thread under compression: f
 SHADES = 256
 LEFT = "left"  # the state of a hole that the thread is not in
 UNFELT = 1e-9  # N: less than a millimetre of the thinnest suture weighs, and what round-off leaves of a slack thread
+LARGEST = 6.0  # diagonals of the box of the aimed points: of a larger organ a picture shows the part around the thread
 REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
 KILO, MILLI = 1e3, 1e-3
 TICKS = 4  # numbers at a bar of colours
@@ -106,6 +107,15 @@ def aimed_at(frame: Frame) -> Array:
     return np.asarray(frame.thread.points[beyond <= np.linalg.norm(high - low)])
 
 
+def shown_organ(frame: Frame, topology: OrganTopology | None, scale: Scale) -> Array:
+    """Return the points `(n, 3)` [m] of an organ that is shown whole, empty for one so large that the thread would be
+    hard to see."""
+    if topology is None or frame.organ is None:
+        return np.empty((0, 3))
+    points = topology.points + frame.organ.displacement
+    return np.asarray(points if np.linalg.norm(np.ptp(points, axis=0)) <= LARGEST * scale.width else points[:0])
+
+
 def places_of(frame: Frame) -> Array:
     """Return where the holes are, shape `(p, 3)` [m]."""
     return np.array([hole.x for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
@@ -158,9 +168,12 @@ def force_text(force: float) -> str:
     return f"{felt * KILO:.3g} mN" if felt < 1.0 else f"{felt:.3g} N"
 
 
-def legend(scale: Scale) -> str:
-    """Return the legend of the arrows, empty without arrows."""
-    return f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
+def legend(scale: Scale, frame: Frame) -> str:
+    """Return the legend of arrows, held nodes and footprints, as far as there are any."""
+    arrows = f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
+    held = "blue: held nodes" if frame.held is not None and len(frame.held) else ""
+    balls = "red: footprints" if any(hole.footprint for hole in frame.piercings) else ""
+    return "; ".join(filter(None, (arrows, held, balls)))
 
 
 def caption(frame: Frame, title: str) -> str:

@@ -12,12 +12,13 @@ from studies.output.reading import RunResults, Table
 
 MOST_ROWS = 1000  # of a series: more are finer than a screen
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that read better by another name
-CHARTS = (  # title, and the columns that it shows
+FIRST = 3  # charts with data that stand beside the result
+CHARTS = (  # title, and the columns that it shows; the most asked for come first
     ("Tension of the thread at each hole", (("piercings", "tension_before"), ("piercings", "tension_after"))),
-    ("Thread drawn through each hole", (("piercings", "slip"),)),
-    ("Force of each hole on the thread", (("piercings", "force"),)),
     ("Smallest and largest gap of each pair of surfaces", (("contact", "smallest_gap"), ("contact", "largest_gap"))),
     ("What draws each wound together", (("contact", "closure_force"),)),
+    ("Thread drawn through each hole", (("piercings", "slip"),)),
+    ("Force of each hole on the thread", (("piercings", "force"),)),
     ("Force of the holders on the thread", (("steps", "start_reaction"), ("steps", "end_reaction"))),
     ("Energy", (("energy", "kinetic"), ("energy", "elastic_thread"), ("energy", "elastic_tissue"))),
 )

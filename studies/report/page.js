@@ -105,9 +105,14 @@ function places(organ, frame) {
   return { x: axes[0], y: axes[1], z: axes[2] };
 }
 
-function corners(organ) {
-  const [i, j, k] = [0, 1, 2].map((corner) => organ.corners.filter((_, place) => place % 3 === corner));
-  return { i, j, k };
+/* Triangles behind a plane y = `front` [mm] of the shape without loads: the organ is opaque, because a browser does not
+   sort transparent triangles, and opened at the front, so that the thread in it is seen. */
+function corners(organ, front) {
+  const behind = (place) => 1e3 * organ.rest[3 * organ.corners[place] + 1] > front - 1e-3, out = { i: [], j: [], k: [] };
+  for (let at = 0; at < organ.corners.length; at += 3) {
+    if ([at, at + 1, at + 2].every(behind)) ["i", "j", "k"].forEach((axis, k) => out[axis].push(organ.corners[at + k]));
+  }
+  return out;
 }
 
 function colouring(field, frame, nodes) {
@@ -120,10 +125,10 @@ function colouring(field, frame, nodes) {
   };
 }
 
-function organTrace(view, frame, field, opacity) {
+function organTrace(view, frame, field, front) {
   const organ = view.organ;
   return {
-    type: "mesh3d", name: "organ", ...places(organ, frame), ...corners(organ), opacity, flatshading: true,
+    type: "mesh3d", name: "organ", ...places(organ, frame), ...corners(organ, front), flatshading: true,
     ...colouring(organ.fields[field], frame, organ.nodes), hovertemplate: "%{intensity:.4g}<extra>organ</extra>",
     lighting: { ambient: 0.75, diffuse: 0.45, specular: 0.03, roughness: 1, facenormalsepsilon: 0, vertexnormalsepsilon: 0 },
   };
@@ -239,13 +244,13 @@ function spaceLayout(range) {
 
 function drawView() {
   if (!data.views.length) return;
-  const [which, time, field, opacity] = ["which", "time", "field", "opacity"].map(element);
+  const [which, time, field, front] = ["which", "time", "field", "front"].map(element);
   data.views.forEach((view, number) => which.add(new Option(view.name, number)));
   const shown = () => data.views[Number(which.value)];
   let range, reach;
   const traces = () => {
     const view = shown(), frame = Number(time.value);
-    const organ = view.organ ? [organTrace(view, frame, Number(field.value), Number(opacity.value))] : [];
+    const organ = view.organ ? [organTrace(view, frame, Number(field.value), Number(front.value))] : [];
     return [...organ, threadTrace(view, frame), ...forceTraces(view, frame, reach)];
   };
   const draw = () => {
@@ -260,11 +265,14 @@ function drawView() {
     time.max = view.times.length - 1;
     time.value = view.times.length - 1;
     field.replaceChildren(...(view.organ ? view.organ.fields : []).map((one, k) => new Option(withUnit(one.name, one.unit), k)));
-    [field, opacity].forEach((control) => { control.disabled = !view.organ; });
+    const middle = view.holes[0].map((hole) => hole.x[1]).sort((a, b) => a - b)[view.holes[0].length >> 1] ?? 0;
+    [front.min, front.max] = range[1];
+    front.value = middle;
+    [field, front].forEach((control) => { control.disabled = !view.organ; });
     return draw();
   };
   which.addEventListener("change", choose);
-  [time, opacity].forEach((control) => control.addEventListener("input", draw));
+  [time, front].forEach((control) => control.addEventListener("input", draw));
   field.addEventListener("change", draw);
   play(time, draw);
   choose();

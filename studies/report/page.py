@@ -82,19 +82,23 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1)
     return f'<div class="scroll"><table><thead>{line("th", head)}</thead><tbody>{body}</tbody></table></div>'
 
 
-def remark_list(remarks: Sequence[Mapping[str, str]]) -> str:
-    """Return remarks, those first that say that a number is not supported."""
+def remark_list(remarks: Sequence[Mapping[str, str]], without: str) -> str:
+    """Return remarks, or a sentence for a list `without` any."""
     if not remarks:
-        return "<p>No remarks: all numbers are supported.</p>"
-    ordered = sorted(remarks, key=lambda remark: remark.get("severity") != "unsupported")
+        return paragraph(without)
     words = ("severity", "message", "code", "where")
     items = [
         '<li class="{0}"><b>{0}</b>{1} <code>{2}</code> {3}</li>'.format(
             *(escaped(one.get(word, "")) for word in words)
         )
-        for one in ordered
+        for one in remarks
     ]
     return f'<ul class="remarks">{"".join(items)}</ul>'
+
+
+def beside(left: str, right: str) -> str:
+    """Return two parts next to each other, one below the other on a narrow screen."""
+    return f'<div class="beside"><div>{left}</div><div>{right}</div></div>'
 
 
 def folded(title: str, text: str) -> str:
@@ -124,7 +128,7 @@ def view_controls() -> str:
             '<label>time <input type="range" id="time" min="0" value="0" step="1"></label>',
             '<span id="moment"></span><button id="play" type="button">play</button>',
             selection("field", "organ coloured by"),
-            '<label>opacity <input type="range" id="opacity" min="0.1" max="1" step="0.05" value="0.6"></label>',
+            '<label>opened up to y <input type="range" id="front" step="any"></label>',
             "</div>",
             '<div class="view" id="view"></div>',
         ]

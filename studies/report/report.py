@@ -19,7 +19,7 @@ from studies.output.quantities import headed
 from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
 from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page
-from studies.report.charts import SHOWN, chart_records, plain, series_of
+from studies.report.charts import FIRST, SHOWN, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
 from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
@@ -155,16 +155,13 @@ def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
 
 
 def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bool) -> Iterator[str]:
-    """Yield the sections of a report on runs, in order."""
-    yield page.heading("Remarks")
+    """Yield the sections of a report on runs, in order: the result first, notes below."""
+    places = [page.chart(f"chart{k}") for k in range(len(charts))]
+    yield page.heading("Result")
     for name, run in runs.items():
         yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(run.title)
-        yield page.remark_list(run.summary["remarks"]) if run.summary else page.paragraph(UNENDED)
-    yield page.heading("Summary")
-    yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
-    yield page.heading("Over time")
-    yield f'<div class="charts">{"".join(page.chart(f"chart{k}") for k in range(len(charts)))}</div>'
-    yield f'<div class="controls">{page.selection("quantity", "any quantity")}</div>{page.chart("chosen")}'
+        yield page.beside(last_picture(run), doubts(run) + page.table(["quantity", ""], hole_rows([run])))
+    yield f'<div class="charts">{"".join(places[:FIRST])}</div>'
     if seen:
         yield page.heading("In space")
         yield page.paragraph(
@@ -172,13 +169,38 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
             "thread, to one scale. Drag to turn, scroll to come nearer."
         )
         yield page.view_controls()
-    yield page.heading("Events")
+    yield page.heading("Summary")
+    yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
+    yield page.heading("Over time")
+    yield f'<div class="charts">{"".join(places[FIRST:])}</div>'
+    yield f'<div class="controls">{page.selection("quantity", "any quantity")}</div>{page.chart("chosen")}'
+    yield page.heading("Notes and events")
     for name, run in runs.items():
+        yield page.remark_list(remarks_of(run, "note"), f"{name}: no notes") if run.summary else ""
         yield from events_section(name, run)
     yield page.heading("Where the numbers come from")
     for name, run in runs.items():
         yield page.folded(f"{name}: versions, machine and digests", as_json(run.provenance))
         yield page.folded(f"{name}: the scenario as run", run.scenario)
+
+
+def last_picture(run: RunResults) -> str:
+    """Return the picture that a run left in its folder, or how to draw it."""
+    if not (run.folder / "picture.png").is_file():
+        return page.paragraph("There is no picture; suture view draws one: --out picture.png in the folder of the run.")
+    return page.figure(base64.b64encode((run.folder / "picture.png").read_bytes()).decode(), "the end of the run")
+
+
+def doubts(run: RunResults) -> str:
+    """Return the remarks by which numbers of a run are not supported."""
+    if not run.summary:
+        return page.paragraph(UNENDED)
+    return page.remark_list(remarks_of(run, "unsupported"), "All numbers are supported.")
+
+
+def remarks_of(run: RunResults, severity: str) -> list[Mapping[str, str]]:
+    """Return the remarks of a severity."""
+    return [one for one in run.summary["remarks"] if one["severity"] == severity]
 
 
 def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
@@ -197,13 +219,19 @@ def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
         )
     ]
     rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
-    for hole in dict.fromkeys(name for run in runs for name in run.piercings):
-        for key in HOLE_LINES:
-            rows.append(
-                [headed(f"{hole}: {key}", HOLE_UNITS[key]), *(size(part(s, "piercings", hole, key)) for s in summaries)]
-            )
+    rows += hole_rows(runs) if len(runs) > 1 else []
     for key in dict.fromkeys(name for summary in summaries for name in summary.get("energy", {})):
         rows.append([f"energy: {key} [J]", *(part(summary, "energy", key) for summary in summaries)])
+    return [row for row in rows if any(value is not None for value in row[1:])]
+
+
+def hole_rows(runs: Sequence[RunResults]) -> list[list[object]]:
+    """Return the lines of each hole: a quantity, and its value in each run."""
+    rows: list[list[object]] = [
+        [headed(f"{hole}: {key}", HOLE_UNITS[key]), *(size(part(run.summary, "piercings", hole, key)) for run in runs)]
+        for hole in dict.fromkeys(name for run in runs for name in run.piercings)
+        for key in HOLE_LINES
+    ]
     return [row for row in rows if any(value is not None for value in row[1:])]
 
 
@@ -236,7 +264,7 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
     yield page.heading(rows.name)
     yield f"<p>{page.escaped(rows.question)}</p>"
     yield "<h3>Remarks</h3>"
-    yield page.remark_list([{"message": text} for text in rows.remarks])
+    yield page.remark_list([{"message": text} for text in rows.remarks], "No remarks.")
     if rows.figure:
         yield page.figure(rows.figure, f"figure of {rows.name}")
     yield "<h3>Table</h3>"

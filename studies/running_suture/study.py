@@ -26,7 +26,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coupling.reports.audit import initial_energies
-from coupling.reports.observation import observe, span_ratio
+from coupling.reports.observation import observe
 from coupling.run import begin
 from coupling.run.impact import begin_piercing
 from coupling.step.stepping import try_step
@@ -93,7 +93,6 @@ class Row:
     press: float = measured("N", lambda at: at.line.forces[:, 2].max())  # largest force on a hole
     diameter: float = measured("m", lambda at: at.line.system.thread.section.diameter)  # of the thread
     youngs_modulus: float = measured("Pa", lambda at: at.case.stiffness)  # of the sheet, infinite for fixed points
-    spans: float = measured("-", lambda at: span_ratio(at.line.system, at.line.state))  # longest at a hole over √(EI/T)
     settled: float = measured("-", lambda at: unrest(at.energies.kinetic, at.energies.elastic))  # kinetic over elastic
     steps: int = measured("-", lambda at: at.line.steps)
 

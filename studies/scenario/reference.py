@@ -183,9 +183,18 @@ def allowed_in(field: Node) -> str:
 
 
 def scene_list() -> str:
-    """List the shipped scenes in Markdown, each with its title."""
-    titles = {name: tomllib.loads(scene_text(name))["title"] for name in scenes()}
-    return "".join(f"* [`{name}`](scenes/{name}.toml): {title}\n" for name, title in titles.items())
+    """List the shipped scenes in Markdown, each with its title and cost."""
+    return "".join(f"* [`{name}`](scenes/{name}.toml): {title_of(name)} ({cost_of(name)})\n" for name in scenes())
+
+
+def title_of(name: str) -> str:
+    """Return the title of a shipped scene."""
+    return str(tomllib.loads(scene_text(name))["title"])
+
+
+def cost_of(name: str) -> str:
+    """Return the time and memory of a run of a shipped scene on one processor, as its second line has them."""
+    return scene_text(name).splitlines()[1].removeprefix("# about ")
 
 
 def scene_text(name: str) -> str:

@@ -74,6 +74,15 @@ class Simulation:
         return None if body is None else OrganTopology(body.points, body.cells)
 
     @property
+    def held(self) -> Array:
+        """Places of the nodes that clamps and rollers hold, shape `(k, 3)` [m]."""
+        body, table = self.assembly.body, self.scenario.tissue
+        if body is None or table is None:
+            return np.empty((0, 3))
+        nodes = tissue.held_components(body.mesh, table.clamp, table.roller).any(axis=1)
+        return np.asarray(body.mesh.p.T[nodes])
+
+    @property
     def tissue_dofs(self) -> int:
         """Unknowns of the organ that are not held."""
         return self.assembly.organ.size

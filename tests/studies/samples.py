@@ -191,6 +191,7 @@ class Stub:
     fail: Exception | Callable[[], None] | None = None
     steps: int = 7
     topology: OrganTopology | None = LINEAR
+    held: np.ndarray = field(default_factory=lambda: CORNERS)
     tissue_dofs: int = 12
     balls: int = 0
     refinement: dict[str, Any] = field(default_factory=dict)

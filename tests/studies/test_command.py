@@ -239,7 +239,8 @@ def test_what_is_printed_as_json(
     assert "picture" in checked["picture"] or "section" in checked["picture"]
     assert (tmp_path / "start.png").stat().st_size > 10_000
     assert command.main(["scenes", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["two_piercings"]["title"] == load("two_piercings").title
+    listed = json.loads(capsys.readouterr().out)["two_piercings"]
+    assert listed["title"] == load("two_piercings").title and listed["cost"].endswith(" GB")
 
 
 def test_a_new_scenario_can_be_run(

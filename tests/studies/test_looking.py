@@ -23,6 +23,7 @@ from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
 from studies.pictures import film_section, looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
+from studies.pictures.scene import frame_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
 from studies.report.plotting import columns_of, line_of
@@ -151,7 +152,7 @@ def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None
     folder = record_run(tmp_path / "run", title="$x_{$")
     assert main(["plot", str(folder), "energy.kinetic", "--out", str(tmp_path / "plot.svg")]) == 0
     assert "$x_{$" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
-    last = frame(1.0)
+    last = frame_of(frame(1.0))
     holes = tuple(replace(hole, name="$x_{$") for hole in last.piercings)
     section.draw_section(replace(last, piercings=holes), LINEAR, tmp_path / "section.png", "$x_{$")
 
@@ -159,7 +160,7 @@ def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
     """Independent check: as many pictures as frames, which differ; one scale has the extremes of all frames."""
     results = read_run(run)
-    frames = [snapshot_of(found, results.piercings) for found in results.frames[1:3]]
+    frames = [frame_of(snapshot_of(found, results.piercings)) for found in results.frames[1:3]]
     film_section.draw_film(frames, LINEAR, tmp_path / "film.gif", "title")
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 2
@@ -188,7 +189,7 @@ def test_a_piece_that_is_cut_and_flies_away_does_not_shrink_the_rest() -> None:
 
 def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
     """Independent check: forces of a piconewton have neither arrow nor colour nor name, those of a millinewton have."""
-    felt = frame(1.0)
+    felt = frame_of(frame(1.0))
     holes = tuple(replace(hole, force=np.array([0.0, 1e-3, 0.0])) for hole in felt.piercings)
     felt = replace(felt, thread=replace(felt.thread, tension=0 * felt.thread.tension + 1e-3), piercings=holes)
     slack = replace(
@@ -198,7 +199,9 @@ def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
     )
     scale, none = scale_of([felt]), scale_of([slack])
     assert scale.shows(1e-3) and scale.tension == (0.0, 1e-3) and force_text(1e-3) == "1 mN"
-    assert not none.shows(1e-12) and none.tension == (0.0, 1.0) and not legend(none) and force_text(1e-12) == "0 mN"
+    assert (
+        not none.shows(1e-12) and none.tension == (0.0, 1.0) and not legend(none, slack) and force_text(1e-12) == "0 mN"
+    )
 
 
 def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:

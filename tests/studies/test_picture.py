@@ -13,9 +13,11 @@ from studies.arrays import Array
 from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_picture, draw_scene
+from studies.pictures.scene import frame_of
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import (
     KILO,
+    SIZE,
     TENSION,
     TICKS,
     colours,
@@ -27,6 +29,7 @@ from studies.pictures.view import (
 )
 from tests.studies.samples import LINEAR, frame, quadratic
 
+SCENE = (frame_of(frame(0.1)), LINEAR, "")
 SHADE = 0.02  # of a colour: two shades of 256
 
 
@@ -36,7 +39,7 @@ def is_drawn(path: Path) -> bool:
 
 @pytest.mark.parametrize("topology", [None, LINEAR, quadratic()], ids=["no organ", "linear", "quadratic"])
 def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) -> None:
-    draw_section(frame(0.1, topology), topology, tmp_path / "section.png", "title")
+    draw_section(frame_of(frame(0.1, topology)), topology, tmp_path / "section.png", "title")
     assert is_drawn(tmp_path / "section.png")
 
 
@@ -49,9 +52,7 @@ def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
 
 def test_a_child_that_dies_leaves_the_section_and_its_last_words(tmp_path: Path) -> None:
     """Independent check: without the module for three dimensions there is a section, and the cause is Python's own."""
-    drawn = draw_scene(
-        (frame(0.1), LINEAR, ""), tmp_path / "picture.png", "studies.no_such", "studies.pictures.section"
-    )
+    drawn = draw_scene(SCENE, tmp_path / "picture.png", "studies.no_such", "studies.pictures.section")
     assert is_drawn(tmp_path / "picture.png")
     assert "section (matplotlib)" in drawn.line and "libegl1" in drawn.line
     assert "No module named studies.no_such" in drawn.line
@@ -65,7 +66,7 @@ def test_a_picture_that_cannot_be_drawn_has_its_true_cause(tmp_path: Path) -> No
     cause = chooser.draw_apart("studies.pictures.section", source, tmp_path / "picture.png", {})
     assert cause.startswith("_pickle.UnpicklingError") and "ended with status 1" in cause
     assert not (tmp_path / "picture.png").exists()
-    drawn = draw_scene((frame(0.1), LINEAR, ""), tmp_path / "a" / "b.png", "studies.no", "studies.pictures.section")
+    drawn = draw_scene(SCENE, tmp_path / "a" / "b.png", "studies.no", "studies.pictures.section")
     assert "No such file or directory" in drawn.failure and drawn.failure in drawn.line
 
 
@@ -78,7 +79,7 @@ def test_a_file_in_the_working_folder_is_not_run(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.syspath_prepend("")
-    drawn = draw_scene((frame(0.1), LINEAR, ""), tmp_path / "picture.png", "studies.no", "studies.pictures.section")
+    drawn = draw_scene(SCENE, tmp_path / "picture.png", "studies.no", "studies.pictures.section")
     assert is_drawn(tmp_path / "picture.png"), drawn.line
     assert not (tmp_path / "run").exists()
 
@@ -168,3 +169,32 @@ def test_numbers_stand_over_their_places_on_a_bar(tmp_path: Path) -> None:
     low, high = scale_of([frame(0.1, LINEAR)]).stress
     wanted = left + (right - left) * (np.array(ticks(low / KILO, high / KILO)) - low / KILO) / (high - low) * KILO
     assert numbers == pytest.approx(wanted, abs=3.0)
+
+
+def test_the_whole_organ_is_in_the_picture_unless_it_is_very_large() -> None:
+    """Independent check: the pixels of its nodes; of one a hundred times as large the thread keeps its size."""
+    from studies.pictures.space import stage_of
+
+    stage = stage_of([frame(0.1)], LINEAR, "")
+    places = stage.camera.pixels(LINEAR.points + frame(0.1).organ.displacement)  # type: ignore[union-attr]
+    assert (places >= 0.0).all() and (places <= SIZE).all()
+    huge = OrganTopology(100.0 * LINEAR.points, LINEAR.cells)
+    assert stage_of([frame(0.1, huge)], huge, "").camera.scale >= stage.camera.scale
+
+
+@pytest.mark.parametrize("space", [True, False], ids=["space", "section"])
+def test_the_start_is_drawn_with_held_nodes_and_footprints(tmp_path: Path, space: bool) -> None:
+    """Independent check: blue dots and red balls, which another picture of the same frame does not have."""
+    start, plain = tmp_path / "start.png", tmp_path / "plain.png"
+    at = frame(0.1)
+    marked = replace(frame_of(at), held=LINEAR.points)
+    marked = replace(marked, piercings=tuple(replace(hole, footprint=5e-3) for hole in marked.piercings))
+    modules = "studies.pictures.space" if space else "studies.no", "studies.pictures.section"
+    for scene, path in ((marked, start), (frame_of(at), plain)):
+        if "section" in draw_scene((scene, LINEAR, ""), path, *modules).line and space:
+            pytest.skip("no OpenGL renders here")
+    counts = []
+    for path in (start, plain):
+        red, green, blue = np.moveaxis(imread(path)[..., :3], 2, 0)
+        counts.append((int((red > green + 0.2).sum()), int((blue > red + 0.2).sum())))
+    assert all(with_marks > without for with_marks, without in zip(*counts, strict=True))

@@ -49,7 +49,9 @@ def test_the_scenario_of_the_manual_is_complete() -> None:
 
 @pytest.mark.parametrize("name", scenes())
 def test_the_manual_lists_every_scene(name: str) -> None:
-    assert f"[`{name}`](scenes/{name}.toml): {load(name).title}\n" in MANUAL.read_text(encoding="utf-8")
+    listed = re.search(rf"\[`{name}`\]\(scenes/{name}\.toml\): (.*) \((.*)\)\n", MANUAL.read_text(encoding="utf-8"))
+    assert listed is not None and listed[1] == load(name).title
+    assert re.fullmatch(r"\d+ (s|min), \d+(\.\d+)? GB", listed[2])
 
 
 def test_a_key_in_words() -> None:

@@ -140,17 +140,20 @@ def test_nothing_is_fetched(text: str) -> None:
     assert "default-src 'none'" in own and "connect-src" not in own and "http" not in own.replace("http-equiv", "")
 
 
-def test_remarks_stand_first_and_text_is_no_markup(tmp_path: Path) -> None:
-    """Independent check: an unsupported remark before a note, both before the summary; a title with a tag is text."""
+def test_the_result_stands_first_and_text_is_no_markup(tmp_path: Path) -> None:
+    """Independent check: the picture, an unsupported remark, three charts, the summary, a note; a title with a tag is
+    text."""
     pytest.importorskip("plotly")
     folder = record_run(tmp_path / "run", title="<b>&</b></script>")
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     kinds = [("note", "n"), ("unsupported", "u")]
     summary["remarks"] = [{"code": code, "severity": kind, "message": code, "where": ""} for kind, code in kinds]
     (folder / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    (folder / "picture.png").write_bytes(b"PNG")
     write_report([folder], tmp_path / "page.html")
     body = (tmp_path / "page.html").read_text(encoding="utf-8").partition("<script")[0]
-    order = [body.index(word) for word in ("Remarks", 'class="unsupported"', 'class="note"><b>', "Summary")]
+    words = ("Result", 'class="figure"', 'class="unsupported"', 'id="chart0"', 'id="chart2"', "Summary", 'id="chart3"')
+    order = [body.index(word) for word in (*words, 'class="note"><b>')]
     assert order == sorted(order)
     assert "<b>&</b>" not in body and "&lt;b&gt;&amp;&lt;/b&gt;" in body
 

@@ -25,7 +25,7 @@ def test_every_page_is_there_and_loads_nothing_from_outside(built: Path) -> None
     assert len(pages) >= len(site.PAGES) + len(site.PACKAGES)
     for page in pages:
         assert not OUTSIDE.search(page.read_text(encoding="utf-8")), page
-    assert (built / "studies/scenario/scenes/two_piercings.png").is_file()
+    assert (built / "studies/scenario/scenes/one_stitch.png").is_file()
 
 
 def test_formulas_are_drawn_by_the_browser(built: Path) -> None:
