@@ -238,6 +238,14 @@ def test_the_checks_see_what_they_should(monkeypatch: pytest.MonkeyPatch) -> Non
         understood(["run", "two_piercings", "--outt", "DIR"], monkeypatch)
 
 
+def test_the_quick_tests_are_files_of_tests() -> None:
+    """Independent check: every file that the list names is there, once, and they come from every folder of tests."""
+    files = (ROOT / "tests" / "quick.txt").read_text(encoding="utf-8").split()
+    assert len(set(files)) == len(files) and all((ROOT / name).is_file() for name in files)
+    folders = {path.parent for path in (ROOT / "tests").rglob("test_*.py")} - {ROOT / "tests" / "fuzz"}
+    assert {(ROOT / name).parent for name in files} == folders
+
+
 def test_the_recipes_name_what_there_is() -> None:
     """Independent check: every file that CONTRIBUTING.md names is there, and every name of code stands in the code."""
     code = INLINE.findall(LISTING.sub("", PAGES["CONTRIBUTING.md"]))
