@@ -24,7 +24,6 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import coarse_spans
 from studies.study import (
     Columns,
     Study,
@@ -145,7 +144,6 @@ class Row(Case):
     drawn: float = measured("m", lambda at: at.drawn)  # of the hands
     force: float = measured("N", lambda at: at.force)  # on the hole, along the strip
     clamp: float = measured("N", lambda at: -at.body.nodal(at.forces)[at.held, 0].sum())  # that the clamp bears
-    moved: float = measured("m", lambda at: at.hole.displacement[0])  # of the hole
     bearing: float = measured("Pa", lambda at: at.force / (suture(SUTURE).diameter * at.thickness))  # F/(d t)
     stretch: float = measured("-", lambda at: at.stretches[:, 0].max())  # largest at the hole
     swelling: float = measured("-", lambda at: at.stretches.prod(axis=1).max())  # largest J there
@@ -156,7 +154,6 @@ class Row(Case):
         "-", lambda at: 1.0 + np.polyfit(at.x, at.along, 1)[0]
     )  # mean stretch of the strip's middle
     uniaxial: float = measured("-", lambda at: at.uniaxial)  # what a strip is stretched by F over its section
-    span_ratio: float = measured("-", lambda at: at.span_ratio)
     failed: str
 
 
@@ -210,9 +207,13 @@ def scenario(case: Case) -> Scenario:
 
 def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
     """Return the row of an equilibrium."""
-    seen, organ, body = step_record(now), simulation.assembly.organ, simulation.assembly.body
+    organ, body = simulation.assembly.organ, simulation.assembly.body
     assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
-    finite, (hole,), thickness = isinstance(organ, tissue.FiniteOrgan), seen.piercings, case.tissue.thickness
+    finite, thickness, (hole,) = (
+        isinstance(organ, tissue.FiniteOrgan),
+        case.tissue.thickness,
+        step_record(now).piercings,
+    )
     U, force = organ.displacement(now.state.organ), -float(hole.force[0])
     hyper = organ.law if isinstance(organ, tissue.FiniteOrgan) else tissue.Hyperelasticity(body)
     centres = body.mesh.p[:, body.mesh.t].mean(axis=1).T
@@ -220,8 +221,8 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
     x, along = body.points[:, 0], body.nodal(U)[:, 0]
     middle = np.abs(x) <= MIDDLE * LENGTH
     end = SimpleNamespace(
-        drawn=DRAWN * now.state.time / simulation.scenario.solve.duration, hole=hole, force=force, thickness=thickness,
-        uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)), span_ratio=seen.span_ratio, body=body,
+        drawn=DRAWN * now.state.time / simulation.scenario.solve.duration, force=force, thickness=thickness,
+        uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)), body=body,
         stretches=tissue.cell_stretch(hyper, U)[0][near], x=x[middle], along=along[middle],
         energy=(tissue.cell_energy(hyper, U) if finite else tissue.energy_density(body, U))[near],
         forces=hyper.forces(hyper.gradient(U))[0] if finite else body.K @ U,
@@ -298,9 +299,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out.append(f"tissue at the hole swells to up to {swelling:.3g} of its volume, which real tissue hardly does")
     balance = max((abs(row.clamp - row.force) / row.force for row in rows if row.force > 0.0), default=0.0)
     out.append(f"what the clamp bears is the force on the hole within {balance:.1g}")
-    out += [f"{row.name}, {row.drawn / MILLI:.3g} mm: FAILED beyond, {row.failed}" for row in rows if row.failed]
-    coarse = max((row.span_ratio for row in rows), default=0.0)
-    return [*out, *(f"TOO COARSE, {said.message}" for said in coarse_spans(coarse))]
+    return out + [f"{row.name}, {row.drawn / MILLI:.3g} mm: FAILED beyond, {row.failed}" for row in rows if row.failed]
 
 
 def fit_words(name: str) -> str:

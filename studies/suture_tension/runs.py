@@ -103,7 +103,6 @@ class Row(Case):
     drawn: float = measured("m", lambda at: at.drawn)  # through the exit, since a taut thread in the undeformed organ
     theory_drawn: float = measured("m", lambda at: at.theory_drawn)
     held: float = measured("N", lambda at: at.entry.tension_before)
-    entered: float = measured("N", lambda at: at.entry.tension_after)
     leaving: float = measured("N", lambda at: at.exit.tension_before)
     pulled: float = measured("N", lambda at: at.exit.tension_after)
     theory_held: float = measured("N", lambda at: at.theory_held)
