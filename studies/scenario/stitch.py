@@ -24,8 +24,8 @@ from thread.path import rounded_path
 
 NEAR = 0.3  # of the bite and the depth of a vertical mattress stitch, of its bite next to the edges
 BENDS = 8  # of a bite: each turns the thread by 22.5°
-LIFT = 0.1  # of the bite, by which a strand on the surface is laid above it: it has to be drawn down
-KNOT = 0.3  # of the bite, at which the strands of a knot cross above the surface, and the length of a tail
+LIFT = 0.2  # of the bite: a strand on the surface is laid so far above it, about as long as its own arch
+KNOT = 0.4  # of the bite: the strands of a knot cross so far above the surface, and tails are as long
 UNTIL = 0.75  # of the run, in which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a count of bites

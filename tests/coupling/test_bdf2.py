@@ -58,7 +58,7 @@ LOAD, SWAY = 0.01 * Z, np.array([0.004, 0.002, 0.006])
 class Swaying(Free):
     """A load that swells and fades smoothly: its first three derivatives are zero at t = 0."""
 
-    def force(self, time: float) -> np.ndarray:
+    def force(self, time: float, share: float = 1.0) -> np.ndarray:
         return LOAD + SWAY * np.sin(np.pi * max(time, 0.0) / PERIOD) ** 4
 
 

@@ -56,7 +56,7 @@ DT, STEPS, WIDTH = 2e-3, 9, 1e-3
 FITTED = 1e-2  # what the packets of knots are made for, which are others after another way
 START, END = hairpin(RADIUS, LENGTH)(np.array([0.0, LENGTH]))
 # The end is drawn across the wound and up, harder on one side of it, so that a part of the lips meets.
-DRAWN = (Fixed(START), Pulled(np.array([-0.1, 0.02, 0.3]), STEPS * DT))
+DRAWN = (Fixed(START), Pulled(np.array([-0.1, 0.02, 0.3]), np.array([[0.0, 0.0], [STEPS * DT, 1.0]])))
 HANDS = (  # the thread is drawn by hand through the one hole, and slides with friction through the other
     Piercing("entry", slides=False, draw=np.array([[0.0, 0.0], [STEPS * DT, -1e-3]])),
     Piercing("exit", friction=Friction(0.15, 0.12, 1e-4)),
@@ -128,7 +128,7 @@ def test_a_node_that_slides_off_while_it_is_pressed_lets_go() -> None:
     """Independent check: in one load step of five times the force a lip slides so far past the other that a node which
     was pressed faces nothing any more; the load step ends with lips that obey the law of contact."""
     system, state = scene("slit quasi-static P1")
-    harder = replace(system, ends=(system.ends[0], Pulled(5.0 * DRAWN[1].load, STEPS * DT)))
+    harder = replace(system, ends=(system.ends[0], Pulled(5.0 * DRAWN[1].load, DRAWN[1].course)))
     steps = load_step(harder, state, 1.0, STEPS * DT)
     lips = [harder.organ.lips(step.new.organ) for step in steps]
     off = [now.gap >= harder.organ.gaps.extent for now in lips]

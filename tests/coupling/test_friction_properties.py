@@ -56,7 +56,9 @@ frictions = st.builds(
 holes = st.builds(
     lambda directed, friction: (directed, friction), st.booleans(), st.one_of(frictions, frictions, st.none())
 )
-starts = st.one_of(st.just(Free()), st.just(Fixed(START)), vectors.map(lambda load: Pulled(load, DT)))
+starts = st.one_of(
+    st.just(Free()), st.just(Fixed(START)), vectors.map(lambda load: Pulled(load, np.array([[0.0, 0.0], [DT, 1.0]])))
+)
 
 
 @st.composite
@@ -64,7 +66,10 @@ def scenarios(draw: st.DrawFn) -> tuple[System, State]:
     """The hairpin, its thread, organ, holes and pulls at random."""
     section = Strand(EA=draw(between(30.0, 300.0)), EI=10 ** draw(between(-6.5, -5.5)))
     piercings = tuple(Piercing(name, True, *draw(holes)) for name in ("entry", "exit"))
-    ends: tuple[End, End] = (draw(starts), Pulled(draw(vectors), draw(st.sampled_from([DT, DT * STEPS]))))
+    ends: tuple[End, End] = (
+        draw(starts),
+        Pulled(draw(vectors), np.array([[0.0, 0.0], [draw(st.sampled_from([DT, DT * STEPS])), 1.0]])),
+    )
     organ = draw(st.sampled_from(sorted(ORGANS)))
     gravity = -9.81 * Z * draw(st.booleans())
     thread = uniform(LENGTH, 40, section, damping=draw(st.sampled_from([0.0, 5.0])), point_masses=MASSES)

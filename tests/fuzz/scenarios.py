@@ -127,13 +127,62 @@ mesh = { kind = "given", sha256 = "0" }
 suture = "2-0 polypropylene"
 path = [[0, 0, 0], [0.01, 0, 0]]
 """
+STITCHED = """
+solve = { kind = "static", load_steps = 2 }
+thread.suture = "4-0 polypropylene"
+thread.end = { kind = "pulled", force = [0, 0, 1e-3], from = 0.2, until = 0.8 }
+
+[tissue]
+youngs_modulus = 1.0e6
+poisson_ratio = 0.4
+density = 1070.0
+clamp = ["bottom"]
+mesh = { kind = "wound", size = [0.03, 0.03, 0.012], length = 0.01, depth = 0.006, h = 6.0e-3, accuracy = "given" }
+
+[[tissue.load]]
+boundary = "left"
+pressure = 10.0
+course = { kind = "cycle", period = 4.0, low = 0.2 }
+
+[[tissue.load]]
+boundary = "right"
+pressure = 10.0
+course = { kind = "hold", rise = 0.1, hold = 0.3, fall = 0.2 }
+
+[[tissue.load]]
+boundary = "right"
+pressure = 10.0
+course = { kind = "ramp", over = 0.5 }
+
+[[tissue.load]]
+boundary = "left"
+pressure = 10.0
+course = { kind = "cough", at = 0.3, duration = 4.0 }
+
+[[stitch]]
+name = "run"
+kind = "running"
+at = [0, -0.003, 0]
+along = [0, 1, 0]
+normal = [0, 0, 1]
+bite = [4.0e-3, 5.0e-3]
+depth = 4.0e-3
+pitch = 5.0e-3
+count = 2
+force = 0.1
+from = 0.1
+until = 0.6
+footprint = 1.0e-3
+tract = false
+friction = { static = 0.1, kinetic = 0.1, grip = 0.01 }
+"""
 POINTS, CELLS = 60, 4000  # control points and elements up to which a scenario is prepared
 
 
 def sources() -> list[str]:
     """List the scenarios that are mutated."""
     shipped = [path.read_text(encoding="utf-8") for path in sorted(SCENES.glob("*.toml"))]
-    return [SMALL, SMALL, SMALL, CONTRACT, *shipped, SPRUNG, FINITE, GIVEN]
+    return [SMALL, SMALL, SMALL, CONTRACT, *shipped, SPRUNG, FINITE, GIVEN, STITCHED]
 
 
 def every_key() -> list[str]:

@@ -217,3 +217,14 @@ def _written(table: dict[str, Any]) -> str:
     from studies.scenario.stitch import long_form
 
     return tomli_w.dumps(long_form(table))
+
+
+def test_a_rough_running_stitch_is_drawn_through_its_tracts() -> None:
+    """Independent check: from slack, in four load steps, a hand draws at the last hole, whose own friction takes a part
+    of its force. No hole and no ball breaks the law of friction, and behind the last bite less of the force is left."""
+    rough = {"friction": {"static": 0.2, "kinetic": 0.2}, "count": 2, "until": 1.0, "at": [0, -3e-3, 0]}
+    table = wound(of_kind("running") | rough)
+    *_, (last, _) = prepare(parse(table)).advance()
+    assert 0.8 * STITCH["force"] < last.piercings[-1].tension_before < STITCH["force"]
+    assert max(hole.cone_residual for hole in last.piercings) <= 1e-6 * STITCH["force"]
+    assert last.piercings[-2].tension_before < last.piercings[-1].tension_before
