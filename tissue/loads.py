@@ -50,10 +50,7 @@ class SurfaceLoad:
             raise TissueError(f"load on {self.boundary!r}: allowed are a traction or a pressure; give one of them")
         given = np.asarray(self.pressure if self.traction is None else self.traction, dtype=float)
         if given.shape not in {(), (3,)} or not np.all(np.isfinite(given)):
-            raise TissueError(
-                f"load on {self.boundary!r}: {given} Pa; allowed are three finite numbers of a traction or one of a "
-                "pressure"
-            )
+            raise TissueError(f"load on {self.boundary!r}: {given} Pa; allowed are finite numbers, three or one")
         if self.course is not None and not (np.all(np.isfinite(self._rows)) and np.all(np.diff(self._rows[0]) > 0.0)):
             raise TissueError(f"load on {self.boundary!r}: the times of its course do not rise; sort them")
 
@@ -67,8 +64,8 @@ class SurfaceLoad:
         end at `time`."""
         if self.course is None:
             return share
-        grown = 1.0 if time > 0.0 else share  # at a start at rest no time passes, and the share grows
-        return grown * float(np.interp(share * time, *self._rows))
+        # At a start at rest no time passes, and the share grows.
+        return (1.0 if time > 0.0 else share) * float(np.interp(share * time, *self._rows))
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,22 @@ A course is rows of time [s] and factor [-], linear in between. A course with a 
 of them in each period.
 """
 
-from itertools import pairwise
 from math import ceil, cos, inf, pi
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import NotNegative, Number, Positive, ScenarioTable, Turn, one_sentence
+from studies.scenario.table import (
+    NotNegative,
+    Number,
+    Positive,
+    ScenarioTable,
+    Turn,
+    check_ending,
+    check_rising,
+    one_sentence,
+)
 
 WAVE = 32  # rows of a period: linear in between, they are within 0.25 % of the wave's height
 JUMP = 1e-9  # of a time, in which a load comes and goes: more than the round-off of the end of a step
@@ -103,15 +111,9 @@ class Timed(ScenarioTable):
 
     @model_validator(mode="after")
     def _check_course(self) -> Self:
-        if self.until is not None and self.until <= self.from_:
-            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        check_ending(self.from_, self.until)
         rows = self.course if isinstance(self.course, tuple) else ()
-        for row, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
-            if after <= before:
-                raise ValueError(
-                    f".course.{row} = {as_toml(rows[row])} is refused: "
-                    f"its time must be later than {before} s, the one before it; sort them by time"
-                )
+        check_rising("course", rows)
         if rows and rows[0][0] < 0.0:
             raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; let it begin there")
         return self

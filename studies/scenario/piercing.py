@@ -1,7 +1,6 @@
 """The table of a piercing, `[[piercing]]`, and of its friction."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from math import dist, hypot
 from typing import Annotated, Any, Literal, Self
 
@@ -16,6 +15,8 @@ from studies.scenario.table import (
     Text,
     Turn,
     Vector,
+    check_ending,
+    check_rising,
     one_sentence,
     refuse_subgrid,
 )
@@ -155,16 +156,10 @@ class Piercing(ScenarioTable):
                 "about the radius of its thread: give that, or leave it out"
             )
         self._check_place()
-        if self.until is not None and self.until <= self.from_:
-            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        check_ending(self.from_, self.until)
         self._check_hand()
-        for key, rows in (("draw", self.draw), ("pull", self.pull)):
-            for row, ((before, *_), (after, *_)) in enumerate(pairwise(rows or ()), start=1):
-                if after <= before:
-                    raise ValueError(
-                        f".{key}.{row} = {as_toml((rows or ())[row])} is refused: "
-                        f"its time must be later than {before} s, the one before it; sort them by time"
-                    )
+        check_rising("draw", self.draw or ())
+        check_rising("pull", self.pull or ())
         if self.kind == "anchored" and self.friction is not None:
             raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
         if self.channel is not None and (self.friction is None or self.direction == "free"):

@@ -86,7 +86,7 @@ class Scenario(ScenarioTable):
             return table
         try:
             return long_form(table)
-        except (ValidationError, TypeError):  # told of the table itself, and not of a path that is missing
+        except (ValidationError, TypeError):  # those of the fields name the fault, and a missing path is none
             return table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
 
     @model_validator(mode="after")

@@ -19,7 +19,16 @@ from studies.arrays import Array
 from studies.scenario.piercing import Friction
 from studies.scenario.refusal import as_toml
 from studies.scenario.solve import Solve
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, Vector, one_sentence, repetition
+from studies.scenario.table import (
+    NotNegative,
+    Positive,
+    ScenarioTable,
+    Text,
+    Vector,
+    check_ending,
+    one_sentence,
+    repetition,
+)
 from thread.path import rounded_path
 
 NEAR = 0.3  # of the bite and the depth of a vertical mattress stitch, of its bite next to the edges
@@ -101,8 +110,7 @@ class Stitch(ScenarioTable):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.until is not None and self.until <= self.from_:
-            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        check_ending(self.from_, self.until)
         if self.kind not in ROWS and "count" in self.model_fields_set:
             raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has its own; leave it out")
         if self.kind == "running" and self.hold is not None:
@@ -151,8 +159,7 @@ class Bite(NamedTuple):
 
 def bites_of(stitch: Stitch) -> list[Bite]:
     """Return the bites of a stitch in the order of the thread."""
-    (left, right), depth, step = stitch.sides, stitch.depth, stitch.step
-    half = 0.5 * step
+    (left, right), depth, step, half = stitch.sides, stitch.depth, stitch.step, 0.5 * stitch.step
 
     def across(label: str, along: float, back: bool = False, share: float = 1.0) -> Bite:
         holes = (f"{label}left", (along, -share * left)), (f"{label}right", (along, share * right))
@@ -304,15 +311,14 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     parts = [each.points for each in laid]
     path = [rounded(point) for part in parts for point in part]
     whole = rounded_path(path)
-    between = [0.5 * (before[-1] + after[0]) for before, after in pairwise(parts)]
-    cuts = [whole.nearest(point)[0] for point in between]
+    cuts = [whole.nearest(0.5 * (before[-1] + after[0]))[0] for before, after in pairwise(parts)]
     sought = organ is not None and mesh.get("kind") not in FLAT
     thread = {**thread, "path": path, **({"cuts": cuts} if cuts else {})}
     holes = [hole for each in laid for hole in each.piercings(sought, organ is not None, solve)]
     tracts = [tract for each in laid for tract in each.tracts()] if organ is not None else []
     ties = [*data.get("tie", ()), *(tie for each in laid for tie in each.ties(solve))]
-    rest = {key: value for key, value in data.items() if key != "stitch"}
-    return rest | {"thread": thread, "piercing": holes, "tract": tracts, "tie": ties}
+    made = {"thread": thread, "piercing": holes, "tract": tracts, "tie": ties}
+    return {key: value for key, value in data.items() if key != "stitch"} | made
 
 
 def unit(vector: Sequence[float] | Array) -> Array:

@@ -1,6 +1,7 @@
 """A table of a scenario: the kinds of values it holds, and how it is refused."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -62,6 +63,22 @@ class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
+
+
+def check_ending(begins: float, until: float | None) -> None:
+    """Refuse an end that is not after the beginning [s]."""
+    if until is not None and until <= begins:
+        raise ValueError(f".until = {until} is refused: it must be later than from = {begins}; raise it")
+
+
+def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
+    """Refuse rows of a key whose times, the first number of each, do not rise."""
+    for row, ((before, *_), (after, *_)) in enumerate(pairwise(rows), start=1):
+        if after <= before:
+            raise ValueError(
+                f".{key}.{row} = {as_toml(rows[row])} is refused: "
+                f"its time must be later than {before} s, the one before it; sort them by time"
+            )
 
 
 def refuse_subgrid(data: Any) -> None:

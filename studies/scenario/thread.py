@@ -20,6 +20,7 @@ from studies.scenario.table import (
     Vector,
     Waypoint,
     Whole,
+    check_rising,
 )
 from thread.catalogue import suture
 from thread.errors import ThreadError
@@ -47,12 +48,7 @@ class _HeldEnd(_End):
     @model_validator(mode="after")
     def _check_turn(self) -> Self:
         rows = self.turn or ()
-        for row, ((before, _), (after, _)) in enumerate(pairwise(rows), start=1):
-            if after <= before:
-                raise ValueError(
-                    f".turn.{row} = {as_toml(rows[row])} is refused: "
-                    f"its time must be later than {before} s, the one before it; sort them by time"
-                )
+        check_rising("turn", rows)
         if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
             raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; let it begin at [0, 0]")
         return self
@@ -99,12 +95,7 @@ class DrivenEnd(_HeldEnd):
 
     @model_validator(mode="after")
     def _check_times(self) -> Self:
-        for row, ((before, *_), (after, *_)) in enumerate(pairwise(self.waypoints), start=1):
-            if after <= before:
-                raise ValueError(
-                    f".waypoints.{row} = {as_toml(self.waypoints[row])} is refused: "
-                    f"its time must be later than {before} s, the one before it; sort them by time"
-                )
+        check_rising("waypoints", self.waypoints)
         return self
 
     def position(self, time: float) -> Vector:

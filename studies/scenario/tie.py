@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, repetition
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, check_ending, repetition
 
 
 class Tie(ScenarioTable):
@@ -51,8 +51,7 @@ class Tie(ScenarioTable):
     def _check(self) -> Self:
         if self.between[0] == self.between[1]:
             raise ValueError(f".between = {as_toml(self.between)} is refused: a loop goes through two holes; name two")
-        if self.until <= self.from_:
-            raise ValueError(f".until = {self.until} is refused: it must be later than from = {self.from_}; raise it")
+        check_ending(self.from_, self.until)
         if self.ramp is not None and self.ramp > self.until - self.from_:
             raise ValueError(
                 f".ramp = {self.ramp} is refused: the loop is locked {self.until - self.from_:.6g} s after it is "

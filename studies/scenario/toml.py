@@ -154,18 +154,14 @@ def _read(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} cannot be read as TOML: {error}; no scenario needs that") from None
 
 
-def _set(data: dict[str, Any], parts: Sequence[str], value: Any, text: str) -> None:
-    """Set one key in place, in every entry of a list of tables whose entry is not named; `text` is what asks for it."""
-    _set_below(data, (), parts, value, text)
-
-
-def _set_below(table: Any, parents: tuple[str, ...], parts: Sequence[str], value: Any, text: str) -> None:
-    """Set one key of a table, whose own name has the parts `parents`."""
+def _set(table: Any, parts: Sequence[str], value: Any, text: str, parents: tuple[str, ...] = ()) -> None:
+    """Set one key of a table in place, in every entry of a list of tables where none is named; `text` is the override,
+    `parents` the parts of the table's own name."""
     part, *rest = parts
     if isinstance(table, list):
         if part in keys_of_entries(parents) and part not in map(_name, table):
-            for entry in filter(_is_table, table):
-                _set_below(entry, parents, parts, value, text)
+            for entry in [each for each in table if isinstance(each, dict)]:
+                _set(entry, parts, value, text, parents)
             return
         key: Any = _index(table, part, dotted_key(parents), text)
     else:
@@ -177,7 +173,7 @@ def _set_below(table: Any, parents: tuple[str, ...], parts: Sequence[str], value
     if not isinstance(inner, dict | list):
         where = dotted_key([*parents, part])
         raise ScenarioError(f"{text} is refused: {where} is a value, not a table; set {where} itself")
-    _set_below(inner, (*parents, part), rest, value, text)
+    _set(inner, rest, value, text, (*parents, part))
 
 
 def keys_of_entries(parents: Sequence[str]) -> set[str]:
@@ -191,11 +187,6 @@ def keys_of_entries(parents: Sequence[str]) -> set[str]:
 def _name(entry: Any) -> Any:
     """Return the name of an entry of a list, None if it has none."""
     return entry.get("name") if isinstance(entry, dict) else None
-
-
-def _is_table(entry: Any) -> bool:
-    """Return whether an entry of a list is a table."""
-    return isinstance(entry, dict)
 
 
 def override_key(text: str) -> list[str]:

@@ -32,7 +32,7 @@ from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, s
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
-from studies.simulation.tracts import Ball, bites_of, check_balls, with_balls
+from studies.simulation.tracts import Ball, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import uniform_knots
@@ -123,7 +123,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     laid = laid_path(scenario, path, at[there], moves[there])
     as_given = scenario
     scenario, length, s = carried(scenario, holes, laid, at, s)
-    own = [value for hole, value in zip(holes, s, strict=True) if not isinstance(hole, Ball)]
+    own = of_piercings(holes, s)
     check_cuts(scenario.thread.cuts, length)
     check_cuts([table.s for table in scenario.cut], length, "cut.s")
     known_s = [value for hole, value in zip(holes, s, strict=True) if is_known(hole)]
@@ -135,8 +135,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     whole = resolved(scenario, length, own) if scenario is as_given else resolved(as_given)
     depths = partial(stored_depths, scenario, body, store)
     rough = {*given.friction, *(hole.name for hole in scenario.piercing if hole.friction is not None)}
-    at_own = [value for hole, value in zip(holes, at.tolist(), strict=True) if not isinstance(hole, Ball)]
-    bites = bites_of(scenario, path, at_own, rough, depths)
+    bites = bites_of(scenario, path, of_piercings(holes, at.tolist()), rough, depths)
     system: System[tissue.OrganState] = System(
         thread=thread,
         ends=(end_of(whole, whole.thread.start, path, 0.0), end_of(whole, whole.thread.end, path, path.length)),

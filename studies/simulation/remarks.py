@@ -59,7 +59,7 @@ from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at
 from studies.simulation.given import Given, shear_moduli
-from studies.simulation.tracts import Ball, across_wounds, radius_of
+from studies.simulation.tracts import Ball, across_wounds, of_piercings, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 from thread.thread import Thread
@@ -98,7 +98,7 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
-    at = np.array([at for hole, at in zip(assembly.holes, assembly.at, strict=True) if not isinstance(hole, Ball)])
+    at = np.array(of_piercings(assembly.holes, assembly.at.tolist()))
     out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, strength)
     if assembly.body is None:
         return out

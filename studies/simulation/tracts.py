@@ -103,6 +103,11 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
     return Way(first, last, np.reshape([part for part in parts if part[1] > part[0]], (-1, 2)))
 
 
+def of_piercings(holes: Sequence[Piercing], values: Sequence[float]) -> list[float]:
+    """Return those of the values of holes that belong to piercings, without those of balls."""
+    return [value for hole, value in zip(holes, values, strict=True) if not isinstance(hole, Ball)]
+
+
 def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
     """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of the deep part. Balls
     at both ends make this converge fast, because the thread presses hardest there."""

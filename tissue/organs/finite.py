@@ -490,6 +490,11 @@ class FiniteOrgan(MeshedOrgan):
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
         prestretch, unless contact surfaces would cross there. Raises `TissueError` if no such state exists."""
+        return self._started
+
+    @cached_property
+    def _started(self) -> OrganState:
+        """The state at the start, found once."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
         undeformed = OrganState(rest, rest, rest, none, self.no_contact, shares=self.no_shares)
         if self.inertia:
@@ -503,9 +508,8 @@ class FiniteOrgan(MeshedOrgan):
                 f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
                 "tissue"
             ) from error
-        sagged = replace(undeformed, U=U)
         crosses = self.gaps is not None and (self.g0 + self.G[: self.pairs] @ U).min() < 0.0
-        return undeformed if crosses else sagged
+        return undeformed if crosses else replace(undeformed, U=U)
 
     def _sagged(self, U: Array) -> Array:
         """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
