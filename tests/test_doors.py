@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import pytest
 
 from studies.command.command import main
@@ -153,6 +154,7 @@ def test_python_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     for listing in LISTINGS:
         if (listing.page, listing.kind) == (ROOT / name, "python"):
             exec(compile(listing.text, str(listing), "exec"), names)
+    plt.close("all")  # README draws one, which the notebook of the same process would show as its own
 
 
 @pytest.mark.parametrize("listing", [x for x in LISTINGS if x.kind == "toml"], ids=str)
