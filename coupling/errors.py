@@ -90,10 +90,8 @@ class CreatedEnergyError(CouplingError):
         )
 
 
-DRAWN_OUT = (
-    "a thread that can be drawn out of its holes has none: hold an end, add friction or an anchor; else raise "
-    "solve.load_steps"
-)
+OTHER_WAYS = "raise solve.load_steps, lay the path nearer to where the thread rests, or run it in time (solve.kind)"
+HOLD_IT = f"hold an end, add friction or an anchor; else {OTHER_WAYS}"  # of a thread that may be drawn out of its holes
 
 
 @dataclass
@@ -101,7 +99,7 @@ class EquilibriumError(StepError):
     """A load step without an equilibrium; `share` is the part of the final loads, `remedy` what may help."""
 
     share: float = 1.0
-    remedy: str = DRAWN_OUT
+    remedy: str = OTHER_WAYS
 
     def __str__(self) -> str:
         place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
@@ -120,6 +118,8 @@ class UnbalancedError(EquilibriumError):
 @dataclass
 class OutError(EquilibriumError):
     """A load step in which the thread runs out of its last hole: under more of the loads there is no equilibrium."""
+
+    remedy: str = HOLD_IT
 
 
 @dataclass
@@ -159,7 +159,7 @@ class SpentError(CouplingError):
     """A load step that took all the corrections that it may, and found no equilibrium.
 
     `time` [s] where it began; `share` of the final loads; what the thread is `doing`, at `piercing`; what became of the
-    branch `beyond` it, empty where none was followed.
+    branch `beyond` it, empty where none was followed; `remedy`, what may help.
     """
 
     time: float
@@ -168,13 +168,13 @@ class SpentError(CouplingError):
     doing: str
     piercing: str = ""
     beyond: str = ""
+    remedy: str = OTHER_WAYS
 
     def __str__(self) -> str:
         place = (f" at piercing {self.piercing!r}" if self.piercing else "") + (self.beyond and f"; {self.beyond}")
         return (
             f"no equilibrium was found under {100 * self.share:.4g} % of the loads in {self.corrections} corrections, "
-            f"from t = {self.time:.6g} s on, where {self.doing}{place}; hold an end, add friction or an anchor, lay "
-            "the path taut, raise solve.load_steps or thread.control_points, or run it in time (solve.kind)"
+            f"from t = {self.time:.6g} s on, where {self.doing}{place}; {self.remedy}"
         )
 
 

@@ -84,13 +84,6 @@ class Placed(Spline):
         return self.chi.polynomials
 
     @cached_property
-    def spacing(self) -> Array:
-        """Distances of the control points along the thread, shape `(n − 1,)` [m], infinite over a cut: no tangent P'/S'
-        is longer than the longest ratio of a difference of control points to them."""
-        distances = np.diff(self.places)
-        return np.where(distances > 0.0, distances, np.inf)
-
-    @cached_property
     def greville(self) -> Array:
         """Abscissae at the Greville means of χ, shape `(n,)` [m]."""
         return self.evaluate(np.clip(self.chi.greville, self.chi.start, self.chi.end))[0]

@@ -123,13 +123,6 @@ class Spline:
         return parameter, np.ones_like(parameter), self.basis_on(span, parameter)
 
     @cached_property
-    def spacing(self) -> Array:
-        """Distances of the control points' Greville abscissae, shape `(n − 1,)` [m], infinite over a cut. No tangent is
-        longer than the longest difference of control points over them, whose averages all tangents are."""
-        distances = (self.knots[ORDERS:-1] - self.knots[1:-ORDERS]) / DEGREE
-        return np.where(distances > 0.0, distances, np.inf)
-
-    @cached_property
     def greville(self) -> Array:
         """Greville abscissae of the control points, the means of the knots within their functions, shape `(n,)` [m]."""
         return (self.knots[1:-3] + self.knots[2:-2] + self.knots[3:-1]) / DEGREE

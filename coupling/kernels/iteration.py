@@ -62,12 +62,11 @@ Limits = tuple[float, float, float, float]  # of a force, a gap, a direction, an
 
 
 class Knots(NamedTuple):
-    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `spacing` (n − 1,) [m], `polynomials` (spans, 4, 4),
+    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4),
     `mass` (n, 4) [kg] the upper band of M."""
 
     breaks: Array
     first: Indices
-    spacing: Array
     polynomials: Array
     mass: Array
 
@@ -100,8 +99,8 @@ class Given(NamedTuple):
 class Bounds(NamedTuple):
     """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] besides,
     which is `along` times that for a force along a thread whose knots travel; the `least` largest force [N]; `gap` [m],
-    `direction`; `longest` move [m] and largest `turn` of a tangent; margin between two solved sets; `iterations` for
-    one set, how many `sets`, and how many `returns` to one of them; whether the thread `floats`."""
+    `direction`; `longest` move [m]; margin between two solved sets; `iterations` for one set, how many `sets`, and how
+    many `returns` to one of them; whether the thread `floats`."""
 
     force: float
     rounded: float
@@ -110,7 +109,6 @@ class Bounds(NamedTuple):
     gap: float
     direction: float
     longest: float
-    turn: float
     margin: float
     iterations: int
     sets: int
@@ -443,18 +441,6 @@ def newton_direction(
 
 
 @loop
-def largest_turn(spacing: Array, dq: Array) -> float:
-    """Return the most that a move `dq` (n, 3) [m] of the control points turns a tangent by."""
-    square = 0.0
-    for i in range(len(spacing)):
-        here = 0.0
-        for x in range(3):
-            here += (dq[i + 1, x] - dq[i, x]) ** 2
-        square = max(square, here / spacing[i] ** 2)
-    return float(np.sqrt(square))
-
-
-@loop
 def longest_way(dq: Array, lever: Array, floats: bool) -> float:
     """Return the most that a move `dq` (n, c) of the control points moves the thread, less the mean of all where it
     `floats` [m]."""
@@ -470,12 +456,11 @@ def longest_way(dq: Array, lever: Array, floats: bool) -> float:
 
 
 @loop
-def allowed_share(longest: float, turn: float, floats: bool, spacing: Array, lever: Array, dq: Array) -> float:
+def allowed_share(longest: float, floats: bool, lever: Array, dq: Array) -> float:
     """Return the part of a correction `dq` (n, c) that is applied: all of it, or what moves no control point further
-    than the `longest` way [m], of a thread that `floats` apart from the mean of all, and turns no tangent by more than
-    `turn` [rad]. A coordinate moves the thread by its `lever` (c,) [-, m]."""
-    share = min(1.0, longest / max(longest_way(dq, lever, floats), TINY))
-    return min(share, turn / max(largest_turn(spacing, dq), TINY)) if turn < np.inf else share
+    than the `longest` way [m], of a thread that `floats` apart from the mean of all. A coordinate moves the thread by
+    its `lever` (c,) [-, m]."""
+    return min(1.0, longest / max(longest_way(dq, lever, floats), TINY))
 
 
 @loop
@@ -494,11 +479,9 @@ def share_between_holes(ride: Ride, S: Array, dz: Array) -> float:
 
 
 @loop
-def add_correction(
-    bounds: Bounds, spacing: Array, lever: Array, ride: Ride, S: Array, z: Unknowns, dq: Array, dz: Array
-) -> None:
+def add_correction(bounds: Bounds, lever: Array, ride: Ride, S: Array, z: Unknowns, dq: Array, dz: Array) -> None:
     """Add the share of a correction that is allowed; `dq` and the first column of `dz` become what is added."""
-    share = allowed_share(bounds.longest, bounds.turn, bounds.floats, spacing, lever, dq)
+    share = allowed_share(bounds.longest, bounds.floats, lever, dq)
     if ride.on:
         share = min(share, share_between_holes(ride, S, dz))
     for i in range(len(dq)):
@@ -537,7 +520,7 @@ def solve_set(
         ending = newton_direction(A, border, law, z.sigma, given, r, dq, dz)
         if ending != SOLVED:
             return ending, scale
-        add_correction(bounds, knots.spacing, lever, given.ride, r.ridden.S, z, dq, dz)
+        add_correction(bounds, lever, given.ride, r.ridden.S, z, dq, dz)
         at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
         on_curve.next_axial_force(curve, at, dq, z.N)
         if given.ride.on:

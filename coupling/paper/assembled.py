@@ -239,14 +239,14 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
     equation through its condensation. The solution's iterate is a `Monolith`.
     """
 
-    def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+    def correct(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:
         assert isinstance(z, Monolith)
         system = assemble(problem, z, r)
         x = linear(system)
         x *= allowed_share(problem, x[system.blocks["q"]].reshape(z.q.shape))
         dq = x[system.blocks["q"]].reshape(z.q.shape)
         U_next = z.U + x[system.blocks["U"]]
-        return replace(
+        return problem, replace(
             z,
             q=z.q + dq,
             N=next_axial_force(problem, r, dq, x[system.blocks["s"]][:, None]),

@@ -1,8 +1,8 @@
 """Static equilibrium under the final loads, reached in load steps.
 
-Where Newton from the last load step fails, the thread is let go gradually: it is tied to where it is by a mass-like
-stiffness that is weakened until it can be dropped (pseudo-transient continuation). The accepted answer has none of it.
-Where the thread would not stay at what Newton's method finds then, the tie is weakened further instead.
+A thread goes downhill from where it is (`coupling.step.descent`). After each round of corrections its knots are made
+anew where they do not fit it any more, and Newton's method is tried from there. What moves at no cost, as a thread that
+slides freely in all its holes, or a piece of one that is cut, stays as near to where it is as the rest lets it.
 
 A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
 creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
@@ -22,6 +22,8 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.calls import ask_before_correction, asked_before_corrections
 from coupling.errors import (
+    HOLD_IT,
+    OTHER_WAYS,
     CouplingError,
     EquilibriumError,
     InversionError,
@@ -34,10 +36,24 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.kernels.bordered import SingularError
-from coupling.step.descent import BOWING, stretching_tie
-from coupling.step.diagnosis import has_turned, refuse_crossing, refuse_held_end, refuse_turning
+from coupling.step.descent import BOWING
+from coupling.step.diagnosis import (
+    has_turned,
+    refuse_crossing,
+    refuse_held_end,
+    refuse_together,
+    refuse_turning,
+)
 from coupling.step.motion import what_it_does
-from coupling.step.newton import Iterate, Problem, Solution, correct, force_tolerance
+from coupling.step.newton import (
+    Iterate,
+    Problem,
+    Solution,
+    UnfinishedError,
+    correct,
+    force_tolerance,
+    rounded_force,
+)
 from coupling.step.packets import fitted
 from coupling.step.sliding import law_of
 from coupling.step.solver import find, solve
@@ -57,30 +73,22 @@ from coupling.step.stepping import (
     where_it_is,
     with_sense,
 )
-from coupling.step.tension import pull_at, stretches_at
+from coupling.step.tension import stretches_at
 from coupling.system import State, System
 from tissue.errors import OrganError
 
 log = logging.getLogger(__name__)
 
-WEAKER = 10.0  # the tie is weakened by this factor after a success, tightened by its square root after a failure
-GENTLEST = 1.5  # by which it is weakened at least: by less than WEAKER after failures
-AS_CANTILEVER = 3.516**2  # the first natural frequency of a clamped thread in bending, ω² = 3.516² EI/(ρA L⁴)
-AS_STRING = (0.5 * np.pi) ** 2  # and that of one that a force F draws taut, ω² = (π/2)² F/(ρA L²)
 AT_REST = 1e-10  # part by which 1 + T/EA at rest differs from that which the equilibrium was solved with
 TENSIONS = 20  # equilibria with another 1 + T/EA at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
 DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
 DRAGGED = 1e-10  # of the forces on it: what may still drag it
-ATTEMPTS = 60
-FAILURES = 6  # among them with a nonlinear organ: no tie of the thread brings tissue past a point where it snaps
-MOST_FAILURES = 15  # with a linear one: the load step is halved sooner
+ROUNDS = 40  # of corrections, on knots that fit where each begins; a thread that runs out of a hole takes 12
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
-DROPPED = 0.3  # of the softest mode: the tie that is dropped first; where that leads astray, a weaker one is
+DOWN = 2  # of them go downhill before one of Newton's method
 REFITS = 4  # equilibria at most, further ones, until the packets of knots that travel fit
-REFUSALS = 3  # drops at most that lead astray: a thread that would not stay under its last tie either is told
-SOFT_TISSUE = 1e-6  # of the first tie: the last one where tissue at finite strain, a flap, gives way before the thread
 LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
 DEEPEST = 4  # halves of halves of a load step
@@ -88,7 +96,8 @@ SNAPS = 2  # of them, before tissue creeps to where it snaps
 FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # of an organ that creeps, over its stiffest node: softer than its softest mode
 EASIER, HARDER = 4.0, 10.0  # the pace falls by the one after a success, and rises by the other after a failure
 CREEPS = 60
-LYING = 1e-10  # of the stiffest span: a piece that is cut turns freely in its holes, or in none, and lies where it is
+LIES = 4  # times at most that it is tied to where it has come to
+LYING = 1e-10  # of the stiffest span: what turns or slides freely, as pieces that are cut do, lies where it is
 
 
 def static_problem(
@@ -96,15 +105,13 @@ def static_problem(
     state: State[Body],
     share: float,
     duration: float,
-    tie: float,
     answer: Answer[Body],
     first: State[Body],
     began: float,
 ) -> Problem[Body]:
-    """Return the problem of equilibrium at the part `share` of the loads. `tie` [1/s²] ties each point to where it is
-    in `state`, as do the pieces of a thread that is cut. Friction opposes the way from `first`, and what is drawn
-    through is counted from there; hands draw and ties hold as in a load step that `began` then [s], with all of the
-    force that they have at its end."""
+    """Return the problem of equilibrium at the part `share` of the loads. Friction opposes the way from
+    `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began`
+    then [s], with all of the force that they have at its end."""
     time, system = share * duration, system.at(state)
     load = end_load(system, duration, share) - (share * system.weight if system.thread.travels else 0.0)
     loose = loose_points(system, state)
@@ -115,7 +122,7 @@ def static_problem(
         system=system,
         time=time,
         dt=time - state.time,
-        mass_factor=tie + (lying_tie(system, state) if system.thread.spline.cuts.size else 0.0),
+        mass_factor=lying_tie(system, state),
         q_ref=state.q,
         load=load,
         answer=answer,
@@ -154,7 +161,7 @@ def settle(
     `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
     Raises `EquilibriumError`."""
     began = state.time if began is None else began
-    return stand_firm(relax_ties(system, state, share, duration, given, began))
+    return stand_firm(go_downhill(system, state, share, duration, given, began))
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -173,7 +180,7 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
     return found if would_stay(solution, new) else step
 
 
-def relax_ties(
+def go_downhill(
     system: System[Body],
     state: State[Body],
     share: float,
@@ -181,59 +188,50 @@ def relax_ties(
     given: Answer[Body] | None,
     began: float,
 ) -> Step[Body]:
-    """Reach equilibrium by ties that are weakened and dropped, the first load step from the first tie on, others
-    without one unless that fails. On the way friction opposes the way of each tie, without a tie that from `state`.
-    Arguments as for `settle`."""
+    """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
+    which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
+    Friction opposes the way from `state`. Arguments as for `settle`."""
     answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
-    firm, weaker, now = first_tie(system), WEAKER, state
-    tie = firm if state.time == 0.0 else 0.0
-    dropped, refusals, refits = 0.0, REFUSALS, REFITS
-    failed: StepError | InversionError | None = None
-    failures = MOST_FAILURES if answer.linear else FAILURES
-    for _ in range(ATTEMPTS):
-        problem = static_problem(system, now, share, duration, tie, answer, state, began)
+    problem = static_problem(system, state, share, duration, answer, state, began)
+    near = state.time > 0.0 and answer.linear and problem.contact is None
+    now, down, refits = state, 0 if near else DOWN, REFITS
+    failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
+    for _ in range(ROUNDS):
         try:
-            if tie:
-                solution = find(rubbing_from(problem, now.s), guess(problem, now, now.sigma))
-            else:
-                solution = drop_tie(problem, now, lately=refits == REFITS)
+            solution = find_rest(problem, guess(problem, now, sense_of(problem, now)), down == 0)
             new = equilibrium_state(now, solution)
-        except (StepError, InversionError) as error:
-            failed, failures = error, failures - 1
-            if failures == 0:
-                break
-            tie, weaker = (firm if tie == 0.0 else tie * np.sqrt(WEAKER)), max(GENTLEST, np.sqrt(weaker))
-            continue
-        fit = fitted(system, new)[1]
-        if tie == 0.0:
-            if refits and fit is not new:
-                now, answer, refits = fit, solution.problem.answer, refits - 1
-                continue
-            if refusals and dropped and leads_astray(solution, new):
-                log.debug("a tie was dropped to where the thread would not stay: a weaker one leads further")
-                tie, refusals = dropped / WEAKER, refusals - 1
-                continue
-            return Step(state, new, problem.dt, solution, end_configuration(new, solution))
-        refuse_leaving(system, state, new)
-        now, answer, dropped = fit, solution.problem.answer, tie
-        tie, weaker = (0.0 if tie < last_tie(problem, state) else tie / weaker), min(WEAKER, weaker**1.5)
-    if isinstance(failed, InversionError):
-        raise failed
-    cause, piercing = (failed.cause, failed.piercing) if failed else ("the ties could not be dropped", "")
-    raise EquilibriumError(state.time, share * duration - state.time, cause, piercing, share)
+            fit = fitted(system, new)[1]
+            if fit is new or not refits:
+                return Step(state, new, problem.dt, solution, end_configuration(new, solution))
+            now, answer, down, refits = fit, solution.problem.answer, 0, refits - 1
+        except StepError as error:
+            failed = replace(failed, cause=error.cause, piercing=error.piercing)
+            if down:
+                now, answer = further(system, state, now, error)
+            down = down - 1 if down else DOWN
+        problem = static_problem(system, now, share, duration, answer, state, began)
+    raise failed
 
 
-def leads_astray(solution: Solution[Body], new: State[Body]) -> bool:
-    """Tell whether Newton's method has gone where no weaker tie would lead to, as a tie was dropped: to a `new` state
-    in which the thread would not stay. One without bending stiffness, and one that is cut, have motions that cost
-    nothing, and are not asked."""
-    thread = solution.problem.system.thread
-    return bool(thread.EI) and not thread.spline.cuts.size and not would_stay(solution, new)
+def further(
+    system: System[Body], first: State[Body], old: State[Body], error: StepError
+) -> tuple[State[Body], Answer[Body]]:
+    """Return the state, on knots that fit it, and the organ's answer that a search from `first` on goes on from: what
+    its corrections from the `old` state reached until the `error`. Raises this where they were not spent,
+    `LeavingError` where the thread has run out of a hole, `TogetherError` where holes met."""
+    if not isinstance(error, UnfinishedError):
+        raise error
+    new = put_where(old, error.reached)
+    refuse_leaving(system, first, new)
+    refuse_together(system, new)
+    return fitted(system, new, solved=False)[1], error.reached.problem.answer
 
 
-def find_rest(problem: Problem[Body], first: Iterate) -> Solution[Body]:
-    """Find the equilibrium of a thread that nothing ties, with its own stretch at its holes. Raises `StepError`."""
-    return let_lie(settle_stretch(corrected(find(problem, first)), find))
+def find_rest(problem: Problem[Body], first: Iterate, near: bool) -> Solution[Body]:
+    """Find an equilibrium, with the thread's own stretch at its holes, by Newton's method where one may be `near`.
+    Raises `StepError`."""
+    found = solve(problem, first, downhill=0 if near else 1)
+    return let_lie(settle_stretch(corrected(found), find))
 
 
 def settle_stretch(
@@ -254,15 +252,15 @@ def settle_stretch(
 
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
-    """Return a solution with one correction made where it took none: a tie that is dropped may leave forces just below
-    the tolerance, far above those that Newton leaves, and works and branches begin there. One along motions that cost
+    """Return a solution with one correction made where it took none: forces may be just below the tolerance, far
+    above those that Newton leaves, and works and branches begin there. One along motions that cost
     nothing is not made: how far it goes it takes from round-off. Raises `StepError`."""
     if solution.iterations:
         return solution
     z = solution.iterate
     ask_before_correction()
     try:
-        z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
+        _, z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
     except SingularError:  # the loads have come to a limit point, and it holds as it is
         return solution
     if costs_nothing(solution.problem, force_tolerance(solution.problem, solution.residual), z.q - solution.iterate.q):
@@ -271,37 +269,15 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
     return replace(again, iterations=1 + again.iterations)
 
 
-def drop_tie(problem: Problem[Body], now: State[Body], lately: bool) -> Solution[Body]:
-    """Solve for the equilibrium of a thread that slid while it was tied, to where it is `now`. Raises `StepError`.
-
-    Friction opposes the whole way; where the thread turned back on it, and no equilibrium is near with that, `lately`
-    only the last of it, and what friction takes of the whole way is then an estimate by the forces at the end.
-    """
-    try:
-        return find_rest(problem, guess(problem, now, sense_of(problem, now)))
-    except StepError:
-        if not lately:
-            raise
-        solution = find_rest(rubbing_from(problem, now.s), guess(problem, now, now.sigma))
-    law = replace(problem.law, stretch=solution.problem.law.stretch)
-    return replace(solution, problem=replace(solution.problem, law=law))
-
-
 def sense_of(problem: Problem[Body], now: State[Body]) -> Array:
     """Return the sense of sliding of a thread that is `now` somewhere, shape `(m,)`; where it sticks but has come from
     elsewhere, that of its way."""
     return np.where(now.sigma == 0.0, np.sign(now.s - problem.law.s_old), now.sigma)
 
 
-def rubbing_from(problem: Problem[Body], s: Array) -> Problem[Body]:
-    """Return the problem with friction that opposes the way from the abscissae `s` (m,) [m]."""
-    law = problem.law
-    return replace(problem, law=replace(law, s_old=s, s_held=np.where(law.may_slide, s, law.s_held)))
-
-
 def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `LeavingError` where a thread that is tied has run out of a hole, over an end that nothing holds: without
-    the ties it goes further. One that is held at that end may come back."""
+    """Raise `LeavingError` where a thread on its way has run out of a hole, over an end that nothing holds. One that is
+    held at that end may come back."""
     gone = emptied_holds(system, old, new)
     try:
         refuse_held_end(system, old, new, gone)
@@ -312,52 +288,33 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
-    """Solve again with the pieces of a cut thread tied to where they are now, so that a piece whose place is told by
-    what holds it bears nothing of that tie. Raises `StepError`."""
-    problem, z = solution.problem, solution.iterate
-    if not problem.mass_factor:
+    """Solve again with a thread that may move at no cost tied to where it is now, by a tenth of the tie, until that
+    bears nothing: each time the part of the tie in the stiffness of the thread is left (the proximal point algorithm:
+    Rockafellar, SIAM J. Control Optim. 14, 1976). Raises `StepError`."""
+    if not solution.problem.mass_factor:
         return solution
-    spline = solution.residual.configuration.thread.spline
-    fields = ((spline, z.q[:, :3]),) if problem.fields else ()
-    again = solve(replace(problem, q_ref=z.q, fields=fields), z)
-    return replace(again, iterations=solution.iterations + again.iterations)
-
-
-def drawing_force(problem: Problem[Body], state: State[Body]) -> float:
-    """Return the largest force that draws on the thread [N]: of dead loads, of hands at holes and ties, and the tension
-    that it is under in a state, which held and driven ends make. Ties draw a thread tighter for a while than it is in
-    the end, so that it is asked where they are not yet."""
-    dead = np.linalg.norm(problem.load[:, :3], axis=1).max()
-    pull = pull_at(problem.system.at(state), state.s, state.N, problem.rows[:, 0])
-    return float(max(dead, np.abs(problem.law.injected).max(initial=0.0), pull.max(initial=0.0)))
-
-
-def first_tie(system: System[Body]) -> float:
-    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does: the same on all knots. One
-    as stiff as the spans themselves holds a thread on fine ones across its holes, where it has to bend."""
-    return stretching_tie(system.thread)
+    for _ in range(LIES):
+        problem, z, spline = solution.problem, solution.iterate, solution.residual.configuration.thread.spline
+        fields = ((spline, z.q[:, :3]),) if problem.fields else ()
+        problem = replace(problem, q_ref=z.q, fields=fields, mass_factor=0.1 * problem.mass_factor)
+        again = solve(problem, z)
+        solution = replace(again, iterations=solution.iterations + again.iterations)
+        way = np.abs(problem.system.thread.momentum(again.iterate.q - z.q)[:, :3]).sum()
+        if problem.mass_factor * way <= rounded_force(problem):
+            break
+    last = corrected(replace(solution, iterations=0))  # what is left does work: a piece may have gone far
+    return replace(last, iterations=solution.iterations + last.iterations)
 
 
 def lying_tie(system: System[Body], state: State[Body]) -> float:
-    """Return the tie [1/s²] of the pieces of a cut thread to where they lie. It makes their matrix regular, so it is a
-    part of its largest entry, the stiffness of the shortest span: what it bears is below what a solve leaves open."""
+    """Return the tie [1/s²] to where it lies of a thread that may move at no cost: one that is cut, or slides freely in
+    all its holes; zero of others. It makes their matrix regular, so it is a part of its largest entry, the stiffness of
+    the shortest span: what it bears is below what a solve leaves open."""
+    if not (system.thread.spline.cuts.size or slides_freely(system, state.present)):
+        return 0.0
     thread = system.at(state).thread
     stiffness = np.abs(thread.tangent(thread.points(state.q, state.frame), state.N)).max()
     return float(LYING * stiffness / np.abs(thread.mass_band).max())
-
-
-def last_tie(problem: Problem[Body], state: State[Body]) -> float:
-    """Return the tie [1/s²] that holds a whole thread less than the softest of its modes, in bending or, where the
-    forces that draw on it in a `state` make it stiffer, as a string: a weaker one is dropped, and so is one that is
-    weaker than what keeps the pieces of a cut thread where they lie. Tissue at finite strain may bend far more easily
-    than any thread."""
-    if not problem.answer.linear:
-        return SOFT_TISSUE * first_tie(problem.system)
-    thread = problem.system.thread
-    length = thread.spline.end - thread.spline.start
-    soft = max(AS_CANTILEVER * thread.EI, AS_STRING * drawing_force(problem, state) * length**2)
-    lying = lying_tie(problem.system, state) if thread.spline.cuts.size else 0.0
-    return float(max(DROPPED * soft / (thread.section.rhoA * length**4), lying))
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
@@ -365,29 +322,36 @@ def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
     return replace(where_it_is(problem, state), sigma=sigma)
 
 
-def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:
-    """Return the state of an equilibrium: at rest. Raises `InversionError`."""
-    problem, z, residual = solution.problem, solution.iterate, solution.residual
-    system = problem.system
-    new = replace(
+def put_where(old: State[Body], solution: Solution[Body]) -> State[Body]:
+    """Return the state with the thread where an iterate has it, solved or not."""
+    z, thread = solution.iterate, solution.problem.system.thread
+    return replace(
         old,
-        time=problem.time,
         q=z.q,
-        v=np.zeros_like(z.q),
         N=z.N,
-        organ=accept_organ(solution),
         s=z.s,
-        s_dot=np.zeros_like(z.s),
-        lam=np.where(problem.rows, z.lam, 0.0),
+        lam=np.where(solution.problem.rows, z.lam, 0.0),
         y=z.y,
         sigma=z.sigma,
-        reaction=reactions(system, residual.thread, problem.load),
-        frame=system.thread.transport_frame(old.frame, z.q),
-        stretch=problem.law.stretch,
+        frame=thread.transport_frame(old.frame, z.q),
         solved=None,
-        **riding(residual),
+        **riding(solution.residual),
     )
-    return with_sense(system, old, new, residual.passage)
+
+
+def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:
+    """Return the state of an equilibrium: at rest. Raises `InversionError`."""
+    problem, residual = solution.problem, solution.residual
+    new = replace(
+        put_where(old, solution),
+        time=problem.time,
+        v=np.zeros_like(solution.iterate.q),
+        organ=accept_organ(solution),
+        s_dot=np.zeros_like(solution.iterate.s),
+        reaction=reactions(problem.system, residual.thread, problem.load),
+        stretch=problem.law.stretch,
+    )
+    return with_sense(problem.system, old, new, residual.passage)
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
@@ -445,6 +409,11 @@ def slides_freely(system: System[Body], present: Flags) -> bool:
     """Tell whether a thread in one piece slides freely in all its holes, those that it is `present` in `(m,)`, and no
     end of it is held: under equal loads at both ends it costs nothing to slide as a whole."""
     return may_slide_as_a_whole(system, present) and not (system.rows.any(axis=1) & present & system.rough).any()
+
+
+def remedy_for(system: System[Body], state: State[Body]) -> str:
+    """Return what may help where no equilibrium is found."""
+    return HOLD_IT if may_slide_as_a_whole(system, state.present) else OTHER_WAYS
 
 
 def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
@@ -507,7 +476,8 @@ def load_steps(
 
     def count() -> None:
         if next(left, None) is None:
-            raise SpentError(state.time, share, MOST_CORRECTIONS, *what_it_does(system, state))
+            doing = what_it_does(system, state)
+            raise SpentError(state.time, share, MOST_CORRECTIONS, *doing, remedy=remedy_for(system, state))
 
     with asked_before_corrections(count):
         yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)

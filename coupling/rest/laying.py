@@ -151,7 +151,7 @@ def lay_on_bed(
     for stiffer in stages:
         problem = bed_problem(with_laid_thread(system, laying, stiffer), z.q, laying.answer, z.s, loose)
         try:
-            z = find(problem, replace(z, sigma=loose.astype(float))).iterate
+            z = find(problem, replace(z, sigma=loose.astype(float)), patience=1).iterate
         except StepError:
             break
     strain = float(np.abs(first.placed(z.s).points(z.q).strain).max())
@@ -187,7 +187,6 @@ def bed_problem(
         rows=system.rows & system.from_start[:, None],
         law=prescribed(law, ~loose, np.zeros(m)),
         weight=0.0,
-        by_turns=True,
     )
 
 

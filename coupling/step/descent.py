@@ -14,31 +14,56 @@ is the slope of that potential. Friction is in it as the force that it is there.
   stiffness like a mass, more firmly until it is (Levenberg, Q. Appl. Math. 2, 1944).
 - W where a correction ends is at most ENOUGH of that size against the motion: the correction is shortened until then
   (Matthies & Strang, Int. J. Numer. Meth. Eng. 14, 1979).
+- A correction that would go further than the tie allows has a motion in it that costs next to nothing, such as that of
+  a thread that slides freely. It is made with a firmer tie too, which leaves the other motions what they are.
+
+Stick and slip, touch and open follow on the way, where the forces of the place are known:
+
+- A rough hole that a correction takes back past where it began is stopped there, and the correction is made again:
+  friction of that sense would drive it.
+- Holes that stick slide once a whole correction of Newton's leaves more force on them than friction bears; of those
+  that were stopped one at a time, that whose bound is exceeded most.
+- Surfaces of the organ touch as the forces at the holes press them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Generic
 
 import numpy as np
 
-from coupling.arrays import Array
-from coupling.errors import StepError
+from coupling.arrays import Array, Flags
+from coupling.errors import CouplingError, StepError
 from coupling.interfaces import Body
+from coupling.joins.contact import find_sets
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
 from coupling.kernels.constraints import LOCAL, Passage, phi
+from coupling.kernels.friction import Ruled
 from coupling.step import newton
-from coupling.step.newton import Iterate, Problem, Residual, Solution, applied_share, border_of, evaluate, moved
-from coupling.step.sliding import sliding_strands
+from coupling.step.newton import (
+    DIRECTION_TOLERANCE,
+    GAP_TOLERANCE,
+    Iterate,
+    Problem,
+    Residual,
+    Solution,
+    applied_share,
+    border_of,
+    evaluate,
+    moved,
+)
+from coupling.step.sliding import admissible_sigma, ruled, sliding_strands
 from thread.thread import Thread
+from tissue.errors import OrganError
 
 PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that bows out takes 150
 ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
 SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
 ANSWERS = 3  # of a nonlinear organ, each of which a way downhill ends with
 LENGTHS = 9  # of a correction at most
-FIRMER = 10.0  # by which the tie grows where a correction would lead uphill, and falls after one that does not
+LEAST = 0.1  # of a correction: one of which less is allowed is made with a firmer tie
+FIRMER = 4.0  # by which the tie grows from try to try; tenfold ties let a column that bows out grow by 5 % a correction
 SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first tie, and the last
 PUT = 3  # times that control points are put on the constraints at most: those of two holes may be the same
 
@@ -59,43 +84,68 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
         except StepError as error:
             failed = error
         problem = newton.follow(problem, z, held.residual)[0]
-    raise failed
+    raise newton.unfinished(failed, replace(held, problem=problem, iterations=made))
 
 
 @dataclass
 class Descent(Generic[Body]):
-    """Corrections that go downhill: where the last one led, None before the first, and its `tie` [1/s²]."""
+    """Corrections that go downhill: where the last one led, None before the first; its `tie` [1/s²]; whether it was the
+    `whole` of Newton's; and the holes that were `stopped` so far, shape `(m,)`."""
 
     there: "Place[Body] | None" = None
     tie: float = 0.0
+    whole: bool = False
+    stopped: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
-    def __call__(self, problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+    def __call__(self, problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:
         """Make one correction, as `coupling.step.newton.correct` does. Raises `SingularError`."""
-        start = self.start(problem, z, r)
+        start, stopped = self.start(problem, z, r), np.zeros(len(z.s), dtype=bool)
+        there = self.led_from(start)
+        while (back := slides_back(there) & ~stopped).any():
+            stopped |= back
+            there = self.led_from(start.stopping(stopped))
+        there = there.with_senses(np.where(stopped & ~there.arrived, start.z.sigma, there.z.sigma))
+        self.stopped |= stopped
+        if self.whole:
+            there = there.with_senses(self.released(there, there.ruled.fits))
+        self.there = there.touching()
+        return self.there.problem, self.there.z
+
+    def led_from(self, start: "Place[Body]") -> "Place[Body]":
+        """Return where a correction downhill leads to. Raises `SingularError`."""
         way = self.downhill(start)
-        share, down = applied_share(problem, start.r, way.dq, way.dz), abs(way.slope)
+        share, down = way.allowed, abs(way.slope)
         for _ in range(LENGTHS):
             there, slope = way.after(share)
             if slope <= ENOUGH * down:
                 break
             share = shortened(share, slope, down)
-        self.there = there if share == 1.0 else there.with_own_force()
-        return self.there.z
+        self.whole = share == 1.0 and self.tie == 0.0
+        return there if share == 1.0 else there.with_own_force()
 
     def start(self, problem: Problem[Body], z: Iterate, r: Residual) -> "Place[Body]":
         """Return the place of an iterate: that which the last correction led to, unless something changed since."""
         if self.there is None:
-            return consistent(problem, z, r.f_y)
+            self.stopped = np.zeros(len(z.s), dtype=bool)
+            return consistent(problem, z, holding_forces(problem, z))
         if self.there.z is z and self.there.problem.answer is problem.answer:
             return Place(problem, z, r, self.there.f)
-        return consistent(problem, z, self.there.f)
+        return consistent(problem, replace(z, sigma=self.released(self.there, z.sigma)), self.there.f)
+
+    def released(self, at: "Place[Body]", sigma: Array) -> Array:
+        """Return the senses `sigma` (m,) that follow those at a place; of the holes that slide again in them after they
+        were stopped, only that slides whose bound is exceeded most."""
+        again = (sigma != 0.0) & (at.z.sigma == 0.0) & self.stopped
+        excess = np.where(again, np.abs(at.ruled.judged[:, 0]) - at.ruled.judged[:, 1], -np.inf)
+        wait = again & (excess < excess.max(initial=-np.inf))
+        return admissible_sigma(at.problem.law, np.where(wait, 0.0, sigma))
 
     def downhill(self, start: "Place[Body]") -> "Way[Body]":
         """Return a correction that leads downhill at its start; Newton's own if no tie makes one, as at the last
         digits. Raises `SingularError`."""
         whole, plain = stretching_tie(start.r.configuration.thread), correction(start, 0.0)
         tie, way, firmer = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
-        while way is None or way.slope > 0.0:
+        while way is None or way.slope > 0.0 or way.allowed < LEAST:
             if firmer > FIRMEST * whole:
                 if plain is None:
                     raise SingularError(SINGULAR_HOLDS)
@@ -104,6 +154,12 @@ class Descent(Generic[Body]):
             way = correction(start, tie)
         self.tie = tie
         return way
+
+
+def slides_back(there: "Place[Body]") -> Flags:
+    """Return the rough holes that slid on the way to a place, and back past where they began, shape `(m,)`."""
+    law, z = there.problem.law, there.z
+    return np.asarray(law.rough & law.may_slide & (z.sigma * (z.s - law.s_old) < 0.0))
 
 
 def stretching_tie(thread: Thread) -> float:
@@ -151,6 +207,46 @@ class Place(Generic[Body]):
         """Their pseudo-inverse, shape `(m, 12, 5)`."""
         return inverse_of(self.rows)
 
+    @cached_property
+    def ruled(self) -> Ruled:
+        """The law of sliding here."""
+        z = self.z
+        return ruled(self.problem.law, z.sigma, self.r.passage, z.s, z.lam, z.y)
+
+    @cached_property
+    def arrived(self) -> Flags:
+        """Whether a hole that sticks is where it is to stick, shape `(m,)`."""
+        return np.abs(self.z.s - self.problem.law.s_held) <= GAP_TOLERANCE * self.problem.system.thread.section.diameter
+
+    def stopping(self, holes: Flags) -> "Place[Body]":
+        """Return the place, from which a whole correction takes `holes` (m,) back to where they began."""
+        law, z, r = self.problem.law, self.z, self.r
+        sigma = admissible_sigma(law, np.where(holes, 0.0, z.sigma))
+        residuals = r.holds.copy()
+        residuals[:, S] = np.where(sigma == z.sigma, r.holds[:, S], z.s - law.s_held)
+        return replace(self, z=replace(z, sigma=sigma), r=replace(r, holds=residuals))
+
+    def with_senses(self, sigma: Array) -> "Place[Body]":
+        """Return the place with its holes sliding by `sigma` (m,)."""
+        if np.array_equal(sigma, self.z.sigma):
+            return self
+        z = replace(self.z, sigma=admissible_sigma(self.problem.law, sigma))
+        return Place(self.problem, z, evaluate(self.problem, z), self.f)
+
+    def touching(self) -> "Place[Body]":
+        """Return the place with the surfaces of the organ pressed that its forces press, the same where none fit."""
+        contact, z = self.problem.contact, self.z
+        if contact is None:
+            return self
+        try:
+            pressed, rubbing, _ = find_sets(contact, self.f.ravel(), z.pressed, z.rubbing)
+        except (CouplingError, OrganError):
+            return self
+        if np.array_equal(pressed, z.pressed):
+            return self
+        problem = replace(self.problem, closed=pressed, rubbing=rubbing)
+        return consistent(problem, replace(z, pressed=pressed, rubbing=rubbing), self.f)
+
     def with_own_force(self) -> "Place[Body]":
         """Return the place with the axial forces of its strains."""
         return replace(self, z=replace(self.z, N=self.r.configuration.thread.EA * self.r.points.strain))
@@ -168,6 +264,11 @@ class Way(Generic[Body]):
     def slope(self) -> float:
         """The work of the residuals along it at its start [J]."""
         return self.work(self.starts)
+
+    @cached_property
+    def allowed(self) -> float:
+        """The part of it that is allowed."""
+        return applied_share(self.starts.problem, self.starts.r, self.dq, self.dz)
 
     @cached_property
     def df(self) -> Array:
@@ -227,11 +328,18 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
     for _ in range(PUT):
         passage = problem.system.passage(z.q, z.s, problem.law.s_old)
         off = phi(passage, z.lam, z.y) * problem.rows
-        if np.abs(off).max(initial=0.0) <= newton.DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
+        if np.abs(off).max(initial=0.0) <= DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
             break
         rows = local_rows(problem, passage, border_of(problem, z, passage))
         z = replace(z, q=z.q - put_back(problem, passage, inverse_of(rows), off))
     return Place(problem, z, evaluate(problem, z), f)
+
+
+def holding_forces(problem: Problem[Body], z: Iterate) -> Array:
+    """Return the forces (m, 9) that hold the sites of the organ where an iterate has them; least squares, since a
+    clamped end has no compliance, nor has a lip that is closed."""
+    way = (z.y - problem.y_free).ravel()
+    return np.asarray(np.linalg.lstsq(problem.C, way, rcond=1e-12)[0].reshape(z.y.shape))
 
 
 def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:

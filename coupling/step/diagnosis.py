@@ -48,15 +48,23 @@ def refuse_faults(system: System[Body], state: State[Body]) -> None:
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
     """Return `TogetherError` with the holes that have come to one place, else the constraints' fault where there is
     one, else `TurnedHoleError` with the holes whose frames have collapsed, else the error of the step."""
-    together = drawn_together(system, state)
-    if together:
-        return TogetherError(state.time, "; ".join(together))
+    try:
+        refuse_together(system, state)
+    except TogetherError as together:
+        return together
     found, collapsed = faults(system, state), collapsed_frames(system, state)
     if found:
         return ConstraintError(state.time, "; ".join(found))
     if collapsed:
         return TurnedHoleError(error.time, error.dt, "; ".join([error.cause, *collapsed]), error.piercing)
     return error
+
+
+def refuse_together(system: System[Body], state: State[Body]) -> None:
+    """Raise `TogetherError` where holes have come to one place."""
+    together = drawn_together(system, state)
+    if together:
+        raise TogetherError(state.time, "; ".join(together))
 
 
 def drawn_together(system: System[Body], state: State[Body]) -> list[str]:

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -63,8 +63,6 @@ DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
 ALONG = 4.0  # of that round-off: the force along a thread whose knots travel is a difference of sums over two strands
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
-LARGEST_TURN = 0.5  # rad; a tie bounds the way of a thread, but on short spans its tangents turn over and over in that.
-# In smooth holes it slides furthest, its tangents turn with it, and this would slow it down
 RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
 STICK_OR_SLIP = "stick and slip of the friction alternate without end"
 TOUCH_OR_OPEN = "friction's or the lips' active sets alternate without end"
@@ -83,9 +81,9 @@ class Problem(Generic[Body]):
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
-    all of it or on each control point (n,), which is then no part of `load`; `by_turns`: a correction turns no tangent
-    by more than LARGEST_TURN; `stands`: the organ's answer is not asked again, whatever the forces are; `along` makes a
-    correction where the loads are unknown too, and returns the problem under others with it, None where they are given
+    all of it or on each control point (n,), which is then no part of `load`; `stands`: the
+    organ's answer is not asked again, whatever the forces are; `along` makes a correction where the loads are unknown
+    too, and returns the problem under others with it, None where they are given
     (`coupling.rest.branch`).
     """
 
@@ -105,9 +103,8 @@ class Problem(Generic[Body]):
     gaps: Array = field(default_factory=lambda: NO_GAPS)
     fields: tuple[tuple[Spline, Array], ...] = ()
     weight: float | Array = 1.0
-    by_turns: bool = False
     stands: bool = False
-    along: "Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]] | None" = None
+    along: "Corrector[Body] | None" = None
 
     @cached_property
     def earlier(self) -> tuple[tuple[Spline, Array], tuple[Spline, Array]]:
@@ -140,17 +137,6 @@ class Problem(Generic[Body]):
     def inertia(self) -> Array:
         """mass_factor·M, banded."""
         return self.mass_factor * self.system.thread.mass_band
-
-    @property
-    def tied(self) -> bool:
-        """Whether a thread in rough holes is at rest and tied to where it is
-        (`coupling.rest.equilibrium.relax_ties`)."""
-        return self.stiffen and self.mass_factor > 0.0 and bool(self.system.rough.any())
-
-    @property
-    def largest_turn(self) -> float:
-        """The most that a correction turns a tangent [rad], infinite where nothing bounds it."""
-        return LARGEST_TURN if self.tied or self.by_turns else np.inf
 
     @property
     def floats(self) -> bool:
@@ -243,6 +229,13 @@ class Solution(Generic[Body]):
     iterations: int
     linearisation: float = 0.0
     p: Array = field(default_factory=lambda: NO_FORCES)
+
+
+@dataclass
+class UnfinishedError(StepError):
+    """A step whose corrections were spent where they had `reached`, which solves nothing yet."""
+
+    reached: "Solution[Any]" = field(kw_only=True)
 
 
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
@@ -369,15 +362,10 @@ def add_constraint_stiffness(
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
     """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE, of a thread that floats beside the mean of all, and turns no tangent by more than
-    `Problem.largest_turn`."""
+    LONGEST_MOVE, of a thread that floats beside the mean of all."""
     thread = problem.system.thread
     longest = LONGEST_MOVE * (thread.spline.end - thread.spline.start)
-    return float(
-        share(
-            longest, problem.largest_turn, problem.floats, thread.spline.spacing, thread.lever, np.ascontiguousarray(dq)
-        )
-    )
+    return float(share(longest, problem.floats, thread.lever, np.ascontiguousarray(dq)))
 
 
 def applied_share(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> float:
@@ -432,14 +420,14 @@ def next_axial_force(problem: Problem[Body], r: Residual, dq: Array, dz: Array) 
     return with_riding_force(thread, problem.ride, r.points, dz, N) if thread.travels else N
 
 
-def correct(problem: Problem[Body], z: Iterate, r: Residual) -> Iterate:
+def correct(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:
     """Make one Newton correction. Raises `SingularError`."""
     dq, dz = direction(problem, z, r)
     part = applied_share(problem, r, dq, dz)
-    return moved(problem, z, r, part * dq, part * dz)
+    return problem, moved(problem, z, r, part * dq, part * dz)
 
 
-Corrector = Callable[[Problem[Body], Iterate, Residual], Iterate]
+Corrector = Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], Iterate]]
 
 
 def solve(
@@ -469,7 +457,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
         iterations += solution.iterations
         z, r = solution.iterate, solution.residual
-        problem = replace(solution.problem, closed=problem.closed, rubbing=problem.rubbing)
+        problem = solution.problem
         seen[sets_of(z)] += 1
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
@@ -553,11 +541,17 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
             return Solution(problem, z, r, iteration)
         ask_before_correction()
         try:
-            problem, z = problem.along(problem, z, r) if problem.along else (problem, correct(problem, z, r))
+            problem, z = (problem.along or correct)(problem, z, r)
         except SingularError as error:
             raise failure(problem, r.holds, str(error)) from error
         r = evaluate(problem, z)
-    raise failure(problem, r.holds, too_many(patience * MAX_ITERATIONS))
+    failed = failure(problem, r.holds, too_many(patience * MAX_ITERATIONS))
+    raise unfinished(failed, Solution(problem, z, r, iteration + 1))
+
+
+def unfinished(failed: StepError, reached: Solution[Body]) -> UnfinishedError:
+    """Return the error of a step with what its corrections `reached`."""
+    return UnfinishedError(failed.time, failed.dt, failed.cause, failed.piercing, reached=reached)
 
 
 def too_many(corrections: int) -> str:

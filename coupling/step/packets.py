@@ -1,7 +1,7 @@
 """Packets of knots that fit the thread (`thread.packets`): made anew where it bends over another length at its holes.
 
-Between steps, and at rest between the ties of a thread that goes a long way: in a solve the knots χ stay, and a hole
-takes its packet with it. New packets cost no transfer. The thread's inertia is from the curves as they were solved,
+Between steps, and at rest on the way of a thread that goes far: in a solve the knots χ stay, and a hole takes its
+packet with it. New packets cost no transfer. The thread's inertia is from the curves as they were solved,
 each on its own knots, and its shape is solved for anew.
 """
 
@@ -78,12 +78,13 @@ def fit_of(thread: Thread) -> Fit:
     )
 
 
-def bends_of_curve(system: System[Body], q: Array) -> Bends:
-    """Return where a thread at `q` (n, c) [m] bends between its packets, by the turns of its polygon."""
+def bends_of_curve(system: System[Body], q: Array, solved: bool = True) -> Bends:
+    """Return where a thread at `q` (n, c) [m] bends between its packets, by the turns of its polygon; nowhere where its
+    shape is not `solved` for yet, whose wiggles would ask for more and more knots."""
     spline, travel = system.thread.spline, travel_of(system)
     legs, at = np.diff(q[:, :3], axis=0), spline.greville
     turn = np.arctan2(np.linalg.norm(np.cross(legs[:-1], legs[1:]), axis=1), np.vecdot(legs[:-1], legs[1:]))
-    turn *= travel.strand[1:-1] >= 0
+    turn *= solved & (travel.strand[1:-1] >= 0)
     return bends_of(at[1:-1], turn / (0.5 * (at[2:] - at[:-2])), travel.scale)
 
 
@@ -92,9 +93,11 @@ def bent_over(system: System[Body], state: State[Body]) -> Array:
     return lengths_bent_over(system, state.s, state.N, state.present)
 
 
-def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[float] = ()) -> Travel:
+def due(
+    system: System[Body], state: State[Body], layers: Array, cuts: Sequence[float] = (), solved: bool = True
+) -> Travel:
     """Return the knots for the holes of a state at which the thread bends over `layers` (m,) [m], with further `cuts`
-    [m]."""
+    [m]; `solved` as for `bends_of_curve`."""
     travel, here = travel_of(system), np.flatnonzero(holds_in_force(system, state))
     first, directed = travel.wanted(layers), system.rows[:, 3]
     holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
@@ -104,16 +107,17 @@ def due(system: System[Body], state: State[Body], layers: Array, cuts: Sequence[
             ends[0 if hold.s <= 0.0 else 1] = hold.first
     of_ends = ends[0], ends[1]
     spline, total = system.thread.spline, system.holds
-    every, bends = sorted([*spline.cuts.tolist(), *cuts]), bends_of_curve(system, state.q)
+    every, bends = sorted([*spline.cuts.tolist(), *cuts]), bends_of_curve(system, state.q, solved)
     return travelling(spline.end, holds, total, travel.longest, of_ends, travel.scale, every, bends)
 
 
-def fitted(system: System[Body], state: State[Body]) -> Exchange[Body]:
-    """Return system and state on packets that fit, the same ones where they do, and where knots stand still."""
+def fitted(system: System[Body], state: State[Body], solved: bool = True) -> Exchange[Body]:
+    """Return system and state on packets that fit, the same ones where they do, and where knots stand still; `solved`
+    as for `bends_of_curve`."""
     system = system.at(state)
     if not system.thread.travels or fits(system, state):
         return system, state
-    return put_on_knots(system, state, due(system, state, bent_over(system, state)))
+    return put_on_knots(system, state, due(system, state, bent_over(system, state), solved=solved))
 
 
 def fitting(take: Take[Body]) -> Take[Body]:

@@ -25,14 +25,16 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None) -> Solution[Body]:
+def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, patience: int = 0) -> Solution[Body]:
     """Solve a problem near a guess or, if Newton's method does not converge from there, downhill from where it is to
-    `begin`, the guess unless it is given (`coupling.step.descent`). Raises `StepError`."""
+    `begin`, the guess unless it is given, with `patience` times the corrections, PATIENCE
+    unless it is given (`coupling.step.descent`). Raises
+    `StepError`."""
     try:
         return solve(problem, guess)
     except StepError as error:
         log.debug("downhill, since %s", error)
-        return solve(problem, guess if begin is None else begin, PATIENCE)
+        return solve(problem, guess if begin is None else begin, patience or PATIENCE)
 
 
 def solve(problem: Problem[Body], start: Iterate, downhill: int = 0) -> Solution[Body]:

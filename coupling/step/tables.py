@@ -51,8 +51,7 @@ class Tables:
         """The spline."""
         spline, M = self.thread.spline, self.thread.mass_matrix
         mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
-        places = plain(spline.breaks), self.curve.first, plain(spline.spacing)
-        return Knots(*places, plain(spline.polynomials), plain(mass))
+        return Knots(plain(spline.breaks), self.curve.first, plain(spline.polynomials), plain(mass))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +128,6 @@ def bounds_of(problem: Problem) -> Bounds:
         newton.GAP_TOLERANCE * thread.section.diameter,
         newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
-        problem.largest_turn,
         newton.MARGIN,
         newton.MAX_ITERATIONS,
         newton.MAX_SETS,

@@ -161,7 +161,7 @@ def test_newton_converges_quadratically() -> None:
     problem = dynamic_problem(SYSTEM, old, dt, organ_answer(SYSTEM, BackwardEuler(dt), old))
     seen: list[float] = []
 
-    def watched(problem: Problem[Array], z: Iterate, r: Residual) -> Iterate:
+    def watched(problem: Problem[Array], z: Iterate, r: Residual) -> tuple[Problem[Array], Iterate]:
         seen.append(size(problem, r))
         return correct(problem, z, r)
 

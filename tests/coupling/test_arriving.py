@@ -13,7 +13,7 @@ from coupling.rest import branch, equilibrium
 from coupling.run.run import begin
 from coupling.step.descent import descend
 from coupling.step.motion import what_it_does
-from coupling.step.newton import LARGEST_TURN, LONGEST_MOVE, allowed_share, solve
+from coupling.step.newton import solve
 from coupling.step.stepping import (
     HALVINGS,
     MOST_TRIES,
@@ -240,24 +240,6 @@ def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch
     assert shares == [1.0, 0.5, 1.0] and abs(steps[-1].new.reaction[0] @ X / -0.2 - 1.0) <= IDENTITY**0.5
 
 
-def test_a_thread_is_tied_alike_on_all_knots() -> None:
-    """Independent check: the first tie is EA/(ρA L²), however short the spans are."""
-    ties = [equilibrium.first_tie(without_organ(uniform(LENGTH, n), (Free(), Free()))) for n in (24, 96)]
-    assert ties == pytest.approx([PP.EA / (PP.rhoA * LENGTH**2)] * 2, rel=IDENTITY)
-
-
-@pytest.mark.parametrize(("force", "omega"), [(1e-9, 3.516 * np.sqrt(PP.EI) / LENGTH), (0.1, 0.5 * np.pi * 0.1**0.5)])
-def test_the_last_tie_is_softer_than_the_thread(force: float, omega: float) -> None:
-    """Independent check: it is that part of the first natural frequency of a clamped beam, 3.516 √(EI/ρA)/L², or of a
-    string that is held at one end and drawn by a force F, (π/2) √(F/ρA)/L, whichever is higher; less than one."""
-    system = without_organ(uniform(LENGTH, 24), (Fixed(ORIGIN), Pulled(force * X)))
-    state = laid(system, [], line(ORIGIN, X))
-    problem = equilibrium.settle(system, state, 1.0, 1.0).solution.problem
-    assert equilibrium.DROPPED < 1.0
-    tie = equilibrium.DROPPED * omega**2 / (PP.rhoA * LENGTH**2)
-    assert equilibrium.last_tie(problem, state) == pytest.approx(tie, rel=IDENTITY)
-
-
 @pytest.mark.parametrize("suture", ["7-0 nylon", "8-0 silk"])
 def test_a_thin_suture_arrives_through_four_rough_holes(suture: str) -> None:
     """Independent check: drawn by 0.3 N in four load steps, it slides through all four. Straight strands leave each
@@ -289,22 +271,6 @@ def test_a_thin_suture_arrives_through_four_rough_holes(suture: str) -> None:
     assert T[-1] == pytest.approx(force, rel=ADAPTED)
 
 
-def test_a_tied_correction_turns_no_tangent_far() -> None:
-    """Independent check: what moves the points of a thread in a rough hole while it is tied at rest turns a tangent, at
-    any abscissa, by less than half a radian, and by just that where all points move across in turn; without a tie by
-    more."""
-    system, state = through_a_hole((Fixed(ORIGIN), Free()), Friction(0.1, 0.1))
-    problem = equilibrium.settle(system, state, 1.0, 1.0).solution.problem
-    spline, dq = system.thread.spline, np.zeros_like(state.q)
-    dq[:, 2] = 0.5 * LONGEST_MOVE * LENGTH * (-1.0) ** np.arange(len(dq))
-    tied = replace(problem, mass_factor=equilibrium.first_tie(system))
-    turns = [
-        np.abs(spline.curve(allowed_share(one, dq) * dq, np.linspace(0.0, LENGTH, 999))[:, 1]).max()
-        for one in (tied, problem)
-    ]
-    assert 0.5 * LARGEST_TURN < turns[0] <= LARGEST_TURN < turns[1]
-
-
 def test_a_thread_that_nothing_holds_back_runs_out_at_rest() -> None:
     """Independent check: a dead load above what a hole grips has no equilibrium. The thread runs out of its last hole,
     and this ends the load step, not a search for what there is not."""
@@ -327,6 +293,6 @@ def test_a_load_step_that_goes_on_for_ever_ends_in_words(monkeypatch: pytest.Mon
     """Independent check: the corrections of all its parts are counted together, and the error says where the thread
     was and what to do."""
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
-    monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 3)
-    with pytest.raises(SpentError, match=r"under 100 % of the loads in 3 corrections.*'hole'; .*solve.load_steps"):
+    monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 1)
+    with pytest.raises(SpentError, match=r"under 100 % of the loads in 1 corrections.*'hole'; .*solve.load_steps"):
         load_step(system, state, 1.0, 1.0)

@@ -220,7 +220,7 @@ def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPat
         raise SpentError(0.05, 1.0, 4000, "it slides")
 
     monkeypatch.setattr(branch, "load_steps", is_spent)
-    with pytest.raises(SpentError, match=r"it slides; the branch beyond .* no loads at all; hold an end"):
+    with pytest.raises(SpentError, match=r"it slides; the branch beyond .* no loads at all; raise solve.load_steps"):
         run.load(1.0, 1.0)
     monkeypatch.setattr(branch, "load_steps", fails)
     with pytest.raises(

@@ -167,11 +167,9 @@ def test_a_twisted_thread_that_is_cut_at_rest_bears_no_torque(more: dict[str, An
     assert abs(now.energies.balance_error) <= AUDIT * before.energies.elastic
 
 
-@pytest.mark.parametrize("dropped", [0.02, 0.3, 1.0])
-def test_a_coil_that_is_cut_curls_up(monkeypatch: pytest.MonkeyPatch, dropped: float) -> None:
+def test_a_coil_that_is_cut_curls_up() -> None:
     """Independent check: a thread that remembers its coil is held straight between two clamps; cut, each piece lies
-    along a circle of the coil's radius and stores nothing, whatever the last tie is on the way."""
-    monkeypatch.setattr("coupling.rest.equilibrium.DROPPED", dropped)
+    along a circle of the coil's radius and stores nothing."""
     clamps = {"start": {"kind": "clamped"}, "end": {"kind": "clamped"}}
     coil = {"twist": True, "coil_radius": 0.02, "coil_towards": [0, 0, 1.0], "length": LENGTH}
     table = {

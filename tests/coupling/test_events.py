@@ -403,14 +403,15 @@ def test_a_thread_is_drawn_out_of_both_holes(drawn_out: Path) -> None:
 
 def test_the_audit_closes_over_a_thread_that_is_drawn_out(drawn_out: Path) -> None:
     """Independent check: at every step to 1e-7 of the largest work done so far, across both losses of a hole, parts of
-    whose steps are made on other knots than they began with; elsewhere it is 1e-10."""
+    whose steps are made on other knots than they began with; elsewhere it is 1e-10. Friction gives no work back, to the
+    same part."""
     table = rows(drawn_out / "energy.csv")
     work = np.array([abs(float(row["external_work [J]"])) for row in table])
     error = np.array([abs(float(row["balance_error [J]"])) for row in table])
     friction = np.array([float(row["friction_dissipation [J]"]) for row in table])
     assert len(table) == 51
     assert np.all(error[1:] <= 1e-7 * np.maximum.accumulate(work)[1:])
-    assert np.all(np.diff(friction) >= -1e-9 * work.max()) and friction[-1] > 0.1 * work.max()
+    assert np.all(np.diff(friction) >= -1e-7 * work.max()) and friction[-1] > 0.1 * work.max()
 
 
 def test_a_hole_that_is_tied_as_it_ends_leaves_the_organ_in_its_shape() -> None:

@@ -125,7 +125,7 @@ def test_newton_converges_quadratically(name: str) -> None:
     seen: list[float] = []
     answers: list[Any] = []
 
-    def watched(problem: Problem, z: Iterate, r: Residual) -> Iterate:
+    def watched(problem: Problem, z: Iterate, r: Residual) -> tuple[Problem, Iterate]:
         answer: Any = problem.answer
         forces = Forces(r.f_y[:2].ravel(), np.zeros(made.size))
         point = answer.point

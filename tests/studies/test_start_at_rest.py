@@ -2,6 +2,7 @@
 
 import json
 from copy import deepcopy
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from studies.scenario import Scenario, ScenarioError, parse
 from studies.scenario.scenario import RAMP
 from studies.simulation import prepare
 from studies.simulation.remedies import try_remedies
-from tests.bounds import MOVED, SWING, TWO_SOLVERS
+from tests.bounds import MOVED, RESIDUAL, SWING, TWO_SOLVERS
 
 PULL, G = 0.1, 9.81
 TISSUE: dict[str, Any] = {
@@ -191,9 +192,9 @@ def test_a_run_says_how_its_dead_load_grows(
 
 
 @pytest.mark.parametrize("step", [0, 3])
-def test_a_run_from_rest_goes_on_to_the_same_bits(step: int) -> None:
-    """Consistency check: from the memory of its start, and of a later step, where steps are made at once; across the
-    plane of the scene forces are zero but for round-off."""
+def test_a_run_from_rest_goes_on_to_the_same_numbers(step: int) -> None:
+    """Consistency check: from the memory of its start, and of a later step, where steps are made at once, to the
+    round-off of a step that begins such a batch and not one within it."""
     scene = stitched("without inertia", duration=0.006)
     scene["thread"]["control_points"] = 30
     scene["thread"]["end"]["waypoints"] = [[0, 0.005, 0, 0.02], [0.02, 0.005, 0, 0.021]]
@@ -203,7 +204,8 @@ def test_a_run_from_rest_goes_on_to_the_same_bits(step: int) -> None:
     again = [record for record, _ in prepare(parse(scene)).advance(kept())]
     assert [record.step for record in again] == list(range(step, 7))
     for one, other in zip(again, whole[step:], strict=True):
-        assert np.abs(forces_of(one) - forces_of(other)).max() < 1e-30 and one.energy == other.energy
+        assert np.abs(forces_of(one) - forces_of(other)).max() <= RESIDUAL * PULL
+        assert np.abs(np.array(astuple(one.energy)) - astuple(other.energy)).max() <= RESIDUAL * other.energy.at_stake
 
 
 def test_a_stepper_begins_taut() -> None:

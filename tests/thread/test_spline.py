@@ -52,17 +52,6 @@ def test_partition_of_unity() -> None:
     assert matrix(S, 0).min() >= -IDENTITY
 
 
-def test_no_tangent_is_longer_than_differences_over_the_spacing() -> None:
-    """Independent check: control points that stand apart by the spacing make a straight line at unit speed; others,
-    wherever they are, no longer tangent than their longest difference over it. Nothing is told over a cut."""
-    straight = np.append(0.0, np.cumsum(SPLINE.spacing))
-    assert np.abs(matrix(S, 1) @ straight - 1.0).max() <= IDENTITY
-    for q in np.random.default_rng(0).standard_normal((20, SPLINE.n)):
-        assert np.abs(matrix(S, 1) @ q).max() <= np.abs(np.diff(q) / SPLINE.spacing).max() * (1.0 + IDENTITY)
-    cut = Spline(clamped_knots(np.sort(np.append(BREAKS, [0.5] * 3))))
-    assert np.isinf(cut.spacing).sum() == 1
-
-
 @pytest.mark.parametrize("order", [0, 1, 2])
 def test_derivatives_against_differences(order: int) -> None:
     """Independent check: each derivative is the slope of the one before; of b, cubic, with the square

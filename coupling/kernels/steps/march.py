@@ -319,7 +319,7 @@ def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
 def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
     """Return the bounds of a step whose forces are rounded by so much [N]."""
     return Bounds(
-        bounds.force, rounded, bounds.along, bounds.least, bounds.gap, bounds.direction, bounds.longest, bounds.turn,
+        bounds.force, rounded, bounds.along, bounds.least, bounds.gap, bounds.direction, bounds.longest,
         bounds.margin, bounds.iterations, bounds.sets, bounds.returns, bounds.floats,
     )  # fmt: skip
 
