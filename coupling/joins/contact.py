@@ -10,8 +10,9 @@ The thread then meets an organ of compliance C − C_y𝒜 C_𝒜𝒜⁻¹ C_�
 Which pairs are pressed is an active set. Under given site forces it is the answer of a linear complementarity problem
 with a symmetric positive definite matrix: there is one, and only one, and it is found by exchanging all pairs that are
 wrong at once, or the first of them where that makes no headway (block principal pivoting, Júdice & Pires, Computers &
-Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip, it is
-judged by the forces of solved iterates only (`coupling.step.newton.solve`).
+Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip,
+Newton's method judges it by the forces of solved iterates only (`coupling.step.newton.solve`), a way downhill by those
+that hold the sites (`coupling.step.descent`).
 
 Pairs that rub have slips behind the gaps and forces along them behind the p (`coupling.joins.rubbing`). Then the
 active set is that of Coulomb's law, C_𝒜𝒜⁻¹ is what its tangent makes of it, and what the thread meets is no longer

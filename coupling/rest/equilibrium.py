@@ -216,9 +216,9 @@ def go_downhill(
 def further(
     system: System[Body], first: State[Body], old: State[Body], error: StepError
 ) -> tuple[State[Body], Answer[Body]]:
-    """Return the state, on knots that fit it, and the organ's answer that a search from `first` on goes on from: what
-    its corrections from the `old` state reached until the `error`. Raises this where they were not spent,
-    `LeavingError` where the thread has run out of a hole, `TogetherError` where holes met."""
+    """Return the state that the corrections from an `old` one reached until the `error`, on knots that fit it, and the
+    organ's answer there; the load step began at `first`. Raises the error if the corrections were not spent,
+    `LeavingError` if the thread has run out of a hole, `TogetherError` if holes have met."""
     if not isinstance(error, UnfinishedError):
         raise error
     new = put_where(old, error.reached)
@@ -252,9 +252,9 @@ def settle_stretch(
 
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
-    """Return a solution with one correction made where it took none: forces may be just below the tolerance, far
-    above those that Newton leaves, and works and branches begin there. One along motions that cost
-    nothing is not made: how far it goes it takes from round-off. Raises `StepError`."""
+    """Return a solution with one correction made where it took none: forces may be just below the tolerance, far above
+    those that Newton's method leaves, and works and branches begin there. A correction along motions that cost nothing
+    is not made: round-off decides how far it goes. Raises `StepError`."""
     if solution.iterations:
         return solution
     z = solution.iterate

@@ -21,8 +21,8 @@ Stick and slip, touch and open follow on the way, where the forces of the place 
 
 - A rough hole that a correction takes back past where it began is stopped there, and the correction is made again:
   friction of that sense would drive it.
-- Holes that stick slide once a whole correction of Newton's leaves more force on them than friction bears; of those
-  that were stopped one at a time, that whose bound is exceeded most.
+- A hole that sticks slides once a whole Newton correction leaves more force on it than friction bears. Holes that were
+  stopped are released one at a time, first the one whose bound is exceeded most.
 - Surfaces of the organ touch as the forces at the holes press them.
 """
 
@@ -134,7 +134,7 @@ class Descent(Generic[Body]):
 
     def released(self, at: "Place[Body]", sigma: Array) -> Array:
         """Return the senses `sigma` (m,) that follow those at a place; of the holes that slide again in them after they
-        were stopped, only that slides whose bound is exceeded most."""
+        were stopped, only the one slides whose bound is exceeded most."""
         again = (sigma != 0.0) & (at.z.sigma == 0.0) & self.stopped
         excess = np.where(again, np.abs(at.ruled.judged[:, 0]) - at.ruled.judged[:, 1], -np.inf)
         wait = again & (excess < excess.max(initial=-np.inf))

@@ -81,10 +81,9 @@ class Problem(Generic[Body]):
     closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
-    all of it or on each control point (n,), which is then no part of `load`; `stands`: the
-    organ's answer is not asked again, whatever the forces are; `along` makes a correction where the loads are unknown
-    too, and returns the problem under others with it, None where they are given
-    (`coupling.rest.branch`).
+    all of it or on each control point (n,), which is then no part of `load`; `stands`: the organ's answer is kept,
+    whatever the forces are; `along` makes a correction where the loads are unknown too, and returns the problem under
+    others with it, None where they are given (`coupling.rest.branch`).
     """
 
     system: System[Body]
@@ -437,9 +436,9 @@ def solve(
     `StepError`.
 
     `correct` makes one Newton correction; the default one condenses the organ. `patience`: how many times the
-    corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is
-    judged. Where a set comes back, one hole or pair changes at a time, the first that has to (Murty's least-index
-    rule); what goes round in a circle, or is not at rest after MAX_SETS, is given up.
+    corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is judged
+    here; a way downhill changes it before too. Where a set comes back, one hole or pair changes at a time, the first
+    that has to (Murty's least-index rule); what goes round in a circle, or is not at rest after MAX_SETS, is given up.
     """
     try:
         return solve_sets(problem, start, correct, patience)

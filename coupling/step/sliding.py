@@ -25,8 +25,9 @@ end (`coupling.step.tension.stretches_at`).
 
 Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
 
-Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. It changes only between solved iterates: one on
-the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would stand.
+Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. Newton's method changes it only between solved
+iterates: one on the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would
+stand. A way downhill knows the forces that hold the sites, and changes it on the way (`coupling.step.descent`).
 
 A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above. So
 have the first and the last hole of a loop that hands draw, who keep the knot where it is between them, and of one that

@@ -27,9 +27,8 @@ log = logging.getLogger(__name__)
 
 def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, patience: int = 0) -> Solution[Body]:
     """Solve a problem near a guess or, if Newton's method does not converge from there, downhill from where it is to
-    `begin`, the guess unless it is given, with `patience` times the corrections, PATIENCE
-    unless it is given (`coupling.step.descent`). Raises
-    `StepError`."""
+    `begin`, None for the guess (`coupling.step.descent`); with `patience` times the corrections of a plain solve, 0 for
+    PATIENCE. Raises `StepError`."""
     try:
         return solve(problem, guess)
     except StepError as error:
