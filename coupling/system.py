@@ -29,7 +29,8 @@ AGREE = 1e-3  # between the two: a slope by differences passes, one of another f
 
 @dataclass(frozen=True)
 class Friction:
-    """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension.
+    """Coulomb's coefficients `static`, `kinetic` [-], and `grip` F₀ [N], independent of the tension; of a barb a pair,
+    for an abscissa at the hole that rises, and for one that falls.
 
     `channel` [m] is the length over which a hole imposes a direction: the couple that this takes presses on both its
     ends (`coupling.step.sliding`). None: it does not press. `own` is a law of one's own that is added, None: there is
@@ -38,18 +39,23 @@ class Friction:
 
     static: float = 0.0
     kinetic: float = 0.0
-    grip: float = 0.0
+    grip: float | tuple[float, float] = 0.0
     channel: float | None = None
     own: FrictionLaw | None = None
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.kinetic <= self.static or not self.grip >= 0.0:
+        if not 0.0 <= self.kinetic <= self.static or not min(self.grips) >= 0.0:
             raise CouplingError(
                 f"friction: static {self.static}, kinetic {self.kinetic}, grip {self.grip} N; allowed are "
                 "0 ≤ kinetic ≤ static and grip ≥ 0"
             )
         if self.own is not None:
             check_law(self.own)
+
+    @property
+    def grips(self) -> tuple[float, float]:
+        """F₀ [N] for an abscissa that rises, and for one that falls."""
+        return self.grip if isinstance(self.grip, tuple) else (self.grip, self.grip)
 
 
 def check_law(law: FrictionLaw) -> None:
@@ -376,13 +382,14 @@ class System(Generic[Body]):
         return np.array(begun + [True] * self.holds_off_organ, dtype=bool) & ~self.of_ties
 
     @cached_property
-    def friction(self) -> tuple[Array, Array, Array, Array]:
-        """Coefficients of all holds: static, kinetic [-], grip [N], 1/channel [1/m], each `(holds,)`."""
+    def friction(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Coefficients of all holds: static, kinetic [-], grip and barb [N], by whose sum and difference an abscissa
+        that rises and one that falls is gripped, 1/channel [1/m], each `(holds,)`."""
         each = [p.friction or Friction() for p in self.piercings] + [Friction()] * len(self.clamps)
         each += [Friction(grip=tie.hold if np.isfinite(tie.hold) else 0.0) for tie in self.ties for _ in range(2)]
-        table = [(f.static, f.kinetic, f.grip, 1.0 / f.channel if f.channel else 0.0) for f in each]
-        static, kinetic, grip, per_channel = np.array(table).reshape(-1, 4).T
-        return static, kinetic, grip, per_channel
+        table = [(f.static, f.kinetic, *f.grips, 1.0 / f.channel if f.channel else 0.0) for f in each]
+        static, kinetic, rising, falling, per_channel = np.array(table).reshape(-1, 5).T
+        return static, kinetic, 0.5 * (rising + falling), 0.5 * (rising - falling), per_channel
 
     @cached_property
     def by_hand(self) -> Flags:
@@ -441,7 +448,7 @@ class System(Generic[Body]):
     @cached_property
     def rough(self) -> Flags:
         """Which holds have friction at all, shape `(holds,)`."""
-        static, _, grip, _ = self.friction
+        static, _, grip, _, _ = self.friction
         own = np.array([law is not None for law in self.own_friction], dtype=bool)
         return np.asarray((static > 0.0) | (grip > 0.0) | own)
 

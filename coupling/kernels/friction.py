@@ -35,6 +35,7 @@ class Law(NamedTuple):
     static: Array
     kinetic: Array
     grip: Array
+    barb: Array
     per_channel: Array
     rough: Flags
     may_slide: Flags
@@ -51,8 +52,8 @@ class Law(NamedTuple):
 
 class Ruled(NamedTuple):
     """The law of sliding over `m` holds: normal force `N` [N]; force along the thread `f` [N] and the tangent's length
-    `met` [-]; bounds `static` and `kinetic` [N]; f and bound as a hold that sticks is `judged` (m, 2) [N]; the
-    `residual` (m, 1) [N, m]; and the active set that `fits` (m,)."""
+    `met` [-]; bounds `static` and `kinetic` [N]; f, the bound and the barb as a hold that sticks is `judged` (m, 3)
+    [N]; the `residual` (m, 1) [N, m]; and the active set that `fits` (m,)."""
 
     N: Array
     f: Array
@@ -68,7 +69,7 @@ class Ruled(NamedTuple):
 def empty_ruled(m: int) -> Ruled:
     """Return room for the law of `m` holds."""
     return Ruled(
-        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2)), np.zeros((m, 1)), np.zeros(m)
+        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 3)), np.zeros((m, 1)), np.zeros(m)
     )
 
 
@@ -92,14 +93,14 @@ def normal_force(h: Hold, per_channel: float) -> float:
 
 
 @loop
-def kinetic_bound(law: Law, k: int, h: Hold) -> float:
-    """Return F₀ + μ_k N, with a law of one's own more [N]."""
-    return law.grip[k] + law.kinetic[k] * normal_force(h, law.per_channel[k]) + law.own_kinetic[k]
+def kinetic_bound(law: Law, k: int, h: Hold, sigma: float) -> float:
+    """Return F₀ + σ B + μ_k N, with a law of one's own more [N]."""
+    return law.grip[k] + sigma * law.barb[k] + law.kinetic[k] * normal_force(h, law.per_channel[k]) + law.own_kinetic[k]
 
 
 @loop
 def static_bound(law: Law, k: int, h: Hold) -> float:
-    """Return F₀ + μ_s N, with a law of one's own more [N]."""
+    """Return F₀ + μ_s N, with a law of one's own more [N]; a barb adds σ B."""
     return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k]) + law.own_static[k]
 
 
@@ -125,7 +126,7 @@ def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
         return drive
     given = law.injected[k]
     if law.rough[k]:
-        given += sigma * kinetic_bound(law, k, h)
+        given += sigma * kinetic_bound(law, k, h, sigma)
     return drive - stretch_met(law, k, h) * given
 
 
@@ -170,25 +171,32 @@ def fit_sigma(law: Law, sigma: Array) -> None:
 
 @loop
 def judge(law: Law, judged: Array, met: Array) -> None:
-    """Replace force and bound, `judged` (m, 2), of holds that slide as one by those of their common equation."""
+    """Replace force, bound and barb, `judged` (m, 3), of holds that slide as one by those of their common equation."""
     for pair in range(len(law.joints.pairs)):
         one, other = law.joints.pairs[pair, 0], law.joints.pairs[pair, 1]
         size = 0.5 * (met[one] + met[other])
         f = 0.5 * (met[other] * judged[other, 0] - met[one] * judged[one, 0]) / size
         bound = 0.5 * (met[other] * judged[other, 1] + met[one] * judged[one, 1]) / size
+        barb = 0.5 * (met[other] * judged[other, 2] - met[one] * judged[one, 2]) / size
         judged[other, 0], judged[one, 0] = f, -f
+        judged[other, 2], judged[one, 2] = barb, -barb
         judged[other, 1], judged[one, 1] = bound, bound
 
 
 @loop
-def next_sigma(law: Law, k: int, sigma: float, s: float, f: float, bound: float) -> float:
-    """Return σ after a solved iterate: a stuck point slips when |f| exceeds the bound [N], and a slipping one sticks
-    when it moved against its own friction."""
+def excess(judged: Array, sense: float) -> float:
+    """Return by how much force along the thread in a `sense` exceeds the bound, with the barb in that sense [N]."""
+    return sense * (judged[0] - judged[2]) - judged[1]
+
+
+@loop
+def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: float) -> float:
+    """Return σ after a solved iterate: a stuck point slips when its force exceeds the bound by the margin [N], and a
+    slipping one sticks when it moved against its own friction."""
     if sigma != 0.0:
         return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
-    if abs(f) > bound:
-        return 1.0 if f > 0.0 else -1.0
-    return 0.0
+    sense = 1.0 if judged[0] > 0.0 else -1.0
+    return sense if excess(judged, sense) > margin else 0.0
 
 
 @loop
@@ -196,9 +204,9 @@ def rule_hold(law: Law, k: int, sigma: float, h: Hold, s: float, out: Ruled) -> 
     """Evaluate the law at one hold."""
     out.N[k], out.met[k] = normal_force(h, law.per_channel[k]), stretch_met(law, k, h)
     out.f[k] = net_drive(law, k, h, s) / out.met[k]
-    out.static[k], out.kinetic[k] = static_bound(law, k, h), kinetic_bound(law, k, h)
+    out.static[k], out.kinetic[k] = static_bound(law, k, h), kinetic_bound(law, k, h, sigma)
     out.residual[k, LAW] = residual(law, k, sigma, h, s)
-    out.judged[k, 0], out.judged[k, 1] = out.f[k], out.static[k]
+    out.judged[k, 0], out.judged[k, 1], out.judged[k, 2] = out.f[k], out.static[k], law.barb[k]
 
 
 @loop
@@ -207,7 +215,7 @@ def rule_set(law: Law, sigma: Array, s: Array, margin: float, out: Ruled) -> Non
     join_residuals(law, sigma, s, out.residual)
     judge(law, out.judged, out.met)
     for k in range(len(sigma)):
-        out.fits[k] = next_sigma(law, k, sigma[k], s[k], out.judged[k, 0], out.judged[k, 1] + margin)
+        out.fits[k] = next_sigma(law, k, sigma[k], s[k], out.judged[k], margin)
     fit_sigma(law, out.fits)
 
 
@@ -246,7 +254,7 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
     one, other = channel_forces(h, law.per_channel[k])
     n_one, n_other = unit_or_zero(part_across(one, t)), unit_or_zero(part_across(other, t))
     rough_sigma = sigma if law.rough[k] else 0.0
-    given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h)
+    given = law.injected[k] + rough_sigma * kinetic_bound(law, k, h, sigma)
     press = rough_sigma * stretch_met(law, k, h) * (law.kinetic[k] + law.own_slope[k])
     by_m = times(-press * law.per_channel[k], minus(n_one, n_other))
     add_row(-0.5 * press, plus(n_one, n_other), D, LAW, LAM)

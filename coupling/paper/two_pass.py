@@ -96,11 +96,11 @@ def judge(law: Law, verdict: Verdict, solution: Solution[Body], frictionless: bo
     now = ruled(law, z.sigma, at, z.s, z.lam, z.y)
     f, N = now.f, now.N
     held = verdict.sense == 0.0
-    loose = held & law.rough & law.may_slide & (np.abs(f) >= law.grip + law.static * N)
+    loose = held & law.rough & law.may_slide & (np.abs(f - law.barb) >= law.grip + law.static * N)
     driven = (not frictionless) & (verdict.sense * (z.s - law.s_old) < 0.0)
     sense = np.where(loose, np.sign(f), np.where(driven, 0.0, verdict.sense))
     mu = np.where(loose, law.static, verdict.mu)
-    return Verdict(sense, mu, sense * (law.grip + mu * N))
+    return Verdict(sense, mu, sense * (law.grip + mu * N) + np.abs(sense) * law.barb)
 
 
 def is_settled(old: Verdict, new: Verdict, solution: Solution[Body]) -> bool:

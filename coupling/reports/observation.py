@@ -127,7 +127,7 @@ def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple
     """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
     p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
     t = tangent(at)
-    normal = pressing_force(at, lam, y, np.tile(system.friction[3], len(seen.s)))
+    normal = pressing_force(at, lam, y, np.tile(system.friction[4], len(seen.s)))
     strains, turns = strains_and_turns(np.tile(system.organ.y0, len(seen.s)), seen.y[:, :p].reshape(-1, 9))
     force, tangents = seen.lam[:, :, :3], seen.by_state(t)
     tensions = axial_forces(system, seen, transmitted_forces(seen)[:, :p])

@@ -396,7 +396,8 @@ def largest_load(system: System[Body], state: State[Body], load: Array) -> float
     strands = np.diff(np.sort(state.s))
     if order.size and (tension * strands**2 < LONG_END**2 * EI).any():
         return np.inf
-    static, _, grip, per_channel = system.friction
+    static, _, grip, barb, per_channel = system.friction
+    grip = grip + np.abs(barb)
     for mu, F, by_couple in zip(static[order], grip[order], 4.0 * np.sqrt(EI) * per_channel[order], strict=True):
         if mu >= 1.0:
             return np.inf

@@ -83,8 +83,8 @@ def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Ar
     system, sigma, z = held.problem.system, step.new.sigma, held.iterate
 
     def excess(at: Passage, state: State[Body] | Iterate) -> Array:
-        f, bound = ruled(law, state.sigma, at, state.s, state.lam, state.y).judged.T
-        return np.asarray(sigma * f - bound)
+        f, bound, barb = ruled(law, state.sigma, at, state.s, state.lam, state.y).judged.T
+        return np.asarray(sigma * (f - barb) - bound)
 
     before, after = excess(system.passage_of(old), old), excess(held.residual.passage, z)
     return np.where(started, since + (end - since) * share_until_zero(before, after), end)

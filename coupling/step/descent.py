@@ -136,7 +136,8 @@ class Descent(Generic[Body]):
         """Return the senses `sigma` (m,) that follow those at a place; of the holes that slide again in them after they
         were stopped, only the one slides whose bound is exceeded most."""
         again = (sigma != 0.0) & (at.z.sigma == 0.0) & self.stopped
-        excess = np.where(again, np.abs(at.ruled.judged[:, 0]) - at.ruled.judged[:, 1], -np.inf)
+        f, bound, barb = at.ruled.judged.T
+        excess = np.where(again, sigma * (f - barb) - bound, -np.inf)
         wait = again & (excess < excess.max(initial=-np.inf))
         return admissible_sigma(at.problem.law, np.where(wait, 0.0, sigma))
 

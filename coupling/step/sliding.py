@@ -8,6 +8,7 @@ that presses it on the hole:
     drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
     pulled         f = F                 a hand draws with the force F, whatever it takes to hold that
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
+    barb           F₀ + σ B in place of F₀, on either side: the grip is another one in each sense
 
 N = |λ_n| of a hole without length, λ_n the part of λ across the thread (§4.3). A channel of length ℓ_c that imposes the
 direction presses at both its ends: each bears half of λ_n, and the couple t × m, m = μ_u u + μ_v v, is a force m/ℓ_c at
@@ -56,12 +57,12 @@ class Law:
     """What the law of sliding needs besides the iterate, over `m` holds.
 
     `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
-    `kinetic`, `grip`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m] make
-    ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,) [N],
-    a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-], in the
-    place of |T| where knots travel; `strands` (t, 2) of ties
-    in force; `loops` (k, 2), first and last hole of those that slide in them as one; `by_hand` (m,), where hands draw;
-    `own`, the law of one's own of each hold, None or empty where there is none; `factor`, by which all friction is
+    `kinetic`, `grip`, `barb`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m]
+    make ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,)
+    [N], a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-],
+    in the place of |T| where knots travel; `strands` (t, 2) of ties in force; `loops` (k, 2), first and last hole of
+    those that slide in them as one; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or
+    empty where there is none; `factor`, by which all friction is
     multiplied; `tie_compliance` [m/N] of the thread, by which the balance of a tie becomes a length.
     """
 
@@ -70,6 +71,7 @@ class Law:
     static: Array
     kinetic: Array
     grip: Array
+    barb: Array
     per_channel: Array
     rough: Flags
     may_slide: Flags
@@ -100,6 +102,7 @@ class Law:
             static=plain(self.factor * self.static),
             kinetic=plain(self.factor * self.kinetic),
             grip=plain(self.factor * self.grip),
+            barb=plain(self.factor * self.barb),
             per_channel=plain(self.per_channel),
             rough=self.rough,
             may_slide=self.may_slide,
@@ -188,6 +191,7 @@ def side_by_side(law: Law, times: int) -> Law:
         static=np.tile(law.static, times),
         kinetic=np.tile(law.kinetic, times),
         grip=np.tile(law.grip, times),
+        barb=np.tile(law.barb, times),
         per_channel=np.tile(law.per_channel, times),
         rough=np.tile(law.rough, times),
         may_slide=np.tile(law.may_slide, times),
@@ -205,7 +209,7 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
     point may exceed its bound by the `margin` [N] of the solve."""
     m = len(s)
     N, f, met, static, kinetic, fits = np.empty((6, m))
-    out = Ruled(N, f, met, static, kinetic, np.empty((m, 2)), np.empty((m, 1)), fits)
+    out = Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
     arrays = hold_arrays(thread, lam, y)
     rule(law.table, sigma, s, margin, *arrays, out)
     if law.has_own:
@@ -227,10 +231,10 @@ def with_own_laws(law: Law, N: Array) -> Table:
 def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Return by how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
 
-    Stick: what |f| exceeds F₀ + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
+    Stick: what |f| exceeds F₀ ± B + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
     """
     now = ruled(law, sigma, thread, s, lam, y)
-    stuck = np.maximum(np.abs(now.f) - now.static, 0.0)
+    stuck = np.maximum(np.abs(now.f - law.table.barb) - now.static, 0.0)
     slipping = np.abs(now.f - sigma * now.kinetic)
     return np.where(law.rough & law.may_slide, np.where(sigma == 0.0, stuck, slipping), 0.0)
 

@@ -39,7 +39,20 @@ class Friction(ScenarioTable):
 
     static: NotNegative = Field(description="coefficient of static friction [-]", examples=[0.12])
     kinetic: NotNegative = Field(description="coefficient of kinetic friction [-]", examples=[0.10])
-    grip: NotNegative = Field(default=0.0, description="friction force without any tension [N]")
+    grip: Annotated[
+        NotNegative | tuple[NotNegative, NotNegative],
+        one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
+    ] = Field(
+        default=0.0,
+        description="friction force without any tension [N]; of a barbed thread two: where the abscissa at the hole "
+        "rises, and where it falls",
+    )
+
+    def shared(self, parts: int) -> float | tuple[float, float]:
+        """Return the grip of each of so many equal parts [N]."""
+        if isinstance(self.grip, tuple):
+            return self.grip[0] / parts, self.grip[1] / parts
+        return self.grip / parts
 
     @model_validator(mode="after")
     def _check_order(self) -> Self:

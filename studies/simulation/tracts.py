@@ -119,7 +119,7 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
     given, out = tract.friction, []
     for k, (at, length, part) in enumerate(balls, start=1):
         x, y, z = path.position(at).tolist()
-        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.grip / len(balls))
+        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.shared(len(balls)))
         name = f"{tract.name}.{k}"
         ball = Ball(
             name=name,

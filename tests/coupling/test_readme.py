@@ -22,7 +22,7 @@ FILES = sorted(set(re.findall(r"`([\w/]+/[\w/]+\.py)`", TEXT)))
 ROWS = re.findall(r"^\| ([^|]+?) \| .+ \| (.+?) \|$", TEXT, re.MULTILINE)
 SYMBOLS = [
     *("A_t", "a, d", "M", "D", "∂²E/∂q²", "H_qU", "H_qs", "H_Uq", "H_Us", "H_sq, H_sU"),
-    *("ε a+H_ss", "ε", "Φ_q", "Φ_s", "Φ_y", "M_o", "C_o", "K", "F₀, μ_s, μ_k"),
+    *("ε a+H_ss", "ε", "Φ_q", "Φ_s", "Φ_y", "M_o", "C_o", "K", "F₀ ± B, μ_s, μ_k"),
     *("V", "Y", "A_o", "y_free", "C", "λ", "m", "Φ_qᵀλ", "Φ_yᵀλ", "Φ_sᵀλ", "σ", "u, v"),
     *(f"eq. {number}" for number in range(1, 10)),
     *("condensation", "stick and slip", "N", "contact", "events", "audit"),
@@ -75,7 +75,7 @@ def test_the_signs_of_the_blocks() -> None:
     lam, y = rng.standard_normal((1, 5)), rng.standard_normal((1, 9))
     at = passage(thread.spline, q, s)
     V, none, untied = columns(at, thread.n, 3), one < 0.0, np.zeros((0, 2), dtype=np.intp)
-    law = Law(s, s, 0 * one, 0 * one, 0 * one, 0 * one, none, ~none, inertia, s, 0 * one, one, untied)
+    law = Law(s, s, *(0 * one for _ in range(5)), none, ~none, inertia, s, 0 * one, one, untied)
     border = linearise(law.table, one, np.ones((1, 5), dtype=bool), at, lam, y)
 
     def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:

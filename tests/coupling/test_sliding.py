@@ -143,6 +143,36 @@ def test_friction_at_a_pulley() -> None:
     assert abs(pulls[1] - pulls[0] - MU.grip - MU.kinetic * normal) < 1e-2 * pulls[0]
 
 
+def test_a_barbed_thread_holds_in_one_sense() -> None:
+    """Independent check: a straight thread presses on nothing, so that the hand draws against the pull at the other end
+    and the grip of the sense in which the thread slides. It sticks at every force between both."""
+    rising, falling, T = 5e-3, 4e-2, 0.1
+    thread, before = uniform(0.1, 42, Strand(EA=1e3, EI=T * 4e-3**2)), 0.06
+    x = np.array([1.0, 0.0, 0.0])
+    rest = (0.1 - before) * x
+    there, back = rest + 5e-3 * x, rest - 5e-3 * x
+    rows = [[0.0, *rest], [0.2, *there], [0.22, *there], [0.4, *back], [1.0, *back]]
+    hole = (Piercing("barb", directed=False, friction=Friction(grip=(rising, falling))),)
+    system = without_organ(thread, (Pulled(-T * x), Driven(np.array(rows))), hole, ((ORIGIN, None),))
+    state = laid(system, [before], lambda s: (np.asarray(s) - before)[..., None] * x)
+    energies, lost, met, old = initial_energies(system, state), 0.0, set[float](), state
+    for number, step in enumerate(run(system, state, 4e-3, 100), start=1):
+        new, energies = step.new, audit_step(system, energies, step)
+        along, sigma = float(new.lam[0] @ np.append(x, np.zeros(2))), float(new.sigma[0])
+        met.add(sigma)
+        if sigma:
+            grip = rising if sigma > 0.0 else falling
+            assert abs(along - sigma * grip) <= TWO_SOLVERS * T
+            lost += grip * float(np.linalg.norm(system.passage_of(new).T[0])) * abs(new.s[0] - old.s[0])
+        else:
+            assert -falling <= along <= rising
+        if number in (45, 95):
+            assert abs(new.reaction[1] @ x - T - (falling if sigma < 0.0 else -rising)) < 1e-3 * T
+        old = new
+    assert met == {-1.0, 0.0, 1.0}
+    assert abs(energies.friction_dissipation / lost - 1.0) <= 1e-6 and lost > 0.0
+
+
 @dataclass(frozen=True)
 class RingState:
     U: Array

@@ -174,7 +174,7 @@ from = 0.1
 until = 0.6
 footprint = 1.0e-3
 tract = false
-friction = { static = 0.1, kinetic = 0.1, grip = 0.01 }
+friction = { static = 0.1, kinetic = 0.1, grip = [0.01, 0.05] }
 """
 POINTS, CELLS = 60, 4000  # control points and elements up to which a scenario is prepared
 

@@ -158,6 +158,10 @@ REFUSED = [
         "piercing.entry.friction.kinetic=0.2",
         ["piercing.entry.friction.kinetic = 0.2", "static = 0.12", "lower"],
     ),
+    (
+        "piercing.entry.friction.grip=[0.1]",
+        ["piercing.entry.friction.grip = [0.1]", "two of them", "[rising, falling]"],
+    ),
     ("thread.bending=false", ["thread.bending = false", "piercing.entry.friction", "bending = true", "bending_factor"]),
     ("piercing.entry.kind=anchored", ["piercing.entry.friction", "anchored", "leave it out"]),
     ("piercing.exit.channel=1e-3", ["piercing.exit.channel = 0.001", "friction and a direction"]),
