@@ -74,7 +74,7 @@ class Scheme(ABC):
 
 @dataclass(frozen=True)
 class Equilibrium(Scheme):
-    """No motion: a = d = 0, whatever came before; it takes no time."""
+    """No motion: a = d = 0, whatever came before; `dt` [s] after the last equilibrium, in which tissue relaxes."""
 
     dt: float = 0.0
 

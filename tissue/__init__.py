@@ -15,8 +15,10 @@ from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
+from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
 from tissue.refinement.rounds import Fitted, fitted
+from tissue.relaxation import Prony
 from tissue.sites.site import Site, Sites, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
@@ -49,11 +51,13 @@ __all__ = [
     "OrganError",
     "OrganState",
     "Part",
+    "Prony",
     "QuasiStaticOrgan",
     "Ranks",
     "ReducedOrgan",
     "ReducedState",
     "Reduction",
+    "RelaxingOrgan",
     "Rim",
     "Site",
     "SiteAnswer",

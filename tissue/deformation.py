@@ -4,6 +4,7 @@ import numpy as np
 
 from tissue.arrays import Array
 from tissue.hyperelasticity import Hyperelasticity
+from tissue.materials.density import Density
 
 
 def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
@@ -28,22 +29,23 @@ def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, A
     return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)), left.swapaxes(1, 2)
 
 
-def cell_energy(hyper: Hyperelasticity, U: Array) -> Array:
-    """Return the mean strain energy per volume of the reference shape in each cell, shape `(c,)` [Pa]."""
-    return np.asarray(hyper.energy_at_points(hyper.gradient(U)).sum(axis=0) / hyper.weights.sum(axis=0))
+def cell_energy(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
+    """Return the mean strain energy per volume of the reference shape in each cell, shape `(c,)` [Pa]. A `density`
+    that is given here, or below, stands for its own."""
+    return np.asarray(hyper.energy_at_points(hyper.gradient(U), density).sum(axis=0) / hyper.weights.sum(axis=0))
 
 
-def cell_stress(hyper: Hyperelasticity, U: Array) -> Array:
+def cell_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
     """Return the Cauchy stress σ = P Fᵀ/J of each cell, the mean over it, shape `(c, 3, 3)` [Pa]."""
     F = hyper.gradient(U)
-    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F), F) / hyper.dilatation(F)
+    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / hyper.dilatation(F)
     return _cell_means(hyper, sigma)
 
 
-def cauchy_stress(hyper: Hyperelasticity, U: Array) -> Array:
+def cauchy_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
     """Return the Cauchy stress xx, yy, zz, xy, yz, xz at the nodes, shape `(m, 6)` [Pa]: the mean of their
     cells by volume."""
-    body, sigma = hyper.body, cell_stress(hyper, U)
+    body, sigma = hyper.body, cell_stress(hyper, U, density)
     volume, cells = hyper.weights.sum(axis=0), body.cells
     flat = np.column_stack([sigma[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
     each = np.repeat(volume[:, None] * flat, cells.shape[1], axis=0)

@@ -204,6 +204,13 @@ def elasticity(
     return Elasticity(mesh, element, material, basis, K, M, np.flatnonzero(held), np.flatnonzero(~held), pressure)
 
 
+def distortion(body: Elasticity, share: PerCell) -> csr_matrix:
+    """Return the stiffness of a `share` of a body's distortion, 2μ dev ε, over all unknowns, shape `(N, N)` [N/m]."""
+    mu = share * np.asarray(body.material.lame_mu)
+    assembled = assembled_by_loops if is_compiled(body.basis) else assembled_by_scikit_fem
+    return assembled(body.basis, -2.0 / 3.0 * mu, mu, body.material.density, None).K
+
+
 def numbering(mesh: MeshTet, element: str) -> Basis:
     """Return the basis that numbers the unknowns, three at each node, with the places of these."""
     basis = Basis(mesh, ElementVector(ELEMENTS[element]()), quadrature=NO_POINTS, disable_doflocs=True)

@@ -22,6 +22,7 @@ from tissue.material import PerCell
 from tissue.materials.density import Density, Sum, cofactor, determinant, determinant_tangent
 from tissue.materials.isotropic import Exponential, Volumetric
 from tissue.materials.prestretch import Prestretched
+from tissue.relaxation import Held, Part
 
 I3 = np.eye(3)
 NONE = (1.0, 1.0, 1.0)  # stretches that are none
@@ -106,10 +107,30 @@ class Hyperelasticity:
     @cached_property
     def density(self) -> Density:
         """W without the terms averaged at the vertices."""
-        distortion = self.distortion or Exponential(self.body.material.lame_mu)
-        whole = Sum([distortion, Volumetric(self.kappa)])
-        stretches = np.asarray(self.prestretch, dtype=float)
+        return self.density_of([self._distortion])
+
+    @cached_property
+    def _distortion(self) -> Density:
+        """The density of distortion of the tissue without prestretch."""
+        return self.distortion or Exponential(self.body.material.lame_mu)
+
+    def density_of(self, parts: Sequence[Density]) -> Density:
+        """Return the sum of densities of the tissue without prestretch and of its change of volume, in the reference
+        shape."""
+        whole, stretches = Sum([*parts, Volumetric(self.kappa)]), np.asarray(self.prestretch, dtype=float)
         return whole if np.all(stretches == 1.0) else Prestretched(whole, stretches)
+
+    def relaxing(self, part: PerCell, H: Array | None) -> Density:
+        """Return the density of tissue of whose distortion a `part` is met, under a stress H `(3, 3, q, c)` [Pa] that
+        is held, both of the tissue without prestretch (`tissue.relaxation`); None: there is none."""
+        return self.density_of([Part(self._distortion, part), *([] if H is None else [Held(H)])])
+
+    def distortional_stress(self, F: Array) -> Array:
+        """Return S_iso, the second Piola stress of the distortion of the tissue without prestretch, shape
+        `(3, 3, q, c)` [Pa]."""
+        F = F * np.asarray(self.prestretch, dtype=float).reshape(3, 1, -1)
+        inverse = cofactor(F) / determinant(F)
+        return np.asarray(np.einsum("ki...,kj...->ij...", inverse, self._distortion.stress(F)))
 
     # --- what is averaged at the vertices ---------------------------------------------------------------------
 
@@ -171,35 +192,34 @@ class Hyperelasticity:
         """Unknowns of each cell by node and component, shape `(n, 3, c)`."""
         return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
 
-    def energy(self, F: Array) -> float:
+    def energy(self, F: Array, density: Density | None = None) -> float:
         """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf if a cell is
-        inverted.
+        inverted. A `density` that is given here, or below, stands for its own.
 
         It is measured from tissue without prestretch: the reference shape's own, `energy_of_prestretch`, is in it.
         """
         J = determinant(F)
         if not J.min() > 0.0:
             return np.inf
-        stored = float(np.sum(self.weights * self.density.energy(F)))
+        stored = float(np.sum(self.weights * (density or self.density).energy(F)))
         if self.body.pressure is not None:
             stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
 
-    @cached_property
-    def energy_of_prestretch(self) -> float:
-        """Energy that a prestretch stores in the reference shape [J]."""
+    def energy_of_prestretch(self, density: Density | None = None) -> float:
+        """Return the energy that a prestretch stores in the reference shape [J]."""
         if np.all(np.asarray(self.prestretch, dtype=float) == 1.0):
             return 0.0
-        return self.energy(self.gradient(np.zeros(self.body.N)))
+        return self.energy(self.gradient(np.zeros(self.body.N)), density)
 
     def is_possible(self, F: Array) -> bool:
         """Whether no cell is inverted by deformation gradients as `gradient` gives them."""
         return bool(determinant(F).min() > 0.0)
 
-    def energy_at_points(self, F: Array) -> Array:
+    def energy_at_points(self, F: Array, density: Density | None = None) -> Array:
         """Return the stored energy of each point of the cells, shape `(q, c)` [J], with its share of the terms averaged
         at the vertices."""
-        stored = self.weights * self.density.energy(F)
+        stored = self.weights * (density or self.density).energy(F)
         if self.body.pressure is not None:
             J = determinant(F)
             stored = stored + 0.5 * self._pressure_at_points(J) * (J - 1.0 / self._before)
@@ -209,26 +229,26 @@ class Hyperelasticity:
         """Return J = det F, shape `(q, c)`."""
         return determinant(F)
 
-    def stress(self, F: Array) -> Array:
+    def stress(self, F: Array, density: Density | None = None) -> Array:
         """Return the first Piola stress P at the points of the cells, shape `(3, 3, q, c)` [Pa]."""
-        P = self.density.stress(F)
+        P = (density or self.density).stress(F)
         if self.body.pressure is not None:
             P = P + self._pressure_at_points(determinant(F)) / self.weights * cofactor(F)
         return P
 
-    def forces(self, F: Array) -> tuple[Array, float]:
+    def forces(self, F: Array, density: Density | None = None) -> tuple[Array, float]:
         """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on a node [N].
 
         At held unknowns it is the force of the support.
         """
-        P = self.weights * self.stress(F)
+        P = self.weights * self.stress(F, density)
         local = np.einsum("ijqc,njqc->nic", P, self.slopes)
         whole = np.asarray(np.bincount(self._unknowns.ravel(), local.ravel(), self.body.N), dtype=float)
         return whole, float(np.abs(local).max(initial=0.0))
 
-    def tangent(self, F: Array) -> csr_matrix:
+    def tangent(self, F: Array, density: Density | None = None) -> csr_matrix:
         """Return ∂²energy/∂U² over the free unknowns, shape `(free, free)` [N/m], symmetric."""
-        A = self.weights * self.density.tangent(F)
+        A = self.weights * (density or self.density).tangent(F)
         averaged = self.body.pressure is not None
         if averaged:
             A += self._pressure_at_points(determinant(F)) * determinant_tangent(F)

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix, diags_array, vstack
 from tissue.arrays import Array, Indices
 from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, slope_matrix
 from tissue.errors import TissueError
+from tissue.material import PerCell
 from tissue.sites.surface import outer_surface
 from tissue.strain import symmetric
 
@@ -40,20 +41,25 @@ class StressRecovery:
         return np.column_stack([*normal, *(shear[i, :, j] + shear[j, :, i] for i, j in ((0, 1), (1, 2), (0, 2)))])
 
 
-def stress_recovery(elasticity: Elasticity) -> StressRecovery:
-    """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume."""
+def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> StressRecovery:
+    """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume.
+    With a `share`, a number or one per cell, it is that of the share of 2μ dev ε alone."""
     material = elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
+    pressure, shear = _nodal_pressure(elasticity), material.lame_mu
+    if share is not None:
+        shear = share * np.asarray(material.lame_mu)
+        spread, pressure = -2.0 / 3.0 * shear, csr_matrix(pressure.shape)
     average, slopes = _averages(elasticity), _nodal_slopes(elasticity)
     parts = np.split(np.arange(slopes.shape[0]), 3)  # of ∂/∂x, ∂/∂y, ∂/∂z
     blocks = [
         average
         @ diags_array(np.resize(np.broadcast_to(modulus, len(elasticity.cells)), average.shape[1]))
         @ slopes[rows]
-        for modulus in (spread, material.lame_mu)
+        for modulus in (spread, shear)
         for rows in parts
     ]
-    return StressRecovery(csr_matrix(vstack(blocks)), _nodal_pressure(elasticity), elasticity.nodes)
+    return StressRecovery(csr_matrix(vstack(blocks)), pressure, elasticity.nodes)
 
 
 def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:

@@ -191,7 +191,8 @@ def go_downhill(
     """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
     which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
     Friction opposes the way from `state`. Arguments as for `settle`."""
-    answer = ask_organ(system, Equilibrium(), [state], duration, share) if given is None else given
+    since = share * duration - state.time if duration else np.inf
+    answer = ask_organ(system, Equilibrium(since), [state], duration, share) if given is None else given
     problem = static_problem(system, state, share, duration, answer, state, began)
     near = state.time > 0.0 and answer.linear and problem.contact is None
     now, down, refits = state, 0 if near else DOWN, REFITS
@@ -584,7 +585,8 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     holds is dragged; with friction they rub along the way from the start of the load step. Raises `StepError`."""
     out = [step]
     while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
-        given = ask_organ(system, Equilibrium(), [out[-1].new, step.old], duration, share)
+        since = Equilibrium(share * duration - step.old.time)
+        given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"

@@ -197,7 +197,7 @@ def resting_organ(system: System[Body]) -> Body:
     if organ.lips(state)[0].min(initial=0.0) >= 0.0:
         return state
     # An organ with inertia starts undeformed, and never comes here.
-    answer, f_y = organ.answer(Equilibrium(), [state], 0.0), np.zeros(organ.y0.size)
+    answer, f_y = organ.answer(Equilibrium(np.inf), [state], 0.0), np.zeros(organ.y0.size)
     return answer.accept(f_y, solve_contact(system, f_y, answer))
 
 

@@ -254,7 +254,7 @@ ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column(
         "viscous_dissipation",
         "J",
-        "energy dissipated by damping since the start",
+        "energy dissipated by damping, and work of stress that relaxes, since the start",
         lambda energy: energy.viscous_dissipation,
     ),
     Column(

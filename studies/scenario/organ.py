@@ -17,6 +17,7 @@ from studies.scenario.table import (
     Positive,
     ScenarioError,
     ScenarioTable,
+    Series,
     Text,
     Vector,
     one_sentence,
@@ -296,6 +297,9 @@ class Region(MaterialKeys):
     material: Law | None = Field(
         default=None, description="strain-energy density, as for the organ; default the organ's"
     )
+    relaxation: Series | None = Field(
+        default=None, description="stress relaxation [-], [s], as for the organ; [] for none; default the organ's"
+    )
 
     @model_validator(mode="after")
     def _check_place(self) -> Self:
@@ -342,6 +346,12 @@ class Tissue(MaterialKeys):
         default="linear",
         description='"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to '
         '"linear" at small strain',
+    )
+    relaxation: Series = Field(
+        default=(),
+        description="stress relaxation as a Prony series of the distortion (not of the change of volume): rows of the "
+        "share of the stress [-] and its relaxation time [s]; youngs_modulus is that of a sudden pull; default: none",
+        examples=[[[0.3, 5.0], [0.2, 100.0]]],
     )
     element: Literal["P1", "P2"] = Field(
         default="P2",
@@ -434,6 +444,11 @@ class Tissue(MaterialKeys):
             )
         return self
 
+    @property
+    def relaxes(self) -> bool:
+        """Whether stress relaxes anywhere in it."""
+        return bool(self.relaxation) or any(region.relaxation for region in self.region)
+
     @model_validator(mode="after")
     def _check_reduction(self) -> Self:
         if self.reduction is None:
@@ -445,6 +460,8 @@ class Tissue(MaterialKeys):
             )
         elif self.contact:
             reason = "contact is true, and any node of the lips may be pushed, which no small basis knows of"
+        elif self.relaxes:
+            reason = "tissue.relaxation is given, and a small basis has no tissue that relaxes; leave relaxation out"
         elif not self.inertia:
             reason = "inertia is false, and a quasi-static organ has no steps to be made cheaper; take inertia = true"
         if reason:

@@ -204,6 +204,8 @@ class Scenario(ScenarioTable):
             return "it is of an organ with inertia, in time, by Newton in one system with the thread; leave it out"
         if organ.material != "linear" or self.touching:
             return "it is of a linear organ whose surfaces do not touch; leave it out"
+        if organ.relaxes:
+            return "tissue.relaxation is given, and the space has no tissue that relaxes; leave one of them out"
         return "tissue.reduction asks for another basis; leave one of them out" if organ.reduction is not None else ""
 
     @model_validator(mode="after")

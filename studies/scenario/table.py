@@ -5,7 +5,7 @@ from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WrapValidator
 
 from studies.scenario.refusal import as_toml, refusal, shortened
 
@@ -57,6 +57,20 @@ def one_sentence(allowed: str) -> WrapValidator:
             raise ValueError(f" = {as_toml(value)} is refused: allowed are {allowed}") from None
 
     return WrapValidator(validate)
+
+
+def _check_shares(series: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    """Refuse a Prony series of which nothing would be left."""
+    if sum(share for share, _ in series) >= 1.0:
+        raise ValueError("the shares add up to one or more")
+    return series
+
+
+Series = Annotated[
+    tuple[tuple[Positive, Positive], ...],
+    AfterValidator(_check_shares),
+    one_sentence("rows [share, time in s] with positive numbers and a sum of shares below 1, as [[0.3, 5.0]]"),
+]
 
 
 class ScenarioTable(BaseModel):

@@ -27,7 +27,7 @@ from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
 from studies.simulation.laid import LaidPath, laid_path
-from studies.simulation.law import hyperelasticity_of
+from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
@@ -435,21 +435,36 @@ def organ_of(
     gaps, loads = gaps_of(scenario, body), loads_of(scenario)
     known = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
     inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
+    relaxation = relaxation_of(scenario.tissue, body)
     if scenario.tissue.material != "linear":
         hyper = hyperelasticity_of(scenario.tissue, body, given)
-        return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=scenario.tissue.rayleigh[0])
-    if inertia:
-        full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
-        if scenario.tissue.reduction is not None:
-            return reduced(full, scenario, store)
-        return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
-    held = (scenario.tissue.clamp, scenario.tissue.roller)
-    if scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1]):
-        return tissue.FloatingOrgan(*known)
-    still = tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
-    if given.ranks is not None:
-        still.operator(0.0, 0.0)  # while all ranks are here: what they do later is their own affair
-    return still
+        damping = scenario.tissue.rayleigh[0]
+        return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=damping, relaxation=relaxation)
+    if relaxation is not None:
+        damped = scenario.tissue.rayleigh
+        return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)
+    if not inertia:
+        loose = floats(scenario, scenario.tissue, body)
+        return (
+            tissue.FloatingOrgan(*known) if loose else still_organ(tissue.QuasiStaticOrgan(*known, ranks=given.ranks))
+        )
+    full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
+    if scenario.tissue.reduction is not None:
+        return reduced(full, scenario, store)
+    return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
+
+
+def still_organ(organ: tissue.QuasiStaticOrgan) -> tissue.QuasiStaticOrgan:
+    """Return an organ whose columns have been solved by all its ranks while they are here: what they do later is their
+    own affair."""
+    if organ.ranks is not None:
+        organ.operator(0.0, 0.0)
+    return organ
+
+
+def floats(scenario: Scenario, table: model.Tissue, body: tissue.Elasticity) -> bool:
+    """Return whether a body of the organ may be held by nothing but thread and contact."""
+    return scenario.floats and any(motions.size for motions in motions_left(body.mesh, table.clamp, table.roller)[1])
 
 
 def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:

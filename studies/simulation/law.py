@@ -29,6 +29,19 @@ def distortion_of(table: model.Tissue, body: tissue.Elasticity) -> Density:
     return Sum(parts)
 
 
+def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony | None:
+    """Return how the stress of an organ relaxes, None if it does not: every series with its shares in its own cells."""
+    if not table.relaxes:
+        return None
+    owner, every = np.zeros(body.mesh.nelements, dtype=np.intp), [table.relaxation]
+    for region in table.region:
+        if region.relaxation is not None:
+            owner[body.mesh.subdomains[region.name]] = len(every)
+            every.append(region.relaxation)
+    rows = [(share * (owner == k), time) for k, series in enumerate(every) for share, time in series]
+    return tissue.Prony(*zip(*rows, strict=True))
+
+
 def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
     """Return b per cell, shape `(c,)` [-]: none of a neo-Hookean material. A region that names neither leaves it."""
     out = np.full(body.mesh.nelements, table.stiffening or 0.0)

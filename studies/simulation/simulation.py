@@ -280,11 +280,13 @@ class Simulation:
         if body is not None and isinstance(organ, tissue.FiniteOrgan):
             U = organ.displacement(state.organ)
             crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-            return finite_record(organ.law, U, crossed, lip_fields(self.assembly.system, state, len(body.points)))
+            return finite_record(organ, state.organ, crossed, lip_fields(self.assembly.system, state, len(body.points)))
         if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
         stress = self.recovery.stress(U)
+        if isinstance(organ, tissue.RelaxingOrgan):
+            stress = stress - organ.relaxed_stress(state.organ)
         lips = lip_fields(self.assembly.system, state, len(body.points))
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
         beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
@@ -300,20 +302,21 @@ class Simulation:
 
 
 def finite_record(
-    hyper: tissue.Hyperelasticity,
-    U: Array,
+    organ: tissue.FiniteOrgan,
+    state: tissue.OrganState,
     crossed: float,
     lips: tuple[Array, Array] | tuple[None, None],
 ) -> OrganRecord:
     """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation;
     `crossed` is how far lips are through one another, over their extent, and `lips` are their pressure and gap. Nothing
     else is beyond what its model holds for."""
-    stress = tissue.cauchy_stress(hyper, U)
+    hyper, U = organ.law, organ.displacement(state)
+    stress = tissue.cauchy_stress(hyper, U, organ.stressed(state))
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
     strain = np.abs(stretch - 1.0).max(axis=1)
     values, directions = tissue.principal(stress)
     at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-    energy = tissue.cell_energy(hyper, U)
+    energy = tissue.cell_energy(hyper, U, organ.lasting)
     pressure, gap = lips
     return OrganRecord(
         hyper.body.nodal(U),

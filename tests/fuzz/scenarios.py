@@ -91,6 +91,8 @@ stiffening = 2.0
 fibres = [{ direction = [1, 0, 0], k1 = 1.0e4, k2 = 1.0 }]
 prestretch = [1.02, 1.0, 0.98]
 strength = 2.0e6
+relaxation = [[0.3, 0.01], [0.2, 1.0]]
+region = [{ name = "layer", depth = [0.0, 2.0e-3], relaxation = [] }]
 mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, accuracy = 0.5 }
 [thread]
 suture = "2-0 polypropylene"

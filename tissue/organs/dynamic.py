@@ -177,6 +177,10 @@ class DynamicOrgan(MeshedOrgan):
         self._operators.move_to_end((a, d))
         return self._operators[a, d]
 
+    def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
+        """Return the factorised operator of a step of a scheme."""
+        return self.operator(scheme.a, scheme.d)
+
     def mass_times(self, field: Array) -> Array:
         """Return M times a field over the free unknowns `(N,)`: a node's three components share its row."""
         weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
@@ -213,7 +217,7 @@ class DynamicOrgan(MeshedOrgan):
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
     ) -> LinearAnswer:
         """Return the answer of a step as above, with a known pairing."""
-        operator, history = self.operator(scheme.a, scheme.d), self.history(scheme, past)
+        operator, history = self.operator_of(scheme), self.history(scheme, past)
         shares = self.shares_at(time, share)
         load = self.load_under(shares)
         U_free = operator.predict(past[0], history, load)
@@ -319,7 +323,7 @@ class DynamicOrgan(MeshedOrgan):
 
         These are the site forces `f_y` (9p,) and the contact forces of `state`; V is kept.
         """
-        operator, p = self.operator(scheme.a, scheme.d), self.contact_forces(state)
+        operator, p = self.operator_of(scheme), self.contact_forces(state)
         pairing = self.pairing(state.facing)
         y_free, g_free = operator.free_values(y, self.with_slips(self.gap(state)), f_y, p, pairing)
 

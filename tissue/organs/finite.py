@@ -27,6 +27,7 @@ from scipy.sparse import csr_matrix
 from tissue.arrays import Array
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
+from tissue.materials.density import Density
 from tissue.organs.meshed import (
     EMPTY,
     NO_LIPS,
@@ -41,13 +42,14 @@ from tissue.organs.meshed import (
     SiteAnswer,
     TimeScheme,
     gap_compliance,
+    refuse_loose,
     slips_since,
 )
+from tissue.relaxation import Prony
 from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
-from tissue.supports import holds_still
 
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: the organ's own equations
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one, which round-off of F = I + ∇U leaves
@@ -68,7 +70,8 @@ MOST_CORRECTIONS = 50  # of the equilibrium without site forces
 class Motion:
     """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
     of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them. Where the organ `creeps`, a is
-    no inertia but drags it back to U_a; where it is `led` along a branch, its potential need not fall."""
+    no inertia but drags it back to U_a; where it is `led` along a branch, its potential need not fall. Tissue that
+    relaxes does so along a `course`."""
 
     a: float
     d: float
@@ -78,6 +81,23 @@ class Motion:
     shares: Array | None
     creeps: bool = False
     led: bool = False
+    course: "Course | None" = None
+
+    @property
+    def density(self) -> Density | None:
+        """The density of tissue that relaxes in the step; None: its own."""
+        return None if self.course is None else self.course.density
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the stress relaxes in a step of `dt` [s]: the stresses `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)`
+    at its start [Pa], and the `density` that the step goes by (`tissue.relaxation`)."""
+
+    dt: float
+    relaxing: Array
+    S: Array
+    density: Density
 
 
 @dataclass(frozen=True)
@@ -304,19 +324,21 @@ class FiniteAnswer:
 class FiniteOrgan(MeshedOrgan):
     """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always in equilibrium.
 
-    `hyper` is its energy, None the neo-Hookean solid of the same E and ν. `keep` is the part of itself that the
-    residual must fall below for a factor to be kept; 0 makes every tangent anew.
+    `hyper` is its energy, None the neo-Hookean solid of the same E and ν; `relaxation` is how it relaxes, None: not at
+    all. `keep` is the part of itself that the residual must fall below for a factor to be kept; 0 makes every tangent
+    anew.
     """
 
     hyper: Hyperelasticity | None = None
     inertia: bool = True
     damping: float = 0.0
     keep: float = KEEP
+    relaxation: Prony | None = None
     M: csr_matrix = field(init=False, repr=False)
-    _tangents: OrderedDict[tuple[float, float, int, bytes], Tangent] = field(init=False, repr=False)
+    _tangents: OrderedDict[tuple[float, float, float | None, int, bytes], Tangent] = field(init=False, repr=False)
     _pattern: Pattern = field(init=False, repr=False)
     _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
-    _met: deque[tuple[Array, Array, Array]] = field(init=False, repr=False)
+    _met: deque[tuple[Array, Array, Array, Density | None]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -325,12 +347,8 @@ class FiniteOrgan(MeshedOrgan):
             raise TissueError("hyper: it is of another body than the organ's; build both on one")
         if not 0.0 <= self.damping < np.inf:
             raise TissueError(f"damping = {self.damping} 1/s: allowed is 0 or more; damping takes energy")
-        if not self.inertia and not holds_still(body.points, np.isin(body.nodes, body.clamped)):
-            known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
-            raise TissueError(
-                f"clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary (the mesh "
-                f"names {known}) or give it inertia"
-            )
+        if not self.inertia:
+            refuse_loose(body)
         if self.hyper is None:
             object.__setattr__(self, "hyper", Hyperelasticity(body))
         free = body.free
@@ -374,8 +392,8 @@ class FiniteOrgan(MeshedOrgan):
     def point(self, motion: Motion, U: Array, F: Array | None = None) -> Point:
         """Return the organ at U, with its deformation gradients `F` where they are known."""
         F = self.law.gradient(self.whole(U)) if F is None else F
-        forces, scale = self.law.forces(F)
-        self._met.append((U, F, forces[self.elasticity.free]))
+        forces, scale = self.law.forces(F, motion.density)
+        self._met.append((U, F, forces[self.elasticity.free], motion.density))
         r = forces[self.elasticity.free] - motion.load - self.pressing(motion.shares, U)
         if motion.a:
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
@@ -407,7 +425,7 @@ class FiniteOrgan(MeshedOrgan):
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
         """Return the potential that the organ minimises in a step under constant forces [J]; inf if a cell is inverted.
         The work of pressures is along the straight path from `start` (N,) to U."""
-        out = self.law.energy(F) - float((motion.load + forces.push) @ U)
+        out = self.law.energy(F, motion.density) - float((motion.load + forces.push) @ U)
         out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
         if self.surface.follows:
             way = self.elasticity.nodal(self.whole(U - start))
@@ -444,13 +462,14 @@ class FiniteOrgan(MeshedOrgan):
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
         """Return the tangent at U, factorised; the last few are kept. Raises `OrganError`."""
         shares = motion.shares if self.surface.follows else None
-        key = motion.a, motion.d, id(U), b"" if shares is None else shares.tobytes()
+        met = None if motion.course is None else motion.course.dt
+        key = motion.a, motion.d, met, id(U), b"" if shares is None else shares.tobytes()
         known = self._tangents.get(key)
         if known is not None and known.U is U:
             return known
         while self._tangents and len(self._tangents) >= min(KEPT_TANGENTS, self.choice.room):
             self._tangents.popitem(last=False)
-        A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F)
+        A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F, motion.density)
         if shares is not None:
             free = self.elasticity.free
             A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
@@ -479,13 +498,33 @@ class FiniteOrgan(MeshedOrgan):
 
     def motion(self, scheme: TimeScheme, past: Sequence[OrganState], shares: Array | None) -> Motion:
         """Return the inertia and loads of a step of `scheme` from the states `past`, the newest first."""
-        load = self.load_under(shares)
+        load, course = self.load_under(shares), self.course(slips_since(past, scheme), scheme.dt) if past else None
         if not (self.inertia and scheme.a):
-            return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares)
+            return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares, course=course)
         terms = list(zip(scheme.coefficients, past, strict=True))
         inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(self.size))
         damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(self.size))
-        return Motion(scheme.a, scheme.d, inertia, damping, load, shares)
+        return Motion(scheme.a, scheme.d, inertia, damping, load, shares, course=course)
+
+    def course(self, state: OrganState, dt: float) -> Course | None:
+        """Return how the stress relaxes in a step of `dt` [s] from a state, None where it does not."""
+        if self.relaxation is None:
+            return None
+        S = self.law.distortional_stress(self.law.gradient(self.whole(state.U)))
+        relaxing = np.zeros((len(self.relaxation.times), *S.shape)) if state.relaxing is None else state.relaxing
+        H = self.relaxation.held(relaxing, S, dt)
+        return Course(dt, relaxing, S, self.law.relaxing(self.relaxation.met(dt), H))
+
+    def stressed(self, state: OrganState) -> Density | None:
+        """Return the density by whose stress the tissue is stressed in a state; None: its own."""
+        if self.relaxation is None or state.relaxing is None:
+            return self.lasting
+        return self.law.relaxing(1.0 - self.relaxation.total, state.relaxing.sum(axis=0))
+
+    @cached_property
+    def lasting(self) -> Density | None:
+        """The density of tissue in which all has relaxed; None: its own."""
+        return None if self.relaxation is None else self.law.relaxing(1.0 - self.relaxation.total, None)
 
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
@@ -513,8 +552,9 @@ class FiniteOrgan(MeshedOrgan):
 
     def _sagged(self, U: Array) -> Array:
         """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
-        still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None)
         none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
+        course = self.course(OrganState(U, U, U, none), np.inf)
+        still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None, course=course)
         point, no_forces = self.point(still, U), Forces(none, np.zeros(self.size))
         if self.off_balance(point, no_forces) <= self._round_off:
             return U
@@ -544,7 +584,8 @@ class FiniteOrgan(MeshedOrgan):
         goes downhill, to an equilibrium that holds, also where none is near."""
         shares = self.shares_at(time, share)
         a = pace * float(self.elasticity.K.diagonal().max()) / self._largest_mass
-        motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True)
+        course = self.course(state, 0.0)
+        motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True, course=course)
         point = self.point(motion, state.U)
         return FiniteAnswer(
             self, motion, point, self.tangent(motion, state.U, point.F), state.f_y, self.paired_anew(state.U)
@@ -566,21 +607,22 @@ class FiniteOrgan(MeshedOrgan):
         tangent there takes a much shorter way for what the elastic forces changed by, and on the straight way they drop
         and rise again. Tissue that stiffens, or a flap that turns, does the one or the other; where a hand leads tissue
         past a limit point they drop by next to nothing before they rise, the less the shorter the way."""
-        way, (last, first) = new.U - old.U, (self._forces_at(state.U)[1] for state in (new, old))
+        way, density = new.U - old.U, answer.motion.density
+        last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
         straight = solved(answer.tangent.factor, last - first)
         if np.linalg.norm(way) <= FARTHEST * np.linalg.norm(straight):
             return False
-        forces = [first, *(self._force_or_none(old.U + part * way) for part in PARTS), last]
+        forces = [first, *(self._force_or_none(old.U + part * way, density) for part in PARTS), last]
         works = np.array([np.inf if force is None else force @ way for force in forces])
         crests, rises = np.maximum.accumulate(works), np.maximum.accumulate(works[::-1])[::-1]
         drop = np.minimum(crests, rises)[np.isfinite(works)] - works[np.isfinite(works)]
         return bool(drop.max() > DROP * max(abs(works[0]), abs(works[-1])))
 
-    def _force_or_none(self, U: Array) -> Array | None:
-        """Return the force of the stored energy (N,) [N], None if it is not finite."""
+    def _force_or_none(self, U: Array, density: Density | None) -> Array | None:
+        """Return the force of a density's energy (N,) [N], None if it is not finite."""
         F = self.law.gradient(self.whole(U))
         with np.errstate(over="ignore", invalid="ignore"):
-            force = self.law.forces(F)[0][self.elasticity.free]
+            force = self.law.forces(F, density)[0][self.elasticity.free]
         return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array) -> Pairing:
@@ -597,9 +639,15 @@ class FiniteOrgan(MeshedOrgan):
             V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
         else:
             V = A = np.zeros(self.size)
-        return OrganState(
-            U, V, A, f_y, self.contact_or_none(p), pairing.facing, shares=motion.shares, linearised=tangent.U
-        )
+        rest = self.contact_or_none(p), pairing.facing, motion.shares, tangent.U
+        return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U))
+
+    def relaxed(self, course: Course | None, U: Array) -> Array | None:
+        """Return the stresses that relax at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)` [Pa]."""
+        if course is None or self.relaxation is None:
+            return None
+        change = self.law.distortional_stress(self.law.gradient(self.whole(U))) - course.S
+        return self.relaxation.after(course.relaxing, change, course.dt)
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y(Z U), shape `(9p,)`."""
@@ -665,24 +713,25 @@ class FiniteOrgan(MeshedOrgan):
         return state.U
 
     def _stored(self, U: Array) -> tuple[float, Array]:
-        """Return the stored energy [J] and its force (N,) [N]; those of the last fields are remembered."""
+        """Return the energy stored for good [J] and its force (N,) [N]; those of the last fields are remembered."""
         for known, energy, force in self._recalled:
             if known is U:
                 return energy, force
-        F, force = self._forces_at(U)
-        self._recalled.append((U, self.law.energy(F), force))
+        F, force = self._forces_at(U, self.lasting)
+        self._recalled.append((U, self.law.energy(F, self.lasting), force))
         return self._recalled[-1][1:]
 
-    def _forces_at(self, U: Array) -> tuple[Array, Array]:
-        """Return F at the cells and the force of the stored energy (N,) [N], those of the last points if they are."""
-        for known, F, force in self._met:
-            if np.array_equal(known, U):
+    def _forces_at(self, U: Array, density: Density | None) -> tuple[Array, Array]:
+        """Return F at the cells and the force of a density's energy (N,) [N], those of the last points if they are."""
+        for known, F, force, by in self._met:
+            if by is density and np.array_equal(known, U):
                 return F, force
         F = self.law.gradient(self.whole(U))
-        return F, self.law.forces(F)[0][self.elasticity.free]
+        return F, self.law.forces(F, density)[0][self.elasticity.free]
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new`, and the work done from `old` to it [J].
+        """Return the energies at `new`, and the work done from `old` to it [J]. Stress that relaxes is viscous: its
+        work is that of its value at the end, of which it gives some back where the tissue goes back.
 
         The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells,
         of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
@@ -696,7 +745,9 @@ class FiniteOrgan(MeshedOrgan):
             else 0.0
         )
         numerical = force @ dU - (stored - before) + bent
-        friction = 0.0
+        friction = relaxation = 0.0
+        if self.relaxation is not None:
+            relaxation = float((self._forces_at(new.U, self.stressed(new))[1] - force) @ dU)
         if new.p is not None and new.p.any():
             pushes, friction = self.contact_works(new.p, self.pairing(new.facing).G @ dU)
             numerical += pushes
@@ -706,5 +757,10 @@ class FiniteOrgan(MeshedOrgan):
             kinetic, viscous = float(0.5 * new.V @ momentum), float(self.damping * momentum @ dU)
             numerical += 0.5 * dV @ (self.M @ dV) + new.A @ (self.M @ dU) - momentum @ dV
         load_work = float((self.load_under(new.shares) + self.pressing(new.shares, new.U)) @ dU)
-        kept = self.law.energy_of_prestretch
-        return OrganEnergies(kinetic, float(stored), load_work, viscous, float(numerical), friction, kept)
+        works = load_work, viscous + relaxation, float(numerical), friction
+        return OrganEnergies(kinetic, float(stored), *works, self._of_prestretch)
+
+    @cached_property
+    def _of_prestretch(self) -> float:
+        """Energy that a prestretch stores in the reference shape [J]."""
+        return self.law.energy_of_prestretch(self.lasting)

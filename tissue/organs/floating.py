@@ -32,6 +32,7 @@ class Drag(NamedTuple):
     a: float
     d: float = 0.0
     coefficients: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 1.0),)
+    dt: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

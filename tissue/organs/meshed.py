@@ -34,6 +34,7 @@ from tissue.organs.lips import Gaps, tangents
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
+from tissue.supports import holds_still
 
 KEPT_OPERATORS = 12  # operators kept, memory allowing: of BDF2, of backward Euler, and of each part of a halved step
 COLUMNS = 64  # of A⁻¹Gᵀ that are made together
@@ -50,7 +51,8 @@ class OrganState:
     of the reference. `linearised`
     `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
     linear organ. `shares` `(l,)` are the parts of the loads that act
-    (`tissue.loads`), None of an organ without loads. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
+    (`tissue.loads`), None of an organ without loads. `relaxing` `(b, 3, 3, q, c)` [Pa] are the stresses that relax
+    (`tissue.relaxation`), None where there are none. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
     and stiffness that the step has left, None if it left none.
     """
 
@@ -65,6 +67,7 @@ class OrganState:
     MU: Array | None = None
     MV: Array | None = None
     KU: Array | None = None
+    relaxing: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,10 @@ class Pairing:
 
 class TimeScheme(Protocol):
     """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity d (U − U_d)."""
+
+    @property
+    def dt(self) -> float:
+        """Length of the step [s], in equilibrium the time since the last one; infinite where all has relaxed."""
 
     @property
     def a(self) -> float:
@@ -477,6 +484,16 @@ def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
     """Return the state from which slips are counted: the newest, and in equilibrium the oldest that is given, at which
     the load step began."""
     return past[0] if scheme.a else past[-1]
+
+
+def refuse_loose(body: Elasticity) -> None:
+    """Raise `TissueError` where a body without inertia can move as a rigid body."""
+    if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+        raise TissueError(
+            f"clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary (the mesh "
+            f"names {known}) or give it inertia"
+        )
 
 
 class LipCompliance:

@@ -1,0 +1,163 @@
+"""A linear organ whose tissue relaxes (`tissue.relaxation`), with inertia or without.
+
+    K U − Σ K_i U + Σ K_i e_i = forces,    de_i/dt + e_i/τ_i = dU/dt
+
+K_i is the stiffness of the share of the distortion that relaxes with τ_i, and e_i, a field over the free unknowns, what
+is left of U in it. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U), so that the step is that of an organ of the
+stiffness K − Σ (1 − φ_i) K_i under the further forces Σ K_i (φ_i U − e^(−x_i) e_i).
+"""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from tissue.arrays import Array
+from tissue.elasticity import distortion
+from tissue.organs.dynamic import DynamicOperator, DynamicOrgan, Products
+from tissue.organs.floating import Drag
+from tissue.organs.meshed import (
+    KEPT_OPERATORS,
+    LinearAnswer,
+    OrganEnergies,
+    OrganState,
+    Pairing,
+    TimeScheme,
+    compliance,
+    refuse_loose,
+    slips_since,
+)
+from tissue.relaxation import Prony
+from tissue.stress import StressRecovery, stress_recovery
+
+DIGITS = 12  # of a step's length by which an operator is known: what is left of it is round-off
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxingOrgan(DynamicOrgan):
+    """A linear organ whose distortion relaxes by a series `relaxation`, with `inertia` or always in equilibrium. The
+    fields e_i are `relaxing` `(b, N)` [m] of its states; None: all has relaxed."""
+
+    relaxation: Prony = field(kw_only=True)
+    inertia: bool = field(default=True, kw_only=True)
+    _by_length: OrderedDict[tuple[float, float, str], DynamicOperator] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "_by_length", OrderedDict())
+        if not self.inertia:
+            refuse_loose(self.elasticity)
+
+    @cached_property
+    def branches(self) -> list[csr_matrix]:
+        """K_i, shape `(N, N)` [N/m] each."""
+        free = self.elasticity.free
+        return [csr_matrix(distortion(self.elasticity, share)[free][:, free]) for share in self.relaxation.shares]
+
+    def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
+        """Return the factorised operator of a step of a scheme; the last few are kept."""
+        key = scheme.a, scheme.d, f"{scheme.dt:.{DIGITS}g}"
+        if key not in self._by_length:
+            while len(self._by_length) >= min(KEPT_OPERATORS, self.choice.room):
+                self._by_length.popitem(last=False)
+            alpha, beta = self.rayleigh
+            A = (scheme.a + alpha * scheme.d) * self.M + (1.0 + beta * scheme.d) * self.K - self._soft(scheme.dt)
+            factor = self.solver_of(csr_matrix(A))
+            W, C = compliance(factor, self.Y)
+            self._by_length[key] = DynamicOperator(self, scheme.a, scheme.d, csr_matrix(A), factor, W, C)
+        self._by_length.move_to_end(key)
+        return self._by_length[key]
+
+    def _soft(self, dt: float) -> csr_matrix:
+        """Return Σ (1 − φ_i) K_i of a step of `dt` [s]."""
+        parts = zip(self.relaxation.means(dt), self.branches, strict=True)
+        return csr_matrix(sum((1.0 - mean) * K for mean, K in parts))
+
+    def scheme_of(self, scheme: TimeScheme) -> TimeScheme:
+        """Return the scheme by which the organ goes: without inertia it is in equilibrium at the end of the step."""
+        return scheme if self.inertia else Drag(0.0, coefficients=(), dt=scheme.dt)
+
+    def start(self) -> OrganState:
+        """Return the state at the start: undeformed and at rest, or without inertia in equilibrium with gravity."""
+        rest = super().start()
+        if self.inertia:
+            return rest
+        return replace(rest, U=self.operator_of(Drag(0.0, coefficients=(), dt=np.inf)).factor.solve(self.load))
+
+    def strains(self, state: OrganState) -> Array:
+        """Return e_i, shape `(b, N)` [m]."""
+        none = np.zeros((len(self.branches), self.size))
+        return none if state.relaxing is None else state.relaxing
+
+    @cached_property
+    def _stresses(self) -> list[StressRecovery]:
+        """The stress of each share of the distortion."""
+        return [stress_recovery(self.elasticity, share) for share in self.relaxation.shares]
+
+    def relaxed_stress(self, state: OrganState) -> Array:
+        """Return by how much the stress is less than that of a sudden pull, per node, shape `(m, 6)` [Pa]."""
+        left = zip(self._stresses, self.strains(state), strict=True)
+        return np.asarray(sum(each.stress(self.whole(state.U - e)) for each, e in left))
+
+    def answer(
+        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
+    ) -> LinearAnswer:
+        """Return the answer of a step as an organ in motion does; in equilibrium slips and relaxation are counted from
+        the last of `past`."""
+        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(past[0].U))
+        return self.answer_paired(scheme, past, pairing, time, share)
+
+    def answer_paired(
+        self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
+    ) -> LinearAnswer:
+        """Return the answer of a step as above, with a known pairing."""
+        first, scheme = slips_since(past, scheme), self.scheme_of(scheme)
+        e, decays, means = self.strains(first), self.relaxation.decays(scheme.dt), self.relaxation.means(scheme.dt)
+        shares = self.shares_at(time, share)
+        load, operator, history = self.load_under(shares), self.operator_of(scheme), self.history(scheme, past)
+        for K, part, decay, mean in zip(self.branches, e, decays, means, strict=True):
+            load = load + K @ (mean * first.U - decay * part)
+        U_free = operator.predict(past[0], history, load + self._soft(scheme.dt) @ past[0].U)
+
+        def complete(f_y: Array, p: Array) -> OrganState:
+            """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""
+            U = operator.add_forces(U_free, f_y, p, pairing)
+            left = decays[:, None] * e + means[:, None] * (U - first.U)
+            return replace(operator.state(history, U, f_y, p, pairing, shares), relaxing=left)
+
+        return LinearAnswer(
+            operator,
+            self.y0 + self.Y @ U_free,
+            pairing.g0 + pairing.G @ U_free,
+            complete,
+            lambda: operator.residual(history, Products(*np.zeros((3, self.size))), load),
+            pairing,
+        )
+
+    def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
+        """Return the answer of a step in which nothing moves from `y` (9p,), as the organ in motion does; what moves
+        since the forces change does so at once."""
+        answer = super().displace(self.scheme_of(scheme), state, y, f_y)
+
+        def displaced(f_new: Array, p_new: Array) -> OrganState:
+            new = answer.accept(f_new, p_new)
+            return replace(new, relaxing=self.strains(state) + (new.U - state.U))
+
+        return replace(answer, accepted=displaced)
+
+    def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the energies at `new` and the works of the step: elastic is what stays once all has relaxed. Stress
+        that relaxes is viscous: its work is that of its value at the end, of which it gives some back where the tissue
+        goes back."""
+        whole, dU = super().energies(old, new), new.U - old.U
+        lost, taken, relaxed = 0.0, 0.0, 0.0
+        for K, e in zip(self.branches, self.strains(new), strict=True):
+            lost += float(0.5 * new.U @ (K @ new.U))
+            taken += float(0.5 * dU @ (K @ dU))
+            relaxed += float(e @ (K @ dU))
+        return whole._replace(
+            elastic=whole.elastic - lost, viscous=whole.viscous + relaxed, numerical=whole.numerical - taken
+        )
