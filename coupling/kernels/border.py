@@ -222,20 +222,49 @@ def stiffen_hold(
 
 
 @loop
-def numbers_in_use(C: Array, r_y: Array, joints: Joints, at: Indices) -> int:
-    """Write the place of each unknown of the holds among those that are solved for into `at` (15m,), −1 for the others,
-    and return how many there are. A number of a site that does not give way, with its row of C zero, and is in its
-    place does not move."""
+def is_given(border: Border, r: Array, k: int, row: int) -> bool:
+    """Whether a row of hold k says of its own unknown alone that it stays: a multiplier that is not in force."""
+    given = r[k, row] == 0.0
+    for z in range(NINE):
+        given &= border.B[k, row, z] == 0.0
+    for z in range(BORDER):
+        given &= border.D[k, row, z] == (1.0 if z == row else 0.0)
+    return given
+
+
+@loop
+def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int:
+    """Write the place of each number of the holds among those that are solved for into `at` (15m,), −1 for the others,
+    and return how many there are: s and the multipliers in force; of a strand of a tie its x; and for a number of any
+    other site the force on it, where that depends on the thread. The rest of dy follows from the forces."""
+    for i in range(len(at)):
+        k, j = i // BORDER, i % BORDER
+        at[i] = -1
+        if j < OWN:
+            at[i] = -1 if j > 0 and is_given(border, r, k, j) else 0
+        else:
+            for z in range(NINE):
+                if border.R[k, j - OWN, z] != 0.0:
+                    at[i] = 0
+    for tie in range(len(joints.strands)):
+        for side in range(2):
+            for x in range(3):
+                at[BORDER * joints.strands[tie, side] + OWN + x] = 0
     count = 0
     for i in range(len(at)):
-        k, j = i // BORDER, i % BORDER - OWN
-        in_use = j < 0 or len(joints.strands) > 0 or r_y[k, max(j, 0)] != 0.0
-        if not in_use:
-            for other in range(C.shape[1]):
-                in_use |= C[NINE * k + j, other] != 0.0
-        at[i] = count if in_use else -1
-        count += in_use
+        if at[i] == 0:
+            at[i] = count
+            count += 1
     return count
+
+
+@loop
+def is_strand(joints: Joints, k: int) -> bool:
+    """Whether hold k is a strand of a tie."""
+    found = False
+    for tie in range(len(joints.strands)):
+        found |= joints.strands[tie, 0] == k or joints.strands[tie, 1] == k
+    return found
 
 
 @owning
@@ -245,32 +274,163 @@ def solve_holds(
     """Solve the border once the thread is eliminated for `dz` (m, 15); arguments as for `holds_matrix`. False where the
     matrix is singular."""
     at = np.empty(BORDER * len(r), np.int64)
-    size = numbers_in_use(C, r_y, joints, at)
+    size = numbers_in_use(border, r, joints, at)
     M = np.zeros((size, size + 1))
     holds_matrix(border, C, G, r, r_y, joints, sigma, at, M)
     if not solve_dense(M):
         return False
-    for i in range(len(at)):
-        dz[i // BORDER, i % BORDER] = M[at[i], size] if at[i] >= 0 else 0.0
+    spread_numbers(border, C, r_y, joints, at, M[:, size], dz)
     return True
+
+
+@owning
+def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, at: Indices, x: Array, dz: Array) -> None:
+    """Write the numbers of the holds that were solved for, `x` (k,), and dy = C (F dz + R Vᵀdq) − r_y into `dz` (m,
+    15)."""
+    force = np.zeros(C.shape[0])
+    for k in range(len(r_y)):
+        for j in range(BORDER):
+            dz[k, j] = x[at[BORDER * k + j]] if at[BORDER * k + j] >= 0 else 0.0
+        for i in range(NINE):
+            for z in range(OWN):
+                force[NINE * k + i] += border.F[k, i, z] * dz[k, z]
+            force[NINE * k + i] += dz[k, OWN + i]
+    for k in range(len(r_y)):
+        strand = is_strand(joints, k)
+        for i in range(NINE):
+            if strand and i < 3:
+                continue
+            moved = 0.0
+            for j in range(len(force)):
+                moved += C[NINE * k + i, j] * force[j]
+            dz[k, OWN + i] = moved - r_y[k, i]
 
 
 @owning
 def holds_matrix(
     border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, at: Indices, M: Array
 ) -> None:
-    """Write the equations of the unknowns of the holds `at` (15m,) into `M` (k, k + 1), zero before, their right-hand
-    side last, once the thread is eliminated, Vᵀdq = w − G E dz. The first column of `G` (9m, 1 + 9m) is w."""
+    """Write the equations of the numbers of the holds `at` (15m,) into `M` (k, k + 1), zero before, their right-hand
+    side last, once the thread is eliminated, Vᵀdq = w − G E dz, and the sites are, dy = C (F dz + R Vᵀdq) − r_y. The
+    first column of `G` (9m, 1 + 9m) is w."""
     m, size = len(r), len(M)
-    GE = thread_by_holds(border.E, G, at, size)
+    force = forces_on_sites(border, joints, at, size)
+    sites = matrix_product(C, force, 0)
     for k in range(m):
-        add_own_equations(border, k, G, GE, r, at, M)
+        strand = is_strand(joints, k)
+        for i in range(NINE):
+            row = sites[NINE * k + i]
+            if strand and i < 3:
+                row[at[BORDER * k + OWN + i]] = 1.0
+            else:
+                row[size] = -r_y[k, i]
+    thread = matrix_product(G, pushes_on_thread(border.E, sites, at), 1)
+    for i in range(NINE * m):
+        for z in range(size + 1):
+            thread[i, z] = -thread[i, z]
+        thread[i, size] += G[i, 0]
+    for k in range(m):
+        add_own_equations(border, k, thread, sites, r, at, M)
         if len(sigma) > 0 and sigma[k] != 0.0:
             for other in range(m):
                 M[at[BORDER * k], at[BORDER * other]] += border.S[k, other]
-    if size > OWN * m:
-        add_site_equations(border, C, G, GE, r_y, joints, at, M)
+        add_force_equations(border, k, thread, at, M)
+    join_sites(joints, force, r_y, at, M)
     join_laws(joints, sigma, r, at, M)
+
+
+@owning
+def matrix_product(A: Array, X: Array, first: int) -> Array:
+    """Return A X of the columns of `A` from the `first` on, by the rows of `X` that are not zero."""
+    rows = 0
+    there = np.zeros(len(X), np.int64)
+    for i in range(len(X)):
+        for z in range(X.shape[1]):
+            if X[i, z] != 0.0:
+                there[rows] = i
+                rows += 1
+                break
+    left, right = np.empty((len(A), rows)), np.empty((rows, X.shape[1]))
+    for j in range(rows):
+        right[j] = X[there[j]]
+    for i in range(len(A)):
+        for j in range(rows):
+            left[i, j] = A[i, first + there[j]]
+    return np.dot(left, right)
+
+
+@owning
+def forces_on_sites(border: Border, joints: Joints, at: Indices, size: int) -> Array:
+    """Return F dz + R Vᵀdq by the numbers in use, shape `(9m, size + 1)`, the last column zero."""
+    force = np.zeros((NINE * len(border.F), size + 1))
+    for k in range(len(border.F)):
+        strand = is_strand(joints, k)
+        for i in range(NINE):
+            for z in range(OWN):
+                if at[BORDER * k + z] >= 0:
+                    force[NINE * k + i, at[BORDER * k + z]] += border.F[k, i, z]
+            place = at[BORDER * k + OWN + i]
+            if place >= 0 and not (strand and i < 3):
+                force[NINE * k + i, place] = 1.0
+    return force
+
+
+@owning
+def pushes_on_thread(E: Array, sites: Array, at: Indices) -> Array:
+    """Return E dz by the numbers in use, shape `(9m, size + 1)`, with what does not depend on them last; `sites`
+    likewise are dy."""
+    out = np.zeros(sites.shape)
+    for k in range(len(E)):
+        for i in range(NINE):
+            row = out[NINE * k + i]
+            for z in range(OWN):
+                if at[BORDER * k + z] >= 0:
+                    row[at[BORDER * k + z]] += E[k, i, z]
+            for j in range(NINE):
+                push = E[k, i, OWN + j]
+                if push != 0.0:
+                    for z in range(len(row)):
+                        row[z] += push * sites[NINE * k + j, z]
+    return out
+
+
+@loop
+def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Array, at: Indices, M: Array) -> None:
+    """Add B Vᵀdq + D dz = −r of hold k to its rows, from Vᵀdq, `thread`, and dy, `sites` (9m, size + 1)."""
+    last = M.shape[1] - 1
+    for i in range(OWN):
+        if at[BORDER * k + i] < 0:
+            continue
+        row = M[at[BORDER * k + i]]
+        for j in range(NINE):
+            b, d = border.B[k, i, j], border.D[k, i, OWN + j]
+            if b != 0.0:
+                for z in range(last + 1):
+                    row[z] += b * thread[NINE * k + j, z]
+            if d != 0.0:
+                for z in range(last + 1):
+                    row[z] += d * sites[NINE * k + j, z]
+        for z in range(OWN):
+            if at[BORDER * k + z] >= 0:
+                row[at[BORDER * k + z]] += border.D[k, i, z]
+        row[last] = -row[last] - r[k, i]
+
+
+@loop
+def add_force_equations(border: Border, k: int, thread: Array, at: Indices, M: Array) -> None:
+    """Add f − R Vᵀdq = 0 of the forces on the site of hold k that depend on the thread."""
+    last = M.shape[1] - 1
+    for i in range(NINE):
+        pushed, place = False, at[BORDER * k + OWN + i]
+        for j in range(NINE):
+            push = border.R[k, i, j]
+            if push != 0.0 and place >= 0:
+                pushed = True
+                for z in range(last + 1):
+                    M[place, z] -= push * thread[NINE * k + j, z]
+        if pushed:
+            M[place, place] += 1.0
+            M[place, last] = -M[place, last]
 
 
 @loop
@@ -289,73 +449,6 @@ def join_laws(joints: Joints, sigma: Array, r: Array, at: Indices, M: Array) -> 
         M[other, last] -= r[first, LAW]
         M[one, last] = -r[first, LAW]
         M[one, one] = M[one, other] = 1.0
-
-
-@owning
-def thread_by_holds(E: Array, G: Array, at: Indices, size: int) -> Array:
-    """Return G E over the unknowns in use, shape `(9m, size)`."""
-    m = len(E)
-    GE = np.zeros((NINE * m, size))
-    for i in range(NINE * m):
-        for k in range(m):
-            for j in range(NINE):
-                g, row = G[i, 1 + NINE * k + j], E[k, j]
-                for z in range(OWN):
-                    GE[i, at[BORDER * k] + z] += g * row[z]
-                for z in range(OWN, BORDER):
-                    if at[BORDER * k + z] >= 0:
-                        GE[i, at[BORDER * k + z]] += g * row[z]
-    return GE
-
-
-@loop
-def add_own_equations(border: Border, k: int, G: Array, GE: Array, r: Array, at: Indices, M: Array) -> None:
-    """Add D − B G E and −r − B w of hold k to its six rows, the right-hand side last."""
-    last = M.shape[1] - 1
-    for i in range(OWN):
-        row = M[at[BORDER * k + i]]
-        for j in range(NINE):
-            b, of_thread = border.B[k, i, j], NINE * k + j
-            if b != 0.0:
-                for z in range(last):
-                    row[z] -= b * GE[of_thread, z]
-                row[last] -= b * G[of_thread, 0]
-        for z in range(BORDER):
-            if at[BORDER * k + z] >= 0:
-                row[at[BORDER * k + z]] += border.D[k, i, z]
-        row[last] -= r[k, i]
-
-
-@owning
-def add_site_equations(
-    border: Border, C: Array, G: Array, GE: Array, r_y: Array, joints: Joints, at: Indices, M: Array
-) -> None:
-    """Add dy − C (F dz + R Vᵀdq) = −r_y of the numbers of the sites in use, the right-hand side last, and in the place
-    of those of strands in ties their equations."""
-    m, last = len(r_y), M.shape[1] - 1
-    force = np.zeros((NINE * m, last + 1))  # of the sites, by the unknowns, and −R w
-    for k in range(m):
-        for i in range(NINE):
-            row = force[NINE * k + i]
-            for j in range(NINE):
-                push, of_thread = border.R[k, i, j], NINE * k + j
-                if push != 0.0:
-                    for z in range(last):
-                        row[z] -= push * GE[of_thread, z]
-                    row[last] -= push * G[of_thread, 0]
-            for z in range(BORDER):
-                if at[BORDER * k + z] >= 0:
-                    row[at[BORDER * k + z]] += border.F[k, i, z]
-    for i in range(NINE * m):
-        place = at[BORDER * (i // NINE) + OWN + i % NINE]
-        if place >= 0:
-            for j in range(NINE * m):
-                if C[i, j] != 0.0:
-                    for z in range(last + 1):
-                        M[place, z] -= C[i, j] * force[j, z]
-            M[place, place] += 1.0
-            M[place, last] -= r_y[i // NINE, i % NINE]
-    join_sites(joints, force, r_y, at, M)
 
 
 @loop
@@ -410,4 +503,4 @@ def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Arra
 
 
 linearise_holds, in_use, write_matrix = entry(linearise_all), entry(numbers_in_use), entry(holds_matrix)
-site_residuals, stiffen_holds = entry(site_residual), entry(stiffen_all)
+site_residuals, stiffen_holds, numbers_of = entry(site_residual), entry(stiffen_all), entry(spread_numbers)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels.border import BORDER, NINE, OWN, Border, in_use, linearise_holds, write_matrix
+from coupling.kernels.border import BORDER, NINE, OWN, Border, in_use, linearise_holds, numbers_of, write_matrix
 from coupling.kernels.constraints import LOCAL, Passage, hold_arrays
 from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
@@ -91,14 +91,15 @@ def banded_solve(A: Array, b: Array) -> Array:
 def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array) -> Array:
     """Return the solution of the border once the thread is eliminated, shape `(m, 15)`, as the kernel of that name
     does; by LAPACK, which is faster where there are many holds. Raises `SingularError`."""
-    at = np.empty(BORDER * len(r), dtype=np.int64)
-    size = in_use(C, r_y, joints, at)
+    at, dz = np.empty(BORDER * len(r), dtype=np.int64), np.empty((len(r), BORDER))
+    size = in_use(border, r, joints, at)
     M = np.zeros((size, size + 1))
     write_matrix(border, C, G, r, r_y, joints, sigma, at, M)
     _, _, x, info = dgesv(M[:, :-1], M[:, -1])
     if info != 0 or not np.isfinite(x).all():
         raise SingularError(SINGULAR_HOLDS)
-    return np.where(at < 0, 0.0, x[at]).reshape(-1, BORDER)
+    numbers_of(border, C, r_y, joints, at, x, dz)
+    return dz
 
 
 def newton_direction(
