@@ -15,7 +15,7 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
-from meshes.gmsh_session import generate, session
+from meshes.gmsh_session import generate, in_unit, session
 from meshes.grading import Grading, require_positive, site_points
 from meshes.named import bare_mesh, with_boundaries
 
@@ -111,11 +111,11 @@ def graded_block_gmsh(
     impossible numbers, for a site outside the block, and where gmsh cannot load.
     """
     lower, upper = extent(size)
-    points = require_sites_within(sites, lower, upper)
+    points, unit = require_sites_within(sites, lower, upper), max(size)
     with session() as gmsh:
-        add_box(gmsh, lower, upper, planes)
+        add_box(gmsh, lower, upper, planes, unit)
         gmsh.model.occ.synchronize()
-        return with_faces(generate(gmsh, grading, points), lower, upper)
+        return with_faces(generate(gmsh, grading, points, unit), lower, upper)
 
 
 def extent(size: Sequence[float]) -> tuple[Array, Array]:
@@ -220,11 +220,11 @@ def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet
     return with_boundaries(mesh, named)
 
 
-def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
-    """Add a box to the gmsh model, cut along planes so that facets follow them."""
-    box = gmsh.model.occ.addBox(*lower, *(upper - lower))
+def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes, unit: float) -> None:
+    """Add a box to the gmsh model, cut along planes so that facets follow them, in the `unit` of the model [m]."""
+    box = gmsh.model.occ.addBox(*in_unit([*lower, *(upper - lower)], unit))
     cuts = [
-        add_polygon(gmsh, _rectangle(lower, upper, axis, place))
+        add_polygon(gmsh, _rectangle(lower, upper, axis, place), unit)
         for axis in range(3)
         for place in planes_between(planes[axis], lower[axis], upper[axis])
     ]
@@ -232,9 +232,9 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes) -> None:
         gmsh.model.occ.fragment([(3, box)], [(2, cut) for cut in cuts])
 
 
-def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]]) -> int:
-    """Add a plane polygon, corners of shape `(k, 3)` [m] in turn, to the gmsh model and return its tag."""
-    points = [gmsh.model.occ.addPoint(*corner) for corner in corners]
+def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]], unit: float) -> int:
+    """Add a plane polygon, corners of shape `(k, 3)` [m] in turn, to the gmsh model of a `unit` [m]; return its tag."""
+    points = [gmsh.model.occ.addPoint(*corner) for corner in in_unit(corners, unit)]
     lines = [gmsh.model.occ.addLine(a, b) for a, b in pairwise([*points, points[0]])]
     return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(lines)]))
 

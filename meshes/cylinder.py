@@ -8,7 +8,7 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
-from meshes.gmsh_session import generate, session
+from meshes.gmsh_session import generate, in_unit, session
 from meshes.grading import Grading, require_positive, site_points
 from meshes.named import checked_mesh
 
@@ -25,11 +25,11 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
     """
     require_positive("radius", radius)
     require_positive("length", length)
-    points = _sites_within(sites, 0.0, radius, length)
+    points, unit = _sites_within(sites, 0.0, radius, length), max(radius, length)
     with session() as gmsh:
-        gmsh.model.occ.addCylinder(-length / 2, 0.0, 0.0, length, 0.0, 0.0, radius)
+        add_bar(gmsh, radius, length, unit)
         gmsh.model.occ.synchronize()
-        return _with_faces(generate(gmsh, grading, points), length, {"side": radius})
+        return _with_faces(generate(gmsh, grading, points, unit), length, {"side": radius})
 
 
 def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
@@ -43,14 +43,18 @@ def tube(radius: float, wall: float, length: float, grading: Grading, sites: Arr
     require_positive("length", length)
     if require_positive("wall", wall) >= radius:
         raise MeshError(f"wall = {wall!r} must be thinner than radius = {radius!r}: for a solid bar take the cylinder")
-    points = _sites_within(sites, radius - wall, radius, length)
+    points, unit = _sites_within(sites, radius - wall, radius, length), max(radius, length)
     with session() as gmsh:
-        outer, bore = (
-            gmsh.model.occ.addCylinder(-length / 2, 0.0, 0.0, length, 0.0, 0.0, r) for r in (radius, radius - wall)
-        )
+        outer, bore = (add_bar(gmsh, r, length, unit) for r in (radius, radius - wall))
         gmsh.model.occ.cut([(3, outer)], [(3, bore)])
         gmsh.model.occ.synchronize()
-        return _with_faces(generate(gmsh, grading, points), length, {"inner": radius - wall, "outer": radius})
+        return _with_faces(generate(gmsh, grading, points, unit), length, {"inner": radius - wall, "outer": radius})
+
+
+def add_bar(gmsh: Any, radius: float, length: float, unit: float) -> int:
+    """Add a round bar along x [m] to the gmsh model of a `unit` [m], and return its tag."""
+    start, along, across = in_unit([-length / 2, length, radius], unit)
+    return int(gmsh.model.occ.addCylinder(start, 0.0, 0.0, along, 0.0, 0.0, across))
 
 
 def stumps(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import skfem
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.grading import Grading
@@ -17,6 +17,7 @@ from meshes.named import Named, named_mesh
 Array = NDArray[np.float64]
 
 TRIANGLE, TETRAHEDRON = 2, 4  # gmsh element types (gmsh manual, "MSH file format")
+DIGITS = 12  # behind the point of a length of a model: gmsh sees no round-off, which would decide between equal choices
 
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 WITHOUT_GMSH = "The structured block and mesh files in .vtk or .vtu format work without gmsh."
@@ -70,36 +71,40 @@ def session() -> Iterator[Any]:
         gmsh.finalize()
 
 
-def generate(gmsh: Any, grading: Grading, sites: Array) -> skfem.MeshTet:
-    """Mesh the current model with the size graded toward the sites, shape `(p, 3)` [m].
+def in_unit(lengths: ArrayLike, unit: float) -> Array:
+    """Return lengths [m] in the `unit` of a model [m], of the same shape: models are drawn in a length of their own, so
+    that gmsh's absolute tolerances make the same mesh of the same shape in any unit."""
+    return np.round(np.asarray(lengths, dtype=float) / unit, DIGITS)
+
+
+def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.MeshTet:
+    """Mesh the current model, which is drawn in the `unit` [m], with the size graded toward the sites, shape `(p, 3)`
+    [m].
 
     Raises `MeshError` when gmsh fails.
     """
-    gmsh.option.setNumber("Mesh.MeshSizeMax", grading.h)
-    _set_size_field(gmsh, grading, sites)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(grading.h, unit)))
+    _set_size_field(gmsh, grading, sites, unit)
     try:
         gmsh.model.mesh.generate(3)
     except Exception as error:  # gmsh raises nothing more specific
         raise MeshError(
             f"gmsh cannot mesh this shape with h = {grading.h}, h_site = {grading.h_site}: {error}"
         ) from error
-    return current_mesh(gmsh, 1.0)
+    return current_mesh(gmsh, unit)
 
 
-def _set_size_field(gmsh: Any, grading: Grading, sites: Array) -> None:
+def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> None:
     """Set one ball per site, size linear through its shell; the smallest size rules (gmsh manual, fields Ball
     and Min).
     """
     field = gmsh.model.mesh.field
-    balls = []
+    balls, shell = [], (grading.flat, grading.reach - grading.flat, grading.h_site, grading.h)
+    names = ("XCenter", "YCenter", "ZCenter", "Radius", "Thickness", "VIn", "VOut")
     for site in sites:
         ball = field.add("Ball")
-        for key, value in zip(("XCenter", "YCenter", "ZCenter"), site, strict=True):
-            field.setNumber(ball, key, float(value))
-        field.setNumber(ball, "Radius", grading.flat)
-        field.setNumber(ball, "Thickness", grading.reach - grading.flat)
-        field.setNumber(ball, "VIn", grading.h_site)
-        field.setNumber(ball, "VOut", grading.h)
+        for key, value in zip(names, in_unit([*site, *shell], unit).tolist(), strict=True):
+            field.setNumber(ball, key, value)
         balls.append(ball)
     smallest = field.add("Min")
     field.setNumbers(smallest, "FieldsList", balls)

@@ -19,7 +19,7 @@ from meshes.checks import check_span
 from meshes.child import call_in_child
 from meshes.errors import MeshError
 from meshes.file import meshio_data, scaled
-from meshes.gmsh_session import generate, session
+from meshes.gmsh_session import generate, in_unit, session
 from meshes.grading import Grading, site_points
 from meshes.groups import cells_of
 
@@ -69,9 +69,10 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
     The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets.
     Raises `MeshError` where gmsh fails.
     """
+    unit = float(np.ptp(skin.points, axis=0).max())
     with session() as gmsh:
         tag = gmsh.model.addDiscreteEntity(2)
-        gmsh.model.mesh.addNodes(2, tag, np.arange(1, len(skin.points) + 1), skin.points.ravel())
+        gmsh.model.mesh.addNodes(2, tag, np.arange(1, len(skin.points) + 1), in_unit(skin.points, unit).ravel())
         gmsh.model.mesh.addElementsByType(tag, 2, [], (skin.triangles + 1).ravel())
         try:
             gmsh.model.mesh.classifySurfaces(np.radians(SHARP), True, True, np.pi)
@@ -81,7 +82,7 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
         loop = gmsh.model.geo.addSurfaceLoop([entity for _, entity in gmsh.model.getEntities(2)])
         gmsh.model.geo.addVolume([loop])
         gmsh.model.geo.synchronize()
-        mesh = generate(gmsh, grading, site_points(sites))
+        mesh = generate(gmsh, grading, site_points(sites), unit)
     return mesh.with_boundaries({"surface": mesh.boundary_facets()})
 
 

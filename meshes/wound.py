@@ -27,7 +27,7 @@ from meshes.block import (
     with_faces,
 )
 from meshes.errors import MeshError
-from meshes.gmsh_session import generate, session
+from meshes.gmsh_session import generate, in_unit, session
 from meshes.grading import Grading, require_positive
 from meshes.named import checked_mesh
 
@@ -36,6 +36,7 @@ Indices = NDArray[np.int64]
 
 LIPS = ("lip_left", "lip_right")
 FLOOR = "wound_floor"
+NARROWEST = 1e-5  # of the block's longest side: of cuts near its tolerance of 1e-7 gmsh makes no mesh in any time
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ class Wound:
                 f"length = {self.length} of an open wound must be below the block's {side} m along {self.along}: "
                 "shorten it, or cut a closed slit"
             )
+        if 0.0 < self.width < NARROWEST * max(size):
+            least = NARROWEST * max(size)
+            raise MeshError(f"width = {self.width} of the wound must be at least {least:g} m, or 0 for a closed slit")
         if self.width >= size[self.normal_axis] * (1 - ON_PLANE):
             raise MeshError(f"width = {self.width} of the wound must be below the block's {size[self.normal_axis]} m")
 
@@ -128,10 +132,10 @@ def wounded_block_gmsh(
     points[:, 0] = np.abs(points[:, 0])
     lower = np.array([0.0, *frame.lower[1:]])
     with session() as gmsh:
-        add_box(gmsh, lower, frame.upper, frame.planes)
+        add_box(gmsh, lower, frame.upper, frame.planes, frame.unit)
         (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame)
         gmsh.model.occ.synchronize()
-        half = generate(gmsh, grading, points)
+        half = generate(gmsh, grading, points, frame.unit)
     whole = _mirrored(half.p.T, half.t.T, frame.slack)
     if wound.width:
         return frame.finish(*whole, np.empty((0, 2), dtype=np.int64))
@@ -187,9 +191,14 @@ class _Frame:
         return x, y, z
 
     @property
+    def unit(self) -> float:
+        """Length that is 1 in gmsh's model [m]."""
+        return float(max(self.size))
+
+    @property
     def slack(self) -> float:
         """Distance within which a node lies in a plane [m]."""
-        return ON_PLANE * float(max(self.size))
+        return ON_PLANE * self.unit
 
     @property
     def ends(self) -> bool:
@@ -280,15 +289,15 @@ def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
     else:
         pieces = [[a, b, f], inner_part, [c, d, e]]
     volumes = gmsh.model.occ.getEntities(3)
-    gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece)) for piece in pieces])
+    gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece, frame.unit)) for piece in pieces])
 
 
 def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
     """Take the elliptical prism of the wound out of the half block."""
-    along, across = wound.length / 2, wound.width / 2
+    along, across, depth = in_unit([wound.length / 2, wound.width / 2, wound.depth], frame.unit).tolist()
     disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))
     if along > across:
         gmsh.model.occ.rotate([(2, disk)], 0, 0, 0, 0, 0, 1, np.pi / 2)
-    below = -1.5 * wound.depth if frame.through else -wound.depth
+    below = -1.5 * depth if frame.through else -depth
     prism = [entity for entity in gmsh.model.occ.extrude([(2, disk)], 0, 0, below) if entity[0] == 3]
     gmsh.model.occ.cut([v for v in gmsh.model.occ.getEntities(3) if v not in prism], prism)
