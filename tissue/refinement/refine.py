@@ -3,7 +3,8 @@ Int. J. Numer. Meth. Eng. 20, 1984).
 
 A cut edge hangs in the cells around it, which are bisected too, each by its own longest edge, until no edge hangs.
 Among edges of equal length the place decides, in the same way for a mesh and its mirror images about the planes through
-the origin, so marks that are mirror images of one another give a mesh that is.
+the origin, so marks that are mirror images of one another give a mesh that is. Where two edges of one cell are images
+of one another the side decides, and not round-off.
 """
 
 from collections.abc import Callable
@@ -20,6 +21,7 @@ from tissue.arrays import Array, Indices
 PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 BITS = 32  # of the number of a point in the key of an edge
 EQUAL = 1e-7  # of a length: edges that differ by less are equally long
+TIED = 1e-11  # of a length: by so much the side decides between edges that are images of one another in one cell
 SAME = 1e-8  # of the mesh's span: coordinates that differ by less are the same
 LOTS = np.array(
     [0.8191725134, 0.6710436067, 0.5497004779]
@@ -145,8 +147,9 @@ def _edges(points: Array, cells: Indices, span: float) -> tuple[Keys, Indices]:
     ends = np.sort(cells[:, PAIRS], axis=2).astype(np.int64)
     keys, (low, high) = (ends[..., 0] << BITS) + ends[..., 1], np.moveaxis(points[ends], 2, 0)
     # A lot that is drawn by the place keeps the choice from running in one direction, through the whole mesh.
-    lot = np.round(np.abs(low + high) / span / SAME) @ LOTS % 1.0
-    return keys, np.argmax(np.linalg.norm(high - low, axis=2) * (1.0 + EQUAL * lot), axis=1)
+    place = (low + high) / span
+    lot = EQUAL * (np.round(np.abs(place) / SAME) @ LOTS % 1.0) + TIED * (place @ LOTS)
+    return keys, np.argmax(np.linalg.norm(high - low, axis=2) * (1.0 + lot), axis=1)
 
 
 def _ends(keys: Keys) -> Indices:
