@@ -33,6 +33,7 @@ COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a s
 GROWN = 1.5  # ratio by which the spans between two packets may grow or shrink
 RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
 SHARE = 0.3  # of a strand that the packet of one of its ends takes at most
+EQUAL = 1e-9  # of lengths: so much more or less is round-off, and decides on no number of spans
 END = -1  # in place of a hole: an end of the thread, or of one of its pieces
 
 
@@ -144,8 +145,8 @@ def widths(first: float, longest: float, length: float) -> Array:
     first = min(first, longest, SHARE * length / (1.0 + GROWTH))
     spans = np.minimum(first * GROWTH ** np.arange(64), longest)
     reach = np.cumsum(spans)
-    wanted = int(np.searchsorted(reach, 2.0 * FAR * first)) + 1
-    room = int(np.searchsorted(reach, SHARE * length, side="right"))
+    wanted = int(np.searchsorted(reach, (1.0 - EQUAL) * 2.0 * FAR * first)) + 1
+    room = int(np.searchsorted(reach, (1.0 + EQUAL) * SHARE * length))
     return spans[: max(RIGID, min(wanted, room))]
 
 
@@ -171,15 +172,14 @@ def strand_of(length: float, longest: float, left: float | None, right: float | 
     before_end[-1:] = 0.0
     constant = [np.cumsum(one), (1.0 - g) * edges[0] - g * edges[1], -before_end]
     share = np.concatenate([np.zeros(one.size), g, np.ones(other.size)])
-    inside = one.size + np.arange(spans - 1)
-    return Strand(np.concatenate(constant), share, sum(edges), spans > straight, inside)
+    return Strand(np.concatenate(constant), share, sum(edges), spans > straight, one.size + np.arange(spans - 1))
 
 
 def divided(x: Array, wanted: Array, least: int) -> tuple[int, Array]:
     """Return how many spans, `least` of them at least, are as long as is `wanted` (k,) [m] along `x` (k,) [m], and
     where they end, `(spans,)` [m]."""
     count = np.concatenate([[0.0], np.cumsum(np.diff(x) * 2.0 / (wanted[1:] + wanted[:-1]))])
-    spans = max(int(np.ceil(count[-1] - 1e-9)), least)
+    spans = max(int(np.ceil(count[-1] - EQUAL)), least)
     return spans, np.interp(np.linspace(0.0, count[-1], spans + 1)[1:], count, x)
 
 

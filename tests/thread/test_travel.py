@@ -7,7 +7,7 @@ from tests.bounds import IDENTITY, SLOPE
 from thread.catalogue import suture
 from thread.errors import ThreadError
 from thread.kernels.travel import Field
-from thread.packets import Hold, Travel, travelling
+from thread.packets import FAR, Hold, Travel, travelling, widths
 from thread.placed import Placed
 from thread.riding import field_of, potential_rates, put_on, ride, ride_of
 from thread.thread import Thread
@@ -179,3 +179,10 @@ def test_a_hole_is_at_its_knot_whatever_its_strands() -> None:
         holds = [Hold(k, x, directed, 1.2e-3) for k, x in enumerate(s)]
         travel = travelling(LENGTH, holds, len(s), 4e-3, (None, None))
         assert np.allclose(Placed(travel.knots, travel.places(s), travel).breaks[travel.at], s, rtol=IDENTITY)
+
+
+def test_round_off_does_not_decide_how_many_spans_a_packet_has() -> None:
+    """Independent check: a slack packet, whose spans are all as long as the longest, reaches 2 FAR of them in any
+    unit."""
+    counts = [len(widths(longest, longest, 100.0 * longest)) for longest in np.random.default_rng(36).uniform(size=99)]
+    assert set(counts) == {int(2.0 * FAR)}
