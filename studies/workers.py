@@ -4,7 +4,7 @@ The work is a function of a module, and with its items goes to where it is done 
 done, each with the number of its item; `in_order` puts them back. An error of the work is raised here.
 """
 
-import multiprocessing
+import ctypes
 import multiprocessing.connection
 import os
 import signal
@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing.connection import Connection
-from multiprocessing.context import BaseContext, ForkServerContext, SpawnContext
+from multiprocessing.context import BaseContext, ForkContext, ForkServerContext, SpawnContext
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -104,8 +104,10 @@ def _lead(
     results: Connection, jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], Any]
 ) -> None:
     """Make what is shared, and send the results of processes that are forks of this one, each with its number, or an
-    error. No thread of this process runs before it forks; it ends with its parent from then on."""
+    error. No thread of this process runs before it forks, so the system ends it with its parent, by whose lock on a
+    folder it would else keep the next one out."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG, see prctl(2)
     try:
         _alone(first, items[0])
         for number, result in _pooled(multiprocessing.get_context("fork"), jobs, work, items):
@@ -130,12 +132,15 @@ def _pooled(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def context_of(module: str) -> SpawnContext | ForkServerContext:
-    """Return how a process begins: on Linux as a fork of one that does nothing but import the `module` of the work,
-    since a fork of one with threads at work may lock up; elsewhere, where libraries bear no fork, anew.
+def context_of(module: str) -> SpawnContext | ForkContext | ForkServerContext:
+    """Return how a process begins: on Linux as a fork of this one, which has imported all that is needed, or, where
+    this one has threads, a fork of which may lock up, of one that does nothing but import the `module` of the work;
+    elsewhere, where libraries bear no fork, anew.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
+    if len(os.listdir("/proc/self/task")) == 1:
+        return multiprocessing.get_context("fork")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([module])
     return context
@@ -205,9 +210,7 @@ def _distributed() -> Any:
     try:
         import distributed
     except ImportError:
-        raise WorkersError(
-            f"--dask is refused: Dask's distributed is not installed; {installation('distributed')}"
-        ) from None
+        raise WorkersError(f"--dask is refused: distributed is not installed; {installation('distributed')}") from None
     return distributed
 
 

@@ -27,11 +27,7 @@ from tissue.errors import FactorError, TissueError
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps gone the next time
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
-MODULES = (
-    "studies/arrays.py",
-    "studies/extras.py",
-    "studies/verdicts.py",
-)  # that those rooms take numbers and bounds from
+MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # from which those rooms take numbers
 PACKAGES = (  # that numbers hang on
     "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
 )  # fmt: skip

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -26,6 +27,7 @@ from studies.figure import COLOURS, PANEL, STYLE
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
 from studies.output.records import ContactRecord
+from studies.output.version import ROOT
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
 from studies.scenario import Scenario, ScenarioError, dump, parse
@@ -364,7 +366,7 @@ def test_processes_share_what_is_imported() -> None:
     """Independent check: one process has imported the module of the work for all, and does none of the work."""
     found = [result for _, result in Processes(2).done(imported_and_working_in, range(4))]
     [server], workers = {server for server, _ in found}, {worker for _, worker in found}
-    assert server not in workers | {os.getpid()}
+    assert server not in workers
 
 
 MADE: list[int] = []
@@ -399,6 +401,51 @@ def test_processes_share_what_is_made_first() -> None:
     while any(psutil.pid_exists(pid) for pid in (leader, *workers, *left[1][0], left[1][1])):
         assert monotonic() < deadline
         sleep(0.05)
+
+
+METHODS = """
+import threading
+from studies.workers import context_of
+print(context_of("math").get_start_method())
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+print(context_of("math").get_start_method())
+"""
+KILLED = """
+import os, pathlib, sys, time
+from studies.workers import Processes, nothing
+def first(item):
+    pathlib.Path(sys.argv[1]).write_text(str(os.getpid()))
+    time.sleep(600)
+list(Processes(2).done(nothing, range(4), first))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
+def test_a_process_without_threads_is_forked_and_takes_the_fork_along(tmp_path: Path) -> None:
+    """Independent check: nothing is imported again; one with a thread is not forked; and what makes the shared parts
+    ends with a process that is killed meanwhile, as else it would keep the folder's lock."""
+    alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    told = subprocess.run([sys.executable, "-c", METHODS], env=alone, capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["fork", "forkserver"]
+    script, found = tmp_path / "killed.py", tmp_path / "pid"
+    script.write_text(KILLED, encoding="utf-8")
+    with subprocess.Popen([sys.executable, str(script), str(found)], env=alone | {"PYTHONPATH": str(ROOT)}) as killed:
+        deadline = monotonic() + 60.0
+        while not found.exists() or not found.read_text(encoding="utf-8"):
+            assert monotonic() < deadline
+            sleep(0.05)
+        killed.kill()
+    while is_running(int(found.read_text(encoding="utf-8"))):
+        assert monotonic() < deadline
+        sleep(0.05)
+
+
+def is_running(pid: int) -> bool:
+    """Return whether there is such a process, and not one that waits for its parent."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def same_table(workers: Workers, folder: Path) -> None:
