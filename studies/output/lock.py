@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from os import PathLike
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -10,6 +11,13 @@ from studies.scenario import ScenarioError
 
 LOCK = ".suture.lock"
 AGAIN = 0.2  # s in which a lock is asked for again: the run that held it may be removing it
+
+
+def folder_of(given: object) -> Path:
+    """Return the folder that a program names. Raises `ScenarioError`."""
+    if not isinstance(given, str | PathLike):
+        raise ScenarioError(f"folder = {given!r} is refused: it names no folder; give the path of a new or empty one")
+    return Path(given)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Any
 from studies.output.files import write_bytes, write_json, write_text
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
 from studies.refinement.refined import Refined
+from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep, tell_nothing
 from studies.sweeps.table import SweepTable, asked_column
@@ -37,7 +38,9 @@ def refine(
     """
     from studies.refinement.figure import pictures  # without matplotlib it is refused before the runs
 
-    names = [quantity] if isinstance(quantity, str) else list(quantity)
+    names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
+    if not names or not all(isinstance(name, str) for name in names):
+        raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
     plain = base_tables(base)
     rungs = ladder(parsed(plain), over, levels, ratio)
     table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", lambda known: check_names(known, names))

@@ -8,7 +8,7 @@ from coupling.errors import CouplingError
 from studies.output.budget import check_disk
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
-from studies.output.lock import locked
+from studies.output.lock import folder_of, locked
 from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import check_given
@@ -35,7 +35,7 @@ def run(
     `remedies` is False. A step is recorded before `on_step` is called with it; an exception from it ends the run, whose
     folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
     """
-    folder, ready = Path(folder), scenario if isinstance(scenario, Simulation) else None
+    folder, ready = folder_of(folder), scenario if isinstance(scenario, Simulation) else None
     if ready is not None:
         check_prepared(ready, mesh, resume)
     said = scenario.scenario if isinstance(scenario, Simulation) else scenario

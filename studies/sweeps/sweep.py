@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from studies.output.files import as_json, read_json, unfinished, write_json
-from studies.output.lock import LOCK, locked
+from studies.output.lock import LOCK, folder_of, locked
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
@@ -88,7 +88,7 @@ def sweep(
     cases = plain_values(grid(over) if isinstance(over, Mapping) else list(over))
     check_count(cases)
     plain = base_tables(base)
-    folder = Path(folder)
+    folder = folder_of(folder)
     planned = plan(plain, cases)
     check_folder(folder, kind)
     with locked(folder):

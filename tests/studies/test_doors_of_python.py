@@ -212,3 +212,13 @@ def test_what_is_offered_stays_what_it_is() -> None:
     assert repr(suturefem.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
     with pytest.raises(AttributeError, match="no attribute 'fly'"):
         _ = suturefem.fly
+
+
+@pytest.mark.parametrize("wrong", [None, 5, ["a", 5], []])
+def test_names_of_folders_and_numbers_are_text(tmp_path: Path, wrong: Any) -> None:
+    """Independent check: other objects are refused in words, before anything is run."""
+    for ask in (suturefem.run, partial(suturefem.sweep, over={"thread.damping": [1.0]})):
+        with pytest.raises(ScenarioError, match=r"folder = .* is refused: it names no folder; give the path"):
+            ask(parse(BARE), folder=wrong)
+    with pytest.raises(ScenarioError, match=r"quantity = .* is refused; give the name of a number"):
+        suturefem.refine(parse(BARE), wrong, tmp_path)
