@@ -17,6 +17,7 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
+from tissue.refinement.bound import Bounds, bounds, relative_bounds
 from tissue.refinement.rounds import Fitted, fitted
 from tissue.relaxation import Prony
 from tissue.sites.site import Site, Sites, build_sites, cells_at
@@ -29,6 +30,7 @@ from tissue.stress import StressRecovery, interpolation, principal, stress_recov
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
 __all__ = [
+    "Bounds",
     "ConjugateGradients",
     "DynamicOrgan",
     "Elasticity",
@@ -66,6 +68,7 @@ __all__ = [
     "SurfaceLoad",
     "TimeScheme",
     "TissueError",
+    "bounds",
     "build_gaps",
     "build_sites",
     "cauchy_stress",
@@ -94,6 +97,7 @@ __all__ = [
     "principal",
     "principal_stretch",
     "reduce_organ",
+    "relative_bounds",
     "rigid_motions",
     "strains",
     "stress_recovery",

@@ -86,7 +86,7 @@ def doubt_lines(remarks: Sequence[Remark], folder: Path) -> list[str]:
 
 def refinement_line(refinement: Mapping[str, Any]) -> str:
     """Tell how accurate the cells at the holes are, and how they became so."""
-    if not refinement:
+    if "rounds" not in refinement:
         return ""
     last, errors = refinement["rounds"][-1], refinement["errors"]
     worst = max(errors, key=errors.__getitem__, default="")

@@ -171,6 +171,22 @@ HOLE_SUMMARY = (*HOLE, CHANNEL)
 MOVED: Column[Piercing] = Column(
     "moved", "m", "distance from `piercing.near` to the place on the surface; with `near`", lambda hole: hole.moved
 )
+ACCURACY: tuple[Column[Mapping[str, Any]], ...] = (
+    Column(
+        "compliance_error",
+        "-",
+        "estimated relative error of the compliance to forces; with cells refined at the holes",
+        lambda known: known.get("errors"),
+    ),
+    Column(
+        "bounds",
+        "-",
+        "lower and upper bound of the exact compliance over that of the run, to forces along x, y and z; with "
+        "`tissue.mesh.bound`",
+        lambda known: known.get("bounds"),
+        parts=("bounds_lower", "bounds_upper"),
+    ),
+)
 HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
     count(
         "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
@@ -852,7 +868,7 @@ def manual_tables() -> dict[str, str]:
     sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN)]
     ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
     ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
-    told: tuple[Column[Any], ...] = (CHANNEL, MOVED)
+    told: tuple[Column[Any], ...] = (CHANNEL, MOVED, *ACCURACY)
     holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in told]
     small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
     small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]

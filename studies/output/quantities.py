@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from studies.output.columns import (
+    ACCURACY,
     CONTACT,
     ENDS,
     ENERGY,
@@ -107,7 +108,7 @@ COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
     ("energy",): ENERGY,
     ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
     **{("thread", end): at_end(end) for end in ENDS},
-    ("piercings", ANY): (*HOLE_SUMMARY, MOVED),
+    ("piercings", ANY): (*HOLE_SUMMARY, MOVED, *ACCURACY),
     ("contact", ANY): CONTACT,
     ("contact", ANY, "stitches", ANY): STITCH,
     ("ties", ANY): TIE,

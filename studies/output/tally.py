@@ -6,7 +6,15 @@ from typing import Any, Literal
 import numpy as np
 
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
-from studies.output.columns import RUN, krylov_summary, range_summary, reduction_summary, state_summary, values
+from studies.output.columns import (
+    ACCURACY,
+    RUN,
+    krylov_summary,
+    range_summary,
+    reduction_summary,
+    state_summary,
+    values,
+)
 from studies.output.fields import OrganRecord
 from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
@@ -101,9 +109,10 @@ class Tally:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
             said["krylov"] = krylov_summary(self._extremes, step.krylov)
-        if self.refinement:
+        if "rounds" in self.refinement:
             said["mesh"] = {"rounds": self.refinement["rounds"]}
         state = state_summary(step, self._holes, self._thread) if step else {}
-        for name, missed in self.refinement.get("errors", {}).items():
-            state.get("piercings", {}).get(name, {})["compliance_error"] = missed
+        for name, hole in state.get("piercings", {}).items():
+            known = {key: self.refinement[key].get(name) for key in ("errors", "bounds") if key in self.refinement}
+            hole.update({key: value for key, value in values(ACCURACY, known).items() if value is not None})
         return head | said | state

@@ -59,6 +59,11 @@ class _Mesh(ScenarioTable):
         'them; "given": no refinement',
         examples=["given"],
     )
+    bound: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="whether lower and upper bounds of the holes' compliance are computed, for a linear organ",
+        examples=[True],
+    )
 
 
 class _Sized(_Mesh):
@@ -466,6 +471,15 @@ class Tissue(MaterialKeys):
             reason = "inertia is false, and a quasi-static organ has no steps to be made cheaper; take inertia = true"
         if reason:
             raise ValueError(f".reduction is refused: {reason}, or leave reduction out")
+        return self
+
+    @model_validator(mode="after")
+    def _check_bound(self) -> Self:
+        if self.mesh.bound and self.material != "linear":
+            raise ValueError(
+                f".mesh.bound = true is refused: material is {self.material}, and bounds are those of a linear organ; "
+                'take material = "linear", or leave bound out'
+            )
         return self
 
     @model_validator(mode="after")

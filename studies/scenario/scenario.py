@@ -484,7 +484,7 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
     if isinstance(table, GivenMesh) and table.sha256 not in (None, sha256):
         reason = f"the mesh that is handed over has {sha256}; hand over the same, or leave sha256 out"
         raise ScenarioError(refusal("tissue.mesh.sha256", table.sha256, reason))
-    mesh = GivenMesh(kind="given", sha256=sha256, accuracy=table.accuracy)
+    mesh = GivenMesh(kind="given", sha256=sha256, accuracy=table.accuracy, bound=table.bound)
     return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
 

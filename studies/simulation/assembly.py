@@ -19,7 +19,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.course import Timed
-from studies.scenario.organ import LIPS
+from studies.scenario.organ import ACCURACY, LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.scenario.table import Turn
@@ -398,6 +398,17 @@ def stored_body(
     sites = [site_of(hole, scenario) for hole in holes]
     made = store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
     return (made.body, made) if isinstance(made, tissue.Fitted) else (made, None)
+
+
+def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequence[model.Piercing]) -> Array | None:
+    """Return the bounds of the exact compliance of holes over that of an organ, `(p, 2)` [-], None if they are not
+    asked for. Raises `TissueError`."""
+    table = scenario.tissue
+    if table is None or body is None or not table.mesh.bound:
+        return None
+    accuracy = ACCURACY if table.mesh.accuracy == "given" else table.mesh.accuracy
+    sites = [site_of(hole, scenario) for hole in holes]
+    return tissue.relative_bounds(body, sites, table.clamp, table.roller, accuracy)
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:

@@ -117,6 +117,9 @@ class Given:
         if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
             reason = 'a stiffness or basis that is handed over is that of its own mesh; set "given"'
             yield refusal("tissue.mesh.accuracy", accuracy, reason)
+        if table.mesh.bound and (self.stiffness is not None or self.energy is not None):
+            reason = "bounds are those of an isotropic linear organ, and another law is handed over; leave it out"
+            yield refusal("tissue.mesh.bound", True, reason)
 
     def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
         holes = {hole.name: hole for hole in scenario.piercing}

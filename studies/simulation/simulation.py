@@ -34,7 +34,7 @@ from studies.scenario.organ import LIPS
 from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
-from studies.simulation.assembly import Assembly, assemble, lip_gaps, shareable
+from studies.simulation.assembly import Assembly, assemble, bounds_of, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
@@ -92,16 +92,24 @@ class Simulation:
         """Balls of all tracts."""
         return len(self.assembly.holes) - len(self.scenario.piercing)
 
-    @property
+    @cached_property
     def refinement(self) -> dict[str, Any]:
         """The `rounds` in which cells were refined at the holes, and by piercing the relative `errors` of its
-        compliance that were estimated [-]; empty for a mesh that is as given."""
-        fit = self.assembly.fit
-        if fit is None:
-            return {}
-        named = zip(self.assembly.holes, fit.errors.tolist(), strict=True)
-        errors = {hole.name: error for hole, error in named if not isinstance(hole, Ball) and np.isfinite(error)}
-        return {"rounds": [one.record() for one in fit.rounds], "errors": errors}
+        compliance that were estimated [-]; empty for a mesh that is as given. With `tissue.mesh.bound` the `bounds` of
+        the exact compliance over that of the mesh, lower and upper [-]."""
+        fit, told = self.assembly.fit, {}
+        if fit is not None:
+            errors = {name: error for name, error in self._by_piercing(fit.errors) if np.isfinite(error)}
+            told = {"rounds": [one.record() for one in fit.rounds], "errors": errors}
+        if (known := bounds_of(self.scenario, self.assembly.body, self.assembly.holes)) is not None:
+            told["bounds"] = {name: pair for name, pair in self._by_piercing(known) if np.isfinite(pair).all()}
+        return told
+
+    def _by_piercing(self, values: Array) -> Iterator[tuple[str, Any]]:
+        """Yield the piercings' names and own values, of those `(p,)` or `(p, k)` of all sites."""
+        for hole, value in zip(self.assembly.holes, values.tolist(), strict=True):
+            if not isinstance(hole, Ball):
+                yield hole.name, value
 
     @cached_property
     def foreseen(self) -> list[Remark]:

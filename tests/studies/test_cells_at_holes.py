@@ -7,8 +7,10 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import suturefem
+import tissue
 from meshes.block import block
 from studies.command.summary import refinement_line
 from studies.output.quantities import quantities
@@ -16,6 +18,7 @@ from studies.pictures.mesh_report import write_report
 from studies.scenario import ScenarioError, parse
 from studies.scenario.toml import changed
 from studies.simulation import Simulation, prepare
+from studies.simulation.assembly import site_of
 from tests.studies.test_sweep import ORGAN, RING
 
 ASKED = 0.05
@@ -44,6 +47,39 @@ def test_a_run_reports_its_cells_and_their_error(tmp_path: Path) -> None:
     assert quantities(summary)["piercings.ring.compliance_error"].value == error
     assert f"{len(rounds)} round" in refinement_line(simulation.refinement)
     assert "'ring'" in refinement_line(simulation.refinement)
+
+
+def test_a_run_reports_bounds_of_the_compliance(tmp_path: Path) -> None:
+    """Independent check: by how much a finer run is softer lies between the bounds of a coarse one, on linear cells as
+    they are given; the summary has the bounds, with or without refinement."""
+    linear = {"tissue.element": "P1", "tissue.mesh.accuracy": "given", "tissue.mesh.bound": True}
+    coarse, fine = fitted(FITTED, linear), fitted(FITTED, {"tissue.mesh.accuracy": 0.005})
+    factor = compliance(fine) / compliance(coarse)
+    lower, upper = coarse.refinement["bounds"]["ring"]
+    assert lower <= factor.min() <= factor.max() <= upper
+    suturefem.run(fitted(FITTED, {"tissue.mesh.bound": True}).scenario, tmp_path / "out")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    hole, known = summary["piercings"]["ring"], quantities(summary)
+    assert 1.0 <= hole["bounds"][0] < hole["bounds"][1] <= 1.0 + 3.0 * ASKED
+    assert [known[f"piercings.ring.bounds_{side}"].value for side in ("lower", "upper")] == hole["bounds"]
+
+
+def compliance(simulation: Simulation) -> NDArray[np.float64]:
+    """Compliance of the hole to forces along x, y and z, `(3,)` [m/N]."""
+    sites = [site_of(hole, simulation.scenario) for hole in simulation.assembly.holes]
+    body = simulation.assembly.body
+    assert body is not None
+    organ = tissue.QuasiStaticOrgan(body, tissue.build_sites(body, sites))
+    return np.diag(organ.operator(0.0, 0.0).C)[:3]
+
+
+def test_bounds_are_of_an_isotropic_linear_organ() -> None:
+    """Independent check: a material at finite strain and a stiffness from Python are refused by the key."""
+    bound = {"tissue.mesh.bound": True}
+    with pytest.raises(ScenarioError, match=r"tissue\.mesh\.bound = true is refused: material is neo-hookean"):
+        parse(changed(FITTED, bound | {"tissue.material": "neo-hookean"}))
+    with pytest.raises(ScenarioError, match=r"tissue\.mesh\.bound = true is refused: bounds are those of"):
+        fitted(ORGAN, bound, stiffness=lambda body: body.K)
 
 
 def test_the_mesh_command_shows_the_cells(tmp_path: Path) -> None:

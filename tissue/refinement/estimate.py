@@ -103,15 +103,23 @@ def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Call
 def held(body: Elasticity) -> csr_matrix:
     """Return the stiffness over the free unknowns; where a part of the body is free to move, with soft springs all
     over."""
-    K, vertices = body.K[body.free][:, body.free], body.mesh.nvertices
-    links = csr_matrix((np.ones(body.mesh.nedges), body.mesh.edges), shape=(vertices, vertices))
-    count, label = connected_components(links, directed=False)
-    is_held = np.isin(body.nodes[:vertices], body.clamped)
-    if all(holds_still(body.points[own], is_held[own]) for own in (np.flatnonzero(label == k) for k in range(count))):
+    K = body.K[body.free][:, body.free]
+    if is_held(body):
         return csr_matrix(K)
     span = float(np.linalg.norm(np.ptp(body.points, axis=0)))
     firm = SOFT * np.max(body.material.youngs_modulus / body.material.density) / span**2
     return csr_matrix(K + firm * body.M[body.free][:, body.free])
+
+
+def is_held(body: Elasticity) -> bool:
+    """Return whether no part of a body is free to move."""
+    vertices = body.mesh.nvertices
+    links = csr_matrix((np.ones(body.mesh.nedges), body.mesh.edges), shape=(vertices, vertices))
+    count, label = connected_components(links, directed=False)
+    clamped = np.isin(body.nodes[:vertices], body.clamped)
+    return all(
+        holds_still(body.points[own], clamped[own]) for own in (np.flatnonzero(label == k) for k in range(count))
+    )
 
 
 def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], placed: Sites, goal: int) -> Array:

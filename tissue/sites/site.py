@@ -155,6 +155,40 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
     return Sites(y0, Y, points, directions, normals, directed, tuple(b[5] for b in built))
 
 
+@dataclass(frozen=True)
+class Load:
+    """A unit force on a footprint, which is a traction on facets of a `surface`: points `(k, 3)` [m], the facet of each
+    `(k,)`, weights `(k,)`, with which polynomials up to degree six are integrated over each facet, and the traction
+    there, `densities` `(k,)` [1/m²]. A point may lie outside its facet, on the plane of that."""
+
+    surface: Surface
+    points: Array
+    facets: Indices
+    weights: Array
+    densities: Array
+
+
+def load_of(surface: Surface, site: Site) -> Load:
+    """Return the load of a unit force on the footprint of a site.
+
+    Raises `TissueError` for a site inside the body, and for a footprint that the facets do not cover once.
+    """
+    distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
+    if distance > ON_SURFACE * surface.diagonal:
+        raise TissueError(
+            f"{site.name}: {_show(np.asarray(site.point, float))} is inside the organ, where no facet bears it"
+        )
+    X, normal, _, patch = _surface_footprint(surface, site, nearest, facets)
+    covered = _cover(surface, site, X, normal, patch)
+    if covered is None:
+        raise TissueError(f"{site.name}: the facets do not cover the footprint at {_show(X)} once")
+    points, cover = covered
+    across = np.linalg.norm(cover.points, axis=1)
+    facing = surface.normals[cover.triangles] @ normal
+    densities = facing * footprint.density(site.weight, across) / site.radius**2
+    return Load(surface, points, cover.triangles, cover.weights(site.weight), densities)
+
+
 def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
     """Return the cells on which each site bears: those with a face or more of nodes whose displacement it averages."""
     number = np.empty(elasticity.N, dtype=np.intp)

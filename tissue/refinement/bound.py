@@ -1,0 +1,140 @@
+"""Lower and upper bounds of each hole's compliance, which enclose that of the exact body.
+
+Lower: C_h of quadratic displacements on the mesh, which by Galerkin is below C by the energy ‖e‖² of the error of the
+column. Upper: ‖e‖ is at most ‖θ − σ_h‖ for every stress θ in equilibrium with the load (Prager and Synge, Quart. Appl.
+Math. 5, 1947), which is made star by star (`tissue.refinement.star`). θ has the quadratic part of the traction under a
+footprint; the rest moves the body by an energy of at most r² (`tissue.refinement.rim`):
+
+    C_h ≤ C ≤ C_h + (‖θ − σ_h‖ + r)².
+
+Dilatation is that of each cell, without an average, which has no bounds. The mesh is bisected at the rims of footprints
+until r is small, so both bounds are nearer to C than the mesh itself is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from skfem import MeshTet
+
+from tissue.arrays import Array, Indices
+from tissue.elasticity import Elasticity, elasticity
+from tissue.errors import TissueError
+from tissue.material import Material
+from tissue.refinement.estimate import is_held
+from tissue.refinement.rim import cut_at_rims, pull_of
+from tissue.refinement.star import AXES, OF_CELL, Stars
+from tissue.sites.site import Site, build_sites, load_of
+from tissue.sites.surface import outer_surface
+from tissue.solvers.choice import GIGA, SHARE, Solver, solver_of_columns
+from tissue.solvers.memory import free_memory
+from tissue.supports import axis_of, facets_of
+
+BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # of its stiffness, and what else there is
+ACCURACY = 0.03  # of the compliance, where none is asked for
+ROOM = 5e8  # bytes of the multipliers of the goals that are solved at once
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """`lower` and `upper` bounds of the compliance of the `goals` `(g,)`, the sites that have a footprint and are not
+    of a line, to forces along x, y and z, `(g, 3)` each [m/N]."""
+
+    goals: Indices
+    lower: Array
+    upper: Array
+
+
+def bounds(
+    mesh: MeshTet,
+    material: Material,
+    sites: Sequence[Site],
+    clamp: Sequence[str] = (),
+    roller: Sequence[str] = (),
+    accuracy: float = ACCURACY,
+) -> Bounds:
+    """Return bounds of the compliance of sites to forces, for the linear body of a mesh that is held at boundaries.
+
+    A smaller `accuracy` of the compliance [-] has finer cells at the rims of footprints. A bare point has no
+    compliance, and the sites of a line are not asked for.
+
+    Raises `TissueError` for a body that is free to move, for a footprint inside of it or one that its facets do not
+    cover once, and for want of memory.
+    """
+    goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0 and not site.line], np.intp)
+    chosen = [sites[goal] for goal in goals]
+    mesh, material = cut_at_rims(mesh, material, chosen, accuracy)
+    check_memory(mesh.nelements)
+    body = elasticity(mesh, material, "P2", clamp, "cell", roller)
+    if not is_held(body):
+        raise TissueError(
+            "bounds of the compliance: a part of the organ is free to move, so it has none; clamp a boundary"
+        )
+    surface, stars = outer_surface(mesh), Stars(mesh, material, held_facets(mesh, clamp, roller))
+    pulls = [pull_of(stars, load_of(surface, site)) for site in chosen]
+    rows, factor = goal_rows(body, chosen), factor_of(body)
+    lower, excess = np.empty((2, goals.size, AXES))
+    most = max(1, int(ROOM / (8 * AXES * OF_CELL * mesh.nelements)))
+    for first in range(0, goals.size, most):
+        some, own = slice(first, first + most), rows[AXES * first : AXES * (first + most)]
+        W = np.zeros((body.N, own.shape[0]))
+        W[body.free] = factor.solve(own.T.toarray())
+        lower[some] = compliance(own, W[body.free])
+        excess[some] = stars.excess(stars.field(body, W, pulls[some])).reshape(-1, AXES)
+    rests = np.array([pull.missed.sum() for pull in pulls])
+    return Bounds(goals, lower, lower + (np.sqrt(excess) + np.sqrt(rests)[:, None]) ** 2)
+
+
+def relative_bounds(
+    body: Elasticity,
+    sites: Sequence[Site],
+    clamp: Sequence[str] = (),
+    roller: Sequence[str] = (),
+    accuracy: float = ACCURACY,
+) -> Array:
+    """Return between which two numbers the exact compliance of each site is over that of a linear `body`, to forces
+    along x, y and z, `(p, 2)` [-], not a number of sites that are no goals. Raises `TissueError` as `bounds` does."""
+    known = bounds(body.mesh, body.material, sites, clamp, roller, accuracy)
+    rows = goal_rows(body, [sites[goal] for goal in known.goals])
+    own = compliance(rows, factor_of(body).solve(rows.T.toarray()))
+    out = np.full((len(sites), 2), np.nan)
+    out[known.goals, 0] = np.min(known.lower / own, axis=1)
+    out[known.goals, 1] = np.max(known.upper / own, axis=1)
+    return out
+
+
+def goal_rows(body: Elasticity, sites: Sequence[Site]) -> csr_matrix:
+    """Return the rows of the displacements of sites along x, y and z over the free unknowns, `(3p, N)`."""
+    return csr_matrix(build_sites(body, sites).Y[(9 * np.arange(len(sites))[:, None] + np.arange(AXES)).ravel()])
+
+
+def factor_of(body: Elasticity) -> Solver:
+    """Return what solves for the columns of a body."""
+    return solver_of_columns(csr_matrix(body.K[body.free][:, body.free]), body.basis.doflocs[:, body.free].T)
+
+
+def compliance(rows: csr_matrix, columns: Array) -> Array:
+    """Return the compliance along x, y and z `(p, 3)` [m/N] by the rows of sites `(3p, N)` and their columns."""
+    return np.reshape(np.sum(rows.multiply(columns.T), axis=1), (-1, AXES))
+
+
+def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which components of each facet are held, shape `(f, 3)`."""
+    held = np.zeros((mesh.nfacets, AXES), dtype=bool)
+    for name in clamp:
+        held[facets_of(mesh, "clamp", name)] = True
+    for name in roller:
+        held[facets_of(mesh, "roller", name), axis_of(mesh, name)] = True
+    return held
+
+
+def check_memory(cells: int) -> None:
+    """Refuse a number of cells whose matrices have no room. Raises `TissueError`."""
+    need = BYTES_OF_CELL * cells
+    if need > SHARE * free_memory():
+        raise TissueError(
+            f"bounds of the compliance: {cells} cells need {need / GIGA:.1f} GB, more than is free; take a larger "
+            "tissue.mesh.accuracy, or leave tissue.mesh.bound out"
+        )
