@@ -208,7 +208,12 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--over", choices=(*KINDS, "all"), default="all", help="quantity to be refined, default all together"
     )
-    parser.add_argument("--ratio", metavar="R", type=float, default=None, help="ratio of successive levels, default √2")
+    parser.add_argument(
+        "--adaptive", action="store_true", help="refine the cells at the holes by their accuracy, as --over accuracy"
+    )
+    parser.add_argument(
+        "--ratio", metavar="R", type=float, default=None, help="ratio of successive levels, default √2; 2 of accuracies"
+    )
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier refinement"
     )

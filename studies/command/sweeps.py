@@ -135,6 +135,7 @@ def run_refinement(options: argparse.Namespace) -> int:
                 options.ratio,
                 workers_of(options.jobs, options.dask),
                 told.tell,
+                options.adaptive,
             )
     except WorkersError as error:
         return complain(error, FAILED)

@@ -49,9 +49,11 @@ def errors(label: str, one: Refined) -> Item:
     kept = np.isfinite(error) & (error > 0.0)
     if not kept.any():
         return Axes.set_axis_off
+    estimate = np.array(one.estimates) * abs(one.finest)
+    told = [curve(size, estimate, "estimate of the compliance", "s--")] if one.estimates else []
     law = error[kept][0] * (size[kept] / size[kept][0]) ** one.theory
     return panel(
         label, f"distance from the limit [{one.unit}]",
         curve(size[kept], error[kept], f"order {one.verdict.order:.2f}", "o-", COLOURS[0]),
-        curve(size[kept], law, f"order {one.theory:g} of theory", ":"), log="xy",
+        curve(size[kept], law, f"order {one.theory:g} of theory", ":"), *told, log="xy",
     )  # fmt: skip

@@ -20,12 +20,13 @@ Finer = Callable[[Scenario, float], Settings]  # the keys of a scenario refined 
 @dataclass(frozen=True)
 class Kind:
     """A quantity that can be refined: its name, the keys of a scenario finer by a factor, the theoretical order of the
-    errors, and the reason why a scenario has none, or None."""
+    errors, the reason why a scenario has none, or None, and the ratio of its levels unless another is given."""
 
     words: str
     finer: Finer
     order: Callable[[Scenario], float]
     lacking: Callable[[Scenario], str | None]
+    ratio: float = RATIO
 
 
 def finer_cells(scenario: Scenario, factor: float) -> Settings:
@@ -34,6 +35,12 @@ def finer_cells(scenario: Scenario, factor: float) -> Settings:
     return {
         f"tissue.mesh.{key}": size / factor for key in ("h", "h_site") if (size := getattr(mesh, key, None)) is not None
     }
+
+
+def finer_holes(scenario: Scenario, factor: float) -> Settings:
+    """Return the accuracy to which cells are refined at the holes."""
+    accuracy = scenario.tissue.mesh.accuracy if scenario.tissue else "given"
+    return {} if accuracy == "given" else {"tissue.mesh.accuracy": accuracy / factor}
 
 
 def finer_steps(scenario: Scenario, factor: float) -> Settings:
@@ -71,6 +78,15 @@ def no_footprints(scenario: Scenario) -> str | None:
     return None if any(hole.footprint for hole in scenario.piercing) else "no piercing has a footprint"
 
 
+def no_accuracy(scenario: Scenario) -> str | None:
+    """Return why there is no accuracy to which cells are refined at the holes."""
+    if scenario.tissue is None:
+        return "the scenario has no organ"
+    if scenario.tissue.mesh.accuracy == "given":
+        return 'tissue.mesh.accuracy is "given"; set a number, for example 0.05'
+    return no_footprints(scenario)
+
+
 def order_of_cells(scenario: Scenario) -> float:
     """Return the order in the cell size of averages over a footprint: 2 for P1; 3 for P2, from h⁴ ln(a/h)
     (`studies.mesh_refinement`)."""
@@ -89,6 +105,10 @@ KINDS = {
     # A moment that kinks at a hole, which no cubic has: `thread.compliance`.
     "control_points": Kind("the spans of the thread", finer_spans, lambda scenario: 3.0, lambda scenario: None),
     "footprint": Kind("the radius of the footprints", smaller_footprints, lambda scenario: 2.0, no_footprints),
+    # The level's size is the estimated error of the compliance, which the error of a number is proportional to.
+    "accuracy": Kind(
+        "the estimated error of the holes' compliance", finer_holes, lambda scenario: 1.0, no_accuracy, ratio=2.0
+    ),
 }
 DISCRETE = ("h", "dt", "control_points")  # what `all` refines: a footprint is of the model, not of its solution
 
@@ -96,22 +116,25 @@ DISCRETE = ("h", "dt", "control_points")  # what `all` refines: a footprint is o
 @dataclass(frozen=True)
 class Ladder:
     """Levels of a scenario from the coarsest, which is the scenario itself: `settings` and `factor` of each, the
-    refined quantity, and the theoretical order."""
+    refined quantity, and the theoretical order. Of levels that were run to an accuracy the `estimates` of the relative
+    error of the holes' compliance [-], NaN of a failed one, and the `unknowns` of the organ, else none."""
 
     kinds: tuple[str, ...]
     settings: tuple[Settings, ...]
     factors: tuple[float, ...]
     order: float
+    estimates: tuple[float, ...] = ()
+    unknowns: tuple[int | None, ...] = ()
 
 
 def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: float | None = None) -> Ladder:
-    """Return the levels of a scenario, each finer by `ratio`, None: √2. Raises `ScenarioError`."""
-    step = RATIO if ratio is None else ratio
+    """Return the levels of a scenario, each finer by `ratio`, None: that of what is refined. Raises `ScenarioError`."""
+    kinds = kinds_of(scenario, over)
+    step = max(KINDS[kind].ratio for kind in kinds) if ratio is None else ratio
     if levels < LEAST:
         raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more")
     if not (isfinite(step) and step >= LEAST_RATIO):
         raise ScenarioError(f"--ratio {ratio} is refused: give {LEAST_RATIO} or more, for example 1.5")
-    kinds = kinds_of(scenario, over)
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)
     order = min(KINDS[kind].order(scenario) for kind in kinds)

@@ -16,6 +16,9 @@ from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import verdict
 from studies.workers import Workers
 
+ADAPTIVE = "accuracy"  # the kind of ladder that `adaptive` is
+ESTIMATE = "compliance_error"  # of a piercing in the summary
+
 
 def refine(
     base: Base,
@@ -26,12 +29,14 @@ def refine(
     ratio: float | None = None,
     workers: Workers | None = None,
     tell: Tell = tell_nothing,
+    adaptive: bool = False,
 ) -> tuple[Refined, ...]:
     """Refine a scenario level by level into a folder, and return the result for each quantity.
 
     `base`: a file or a shipped scene by its name, tables, or a scenario. `quantity`: numbers of the summary by their
-    dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint", or "all"
-    but the footprint. Every level is finer by `ratio`, None: √2. `workers` as in `studies.sweeps.sweep`.
+    dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint",
+    "accuracy", which is that of the cells at the holes, or "all", the first three. Every level is finer by `ratio`,
+    None: √2, or 2 of the accuracy. `workers` as in `studies.sweeps.sweep`. `adaptive` is `over="accuracy"`.
 
     Raises `ScenarioError`, for a quantity that there is not before the first level is run, and
     `studies.workers.WorkersError`.
@@ -41,10 +46,14 @@ def refine(
     names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
     if not names or not all(isinstance(name, str) for name in names):
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
+    if adaptive and over not in ("all", ADAPTIVE):
+        raise ScenarioError(
+            f"--over {over} is refused: --adaptive refines the cells at the holes; leave one of them out"
+        )
     plain = base_tables(base)
-    rungs = ladder(parsed(plain), over, levels, ratio)
+    rungs = ladder(parsed(plain), ADAPTIVE if adaptive else over, levels, ratio)
     table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", lambda known: check_names(known, names))
-    rungs = as_meshed(rungs, table)
+    rungs = as_estimated(as_meshed(rungs, table), table)
     found = tuple(refined(name, rungs, table) for name in names)
     write(found, rungs, Path(folder))
     for kind, picture in pictures(found, rungs).items():
@@ -59,6 +68,20 @@ def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
     if "h" not in rungs.kinds or None in cells:
         return rungs
     return replace(rungs, factors=tuple((float(n) / float(cells[0])) ** (1 / 3) for n in cells if n and cells[0]))
+
+
+def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
+    """Return the levels with the estimates that their cells at the holes came to, where an accuracy is refined; their
+    factors are by how much these fell."""
+    if rungs.kinds != (ADAPTIVE,):
+        return rungs
+    columns = [column.values for column in table.columns if column.name.endswith(f".{ESTIMATE}")]
+    rows = zip(*columns, strict=True) if columns else [()] * len(table)
+    estimates = tuple(max((float(value) for value in row if value is not None), default=nan) for row in rows)
+    begin = next((estimate for estimate in estimates if estimate > 0.0), nan)
+    pairs = zip(rungs.factors, estimates, strict=True)
+    factors = tuple(begin / estimate if estimate > 0.0 else factor for factor, estimate in pairs)
+    return replace(rungs, factors=factors, estimates=estimates, unknowns=tuple(table["tissue_dofs"].converted))
 
 
 def check_names(table: SweepTable, names: Sequence[str]) -> None:
@@ -80,23 +103,31 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     if distinct < LEAST:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
         why = f"only {of} of {len(values)} levels have the number, and {LEAST} are needed"
-        return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why)
+        return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
     said = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
-    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said)
+    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said, estimates=rungs.estimates)
 
 
 def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
     """Write the verdicts in Markdown."""
     rows = [in_words(one) for one in found]
     table = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
-    lines = [title(found[0], rungs.kinds), "", *(f"| {' | '.join(row)} |" for row in table)]
+    lines = [title(found[0], rungs), "", *(f"| {' | '.join(row)} |" for row in table)]
     return "\n".join(lines) + "\n"
 
 
-def title(one: Refined, kinds: Sequence[str]) -> str:
-    """Return the refined quantity and the factors, in words."""
-    what, factors = ", ".join(KINDS[kind].words for kind in kinds), ", ".join(f"{factor:.3g}" for factor in one.factors)
-    return f"Refined: {what}, by {factors}. Theoretical order {one.theory:g}."
+def title(one: Refined, rungs: Ladder) -> str:
+    """Return the refined quantity, the factors and the unknowns, in words."""
+    what, factors = (
+        ", ".join(words) for words in ([KINDS[kind].words for kind in rungs.kinds], map(short, one.factors))
+    )
+    unknowns = f" Unknowns of the organ: {', '.join(map(str, rungs.unknowns))}." if rungs.unknowns else ""
+    return f"Refined: {what}, by {factors}. Theoretical order {one.theory:g}.{unknowns}"
+
+
+def short(number: float) -> str:
+    """Return a number with three digits."""
+    return f"{number:.3g}"
 
 
 def in_words(one: Refined) -> dict[str, str]:
@@ -106,10 +137,12 @@ def in_words(one: Refined) -> dict[str, str]:
     limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"
     between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
     numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)
+    estimates = ", ".join("none" if isnan(error) else f"{100.0 * error:.2g} %" for error in one.estimates)
     return {
         "quantity": f"`{one.quantity}`",
         "unit": one.unit,
         "levels, coarsest first": numbers,
+        **({"estimate, of the error of the compliance": estimates} if estimates else {}),
         "order": order,
         "limit": limit,
         "interval": between,
@@ -120,5 +153,9 @@ def in_words(one: Refined) -> dict[str, str]:
 def write(found: Sequence[Refined], rungs: Ladder, folder: Path) -> None:
     """Write ``verdict.md`` and ``verdict.json``."""
     write_text(folder / "verdict.md", markdown(found, rungs))
-    asked: Mapping[str, Any] = {"over": rungs.kinds, "quantities": [one.record() for one in found]}
+    asked: Mapping[str, Any] = {
+        "over": rungs.kinds,
+        "unknowns": rungs.unknowns,
+        "quantities": [one.record() for one in found],
+    }
     write_json(folder / "verdict.json", asked)

@@ -12,7 +12,8 @@ NO_VERDICT = "no verdict"
 @dataclass(frozen=True)
 class Refined:
     """Convergence of a quantity: its `numbers` from the coarsest level, NaN for a failed one, the `factors` of the
-    levels, the theoretical order, and the verdict, None with fewer than three numbers."""
+    levels, the theoretical order, and the verdict, None with fewer than three numbers. Of levels that were run to an
+    accuracy the `estimates` of the relative error of the holes' compliance [-], else none."""
 
     quantity: str
     unit: str
@@ -21,6 +22,7 @@ class Refined:
     theory: float
     verdict: Verdict | None
     why_not: str = ""
+    estimates: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"Refined({self.quantity} [{self.unit}]: {self.text})"
@@ -53,4 +55,5 @@ class Refined:
         said = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
         said |= asdict(self.verdict) if self.verdict else {}
         plain = {"quantity": self.quantity, "unit": self.unit, "factors": self.factors, "numbers": self.numbers}
+        plain |= {"estimates": self.estimates} if self.estimates else {}
         return {**plain, "order_of_theory": self.theory, **said, "interval": self.interval, "verdict": self.text}

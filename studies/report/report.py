@@ -102,7 +102,7 @@ def read_sweep(folder: Path) -> Rows:
     asked, table = read_json(folder / MARK), read_table(folder / "table.csv")
     found = read_json(folder / "verdict.json").get("quantities", ())
     doubted = int(np.count_nonzero(table.columns["unsupported"]))
-    said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}" for one in found]
+    said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
     said += [f"{counted(doubted)} with numbers that are not supported: column remarks"] if doubted else []
     return Rows(
         folder.resolve().name,
@@ -113,6 +113,12 @@ def read_sweep(folder: Path) -> Rows:
         drawn(folder),
         {key: asked[key] for key in ("over", "base", "code", "provenance") if key in asked},
     )
+
+
+def estimated(one: Mapping[str, Any]) -> str:
+    """Return the estimated error of the finest level in words, empty where none was refined to an accuracy."""
+    known = [error for error in one.get("estimates", ()) if error is not None]
+    return f"; estimated error of the holes' compliance {100.0 * known[-1]:.2g} %" if known else ""
 
 
 def drawn(folder: Path) -> str:

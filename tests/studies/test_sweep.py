@@ -30,6 +30,7 @@ from studies.output.records import ContactRecord
 from studies.output.version import ROOT
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
+from studies.report.report import write_report
 from studies.scenario import Scenario, ScenarioError, dump, parse
 from studies.scenario.toml import changed, parsed
 from studies.simulation import assembly, prepare
@@ -43,6 +44,7 @@ from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
 from studies.sweeps.table import Case, Column, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
+from tests.bounds import IDENTITY
 from tests.studies.samples import step
 from thread.catalogue import suture
 from tissue.organs import quasi_static
@@ -539,6 +541,10 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: ladder(parse(RING), "h"), "has no organ"),
         (lambda: ladder(parse(changed(RING, {"solve": ONE_STEP})), "dt", levels=3), "only 2 distinct"),
         (lambda: ladder(parse(changed(RING, {"piercing": []})), "footprint"), "no piercing has a footprint"),
+        (lambda: ladder(parse(RING), "accuracy"), "has no organ"),
+        (lambda: ladder(parse(ORGAN), "accuracy"), 'tissue.mesh.accuracy is "given"; set a number'),
+        (lambda: ladder(parse(pulled_organ(**{"piercing.ring.footprint": 0.0})), "accuracy"), "has a footprint"),
+        (lambda: refine(RING, "time", "nowhere", "dt", adaptive=True), "--over dt is refused: --adaptive refines"),
     ],
 )
 def test_what_cannot_be_swept_or_refined_is_refused(ask: Callable[[], Any], said: str) -> None:
@@ -597,6 +603,7 @@ def test_the_levels_of_a_ladder() -> None:
     assert ladder(scenario, "footprint", ratio=2.0).settings[1] == {"piercing.0.footprint": 1e-3}
     for settings in every.settings:
         parsed(changed(ORGAN, settings))
+    assert ladder(parse(pulled_organ()), "accuracy", levels=3).settings[2] == {"tissue.mesh.accuracy": 0.075}
 
 
 def planted(numbers: list[float], statuses: list[int] | None = None) -> Any:
@@ -642,6 +649,50 @@ def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str
     words = ["refine", str(tmp_path / "ring.toml"), "--quantity", "piercings.ring.slip", "--levels", "3"]
     assert main([*words, "--over", "control_points", "--out", str(tmp_path / "b"), "--strict"]) == 0
     assert "converged to" in capsys.readouterr().out
+
+
+def pulled_organ(**keys: Any) -> dict[str, Any]:
+    """A hole that is pulled off an organ along its normal, at rest, on linear cells that are refined."""
+    table = changed(
+        ORGAN,
+        {
+            "thread.start": {"kind": "pulled", "force": [0.0, 0.0, 0.05]},
+            "thread.end": {"kind": "free"},
+            "solve": {"kind": "static", "load_steps": 1},
+            "piercing.ring.kind": "anchored",
+            "tissue.element": "P1",
+            "tissue.mesh.accuracy": 0.3,
+        },
+    )
+    return changed(table, keys)
+
+
+def test_cells_at_the_holes_are_refined_step_by_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Independent check: quadratic cells have the number within the interval of the linear ones, whose estimates are
+    the distances from it; the levels are those of the estimates, and the command, the table and the report say so."""
+    [exact] = refine(
+        pulled_organ(**{"tissue.element": "P2", "tissue.mesh.accuracy": 0.05}),
+        "piercings.ring.displacement_z",
+        tmp_path / "a",
+        levels=3,
+        ratio=3.0,
+        adaptive=True,
+    )
+    assert exact.verdict is not None
+    (tmp_path / "organ.toml").write_text(dump(parse(pulled_organ())), encoding="utf-8")
+    words = ["refine", str(tmp_path / "organ.toml"), "--quantity", exact.quantity, "--levels", "3", "--adaptive"]
+    assert main([*words, "--out", str(tmp_path / "b"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    [said] = found["quantities"]
+    limit, low, high = exact.finest, *said["interval"]
+    assert min(low, high) < limit < max(low, high)
+    distances = 1.0 - np.array(said["numbers"]) / limit
+    assert np.all(np.abs(np.log(np.array(said["estimates"]) / distances)) < np.log(1.5))
+    assert said["factors"] == pytest.approx([said["estimates"][0] / error for error in said["estimates"]], rel=IDENTITY)
+    assert np.all(np.diff(found["unknowns"]) > 0)
+    assert "Unknowns of the organ" in (tmp_path / "b" / "verdict.md").read_text(encoding="utf-8")
+    write_report([tmp_path / "b"], tmp_path / "page.html")
+    assert "estimated error of the holes" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_a_bare_point_is_called_diverging(tmp_path: Path) -> None:
