@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAMES = (
+    "adaptive_refinement",
     "campaign",
     "coupling_variants",
     "friction",

@@ -18,6 +18,7 @@ from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_r
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
 from tissue.refinement.bound import Bounds, bounds, relative_bounds
+from tissue.refinement.estimate import Estimate
 from tissue.refinement.rounds import Fitted, fitted
 from tissue.relaxation import Prony
 from tissue.sites.site import Site, Sites, build_sites, cells_at
@@ -35,6 +36,7 @@ __all__ = [
     "DynamicOrgan",
     "Elasticity",
     "Equation",
+    "Estimate",
     "Factor",
     "FactorError",
     "FiniteOrgan",

@@ -1,0 +1,249 @@
+"""Adaptive refinement: the error of a hole's compliance over unknowns and over seconds, and how near its estimate is.
+
+One hole in a clamped block, of several footprints, near an edge, in a skin of half a footprint that is 20 times or a
+tenth as stiff as what is below, and in a wall as thin as a footprint. Its compliance to forces is computed on three
+kinds of meshes, by linear and by quadratic cells:
+
+- uniform: structured, of one size;
+- graded: structured, of a size at the hole that is a share of the footprint, growing away from it;
+- adaptive: a coarse mesh whose cells are refined until their estimated error is within `tissue.mesh.accuracy`.
+
+The error is that of the direction in which it is largest. The reference is an adaptive mesh of quadratic cells, finer
+than all others, with what its own estimate says that it misses.
+
+The order of theory. By Galerkin the error of a compliance is the energy of the error of its column. Under a parabolic
+footprint that is h⁴ ln(a/h) for P2 and h² for P1 (`studies.mesh_refinement`). Of meshes that are fine where the
+solution asks for it, N unknowns give N^(−4/3) and N^(−2/3), whatever edges and borders there are.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import tissue
+from studies.figure import Item, draw, level, panel, series, unnamed
+from studies.simulation.assembly import assemble, site_of
+from studies.study import Columns, Job, Study, Table, each, grouped, require, require_known, scene, unit_field
+from tissue.refinement.estimate import estimate
+
+MILLI = 1e-3
+A = 1e-3  # footprint of the cases that are not about footprints [m]
+LENGTH = 0.04  # of the block [m]
+BESIDE = 1.3  # footprints from the edge to the middle of the hole: 0.3 are left
+THIN = 0.5  # footprints: thickness of a skin
+ASKED = 0.03  # error that meshes are compared at: the default of tissue.mesh.accuracy
+EFFECTIVITY = 0.7, 1.5  # of the estimate over the error
+FAR = 8e-3  # size of graded and adaptive cells far from the hole [m]
+GROWTH = 2.0  # of graded cells: less makes more of them where they are long and thin
+UNIFORM, GRADED, ADAPTIVE = "uniform", "graded", "adaptive"
+ERROR = "error of the compliance [-]"
+SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # ticks
+TICKS = {"x": (2.0, 5.0, 10.0, 20.0, 50.0)}
+Settings = dict[str, Any]
+
+
+def skin(contrast: float) -> Settings:
+    """Return the keys of a skin of half a footprint that is so many times as stiff as what is below."""
+    return {"tissue.region": [{"name": "skin", "depth": [0.0, THIN * A], "youngs_modulus": contrast * 1e5}]}
+
+
+CASES: Mapping[str, Settings] = {
+    "edge": {"piercing.hole.at": [0.5 * LENGTH - BESIDE * A, 0.0, 0.0]},
+    "stiff skin": skin(20.0),
+    "soft skin": skin(0.1),
+    "thin wall": {"tissue.mesh.size": [0.5 * LENGTH, 0.5 * LENGTH, A], "tissue.clamp": ["left", "right"]},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One mesh: its size is that of the cells or of those at the hole, or an accuracy."""
+
+    case: str
+    footprint: float = unit_field("m")
+    element: str
+    mesh: str
+    size: float = unit_field("m, or - of adaptive ones")
+    unknowns: int = unit_field("-")
+    seconds: float = unit_field("s")
+    normal: float = unit_field("m/N")
+    error: float = unit_field("-")
+    estimate: float = unit_field("-")
+
+    @property
+    def kind(self) -> str:
+        """Mesh and element."""
+        return f"{self.mesh}, {self.element}"
+
+    @property
+    def effectivity(self) -> float:
+        """The estimate over the error [-]."""
+        return self.estimate / self.error
+
+
+def main(
+    footprints: Sequence[float] = (2e-3, 1e-3, 5e-4, 2.5e-4),
+    cases: Sequence[str] = tuple(CASES),
+    elements: Sequence[str] = ("P1", "P2"),
+    uniform: Sequence[float] = (4e-3, 2.5e-3, 2e-3),
+    graded: Sequence[float] = (1.0, 0.5, 0.25),
+    accuracies: Sequence[float] = (0.2, 0.1, 0.05, 0.02),
+    reference: float = 0.004,
+) -> Iterator[Row]:
+    """Yield every mesh of every case: footprints [m] in the middle of the block, and `cases` by name; sizes of uniform
+    cells [m], of graded ones at the hole over the footprint, and accuracies. Raises `StudyError`."""
+    require_known("cases", cases, CASES)
+    require_known("elements", elements, ("P1", "P2"))
+    require(
+        0.0 < min(footprints, default=A) <= max(footprints, default=A) <= 0.1 * LENGTH, "footprints", "give 0 to 4e-3"
+    )
+    require(1e-3 <= reference < 0.5 * min(accuracies), f"reference = {reference:g}", "give less than half an accuracy")
+    every: dict[str, tuple[float, Settings]] = {f"footprint {a / MILLI:g} mm": (a, {}) for a in footprints} | {
+        name: (A, CASES[name]) for name in cases
+    }
+    sizes = {UNIFORM: uniform, GRADED: graded, ADAPTIVE: accuracies}
+    jobs: list[Job] = [
+        partial(run_case, name, a, keys, elements, sizes, reference) for name, (a, keys) in every.items()
+    ]
+    yield from each(jobs)
+
+
+def run_case(
+    name: str, a: float, keys: Settings, elements: Sequence[str], sizes: Mapping[str, Sequence[float]], reference: float
+) -> Iterator[Row]:
+    """Yield the meshes of a case, measured by its reference."""
+    keys = {"piercing.hole.footprint": a, **keys}
+    found, _, _ = measured_on(keys | cells(ADAPTIVE, reference, a) | {"tissue.element": "P2"})
+    exact = found.compliance[0] + found.missed[0]
+    for element in elements:
+        for mesh, size in ((mesh, size) for mesh, own in sizes.items() for size in own):
+            found, unknowns, seconds = measured_on(keys | cells(mesh, size, a) | {"tissue.element": element})
+            yield Row(
+                case=name, footprint=a, element=element, mesh=mesh, size=size * (a if mesh == GRADED else 1.0),
+                unknowns=unknowns, seconds=seconds, normal=float(found.compliance[0, 2]),
+                error=float(np.max(1.0 - found.compliance[0] / exact)), estimate=float(found.errors[0]),
+            )  # fmt: skip
+
+
+def cells(mesh: str, size: float, a: float) -> Settings:
+    """Return the keys of a mesh of a kind, at a footprint `a` [m]."""
+    if mesh == ADAPTIVE:
+        return {"tissue.mesh.h": FAR, "tissue.mesh.accuracy": size}
+    at = {"h": size} if mesh == UNIFORM else {"h": FAR, "h_site": size * a, "growth": GROWTH}
+    return {f"tissue.mesh.{key}": value for key, value in at.items()} | {"tissue.mesh.accuracy": "given"}
+
+
+def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
+    """Return the compliance of the hole with what its mesh is estimated to miss, the unknowns, and the seconds until
+    the organ is ready for its first step."""
+    given = scene("adaptive_refinement", keys)
+    begun = perf_counter()
+    assembly = assemble(given)
+    seconds, body = perf_counter() - begun, assembly.body
+    assert body is not None
+    sites = [site_of(hole, assembly.scenario) for hole in assembly.holes]
+    return estimate(body, sites, tissue.build_sites(body, sites)), int(body.free.size), seconds
+
+
+def needed(rows: Sequence[Row], field: str) -> float:
+    """Return the unknowns or seconds at which the error is ASKED, between those of two meshes on logarithmic axes; not
+    a number if no mesh is as accurate, the coarsest one's if that is."""
+    ordered = sorted(rows, key=lambda row: -row.error)
+    errors, values = ([getattr(row, name) for row in ordered] for name in ("error", field))
+    if errors[-1] > ASKED:
+        return float("nan")
+    return float(np.exp(-np.interp(-np.log(ASKED), -np.log(errors), -np.log(values))))
+
+
+COLUMNS: Columns = (  # of the meshes of a kind
+    ("case", lambda rows: rows[0].case),
+    ("cells", lambda rows: rows[0].kind),
+    ("unknowns for 3 %", lambda rows: shown(needed(rows, "unknowns"))),
+    ("seconds for 3 %", lambda rows: shown(needed(rows, "seconds"))),
+    ("finest", lambda rows: f"{max(row.unknowns for row in rows)}"),
+    ("its error [%]", lambda rows: f"{100.0 * min(row.error for row in rows):.2g}"),
+    (
+        "estimate over error",
+        lambda rows: "{:.2f} to {:.2f}".format(*np.sort([row.effectivity for row in rows])[[0, -1]]),
+    ),
+)
+
+
+def shown(number: float) -> str:
+    """Return a number with two digits, "not reached" for none."""
+    return "not reached" if np.isnan(number) else f"{float(f'{number:.2g}'):g}"
+
+
+def kinds(rows: Sequence[Row]) -> list[list[Row]]:
+    """Return the meshes of each kind in each case."""
+    return list(grouped(rows, lambda row: (row.case, row.kind)).values())
+
+
+def remarks(rows: Sequence[Row]) -> list[str]:
+    """Tell by how much adaptive meshes are smaller, and which estimates are far from the error."""
+    out = []
+    for case, own in grouped(rows, lambda row: row.case).items():
+        for element, same in grouped(own, lambda row: row.element).items():
+            need = {mesh: needed(meshes, "unknowns") for mesh, meshes in grouped(same, lambda row: row.mesh).items()}
+            for mesh in (UNIFORM, GRADED):
+                if not np.isnan(ratio := need.get(mesh, np.nan) / need.get(ADAPTIVE, np.nan)):
+                    out.append(
+                        f"{case}, {element}: {mesh} meshes take {ratio:.2g} times the unknowns of adaptive ones for 3 %"
+                    )
+    for row in (row for row in rows if row.mesh == ADAPTIVE):
+        if not EFFECTIVITY[0] <= row.effectivity <= EFFECTIVITY[1]:
+            out.append(
+                f"{row.case}, {row.kind}, {row.unknowns} unknowns: ESTIMATE {row.effectivity:.2g} times the error"
+            )
+    return out
+
+
+def thousands(row: Row) -> float:
+    """Return the unknowns of a mesh in thousands."""
+    return row.unknowns / 1000.0
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """Draw the error over unknowns of each case, then over seconds, and the estimate over the error."""
+    places: list[Item] = []
+    for case, own in grouped(rows, lambda row: row.case).items():
+        lines = grouped(own, lambda row: row.kind)
+        curves = series(unnamed(lines) if places else lines, thousands, "error")
+        words = "unknowns [thousands]", ERROR
+        places.append(panel(*words, curves, level("y", ASKED), log="xy", ticks=TICKS | {"y": SHARES}, title=case))
+    first = grouped([row for row in rows if row.case == rows[0].case], lambda row: row.kind)
+    seconds = series(unnamed(first), "seconds", "error")
+    ticks = {"x": (0.2, 0.5, 1.0, 2.0, 5.0, 10.0), "y": SHARES}
+    places.append(panel("time [s]", ERROR, seconds, log="xy", ticks=ticks, title=rows[0].case))
+    adaptive = grouped([row for row in rows if row.mesh == ADAPTIVE], lambda row: row.element)
+    bounds = [level("y", value, style=":") for value in EFFECTIVITY]
+    points = series(adaptive, "error", "effectivity", "")
+    places.append(panel(ERROR, "estimate over error", points, *bounds, log="x", ticks={"x": SHARES}, title="adaptive"))
+    places += [Axes.set_axis_off] * (len(places) % 2)
+    return draw(*(places[k : k + 2] for k in range(0, len(places), 2)))
+
+
+STUDY = Study(
+    main=main,
+    question="How many unknowns and seconds does a hole's compliance take on uniform, graded and adaptive meshes?",
+    independent="a small footprint has the compliance of a half-space; the error of adaptive meshes falls like "
+    "N^(-4/3) (P2) and N^(-2/3) (P1); every mesh is stiffer than the exact body",
+    consistency="the error that is estimated against the one to a finer mesh",
+    table=lambda rows: Table.of(COLUMNS, kinds(rows)),
+    figure=figure,
+    remarks=remarks,
+    quick={
+        "footprints": (1e-3,),
+        "cases": ("edge", "soft skin"),
+        "uniform": (4e-3, 2.5e-3),
+        "graded": (1.0, 0.5),
+        "accuracies": (0.2, 0.1, 0.03),
+        "reference": 0.01,
+    },
+)
