@@ -117,7 +117,7 @@ def factor_of(body: Elasticity) -> Solver:
 
 def compliance(rows: csr_matrix, columns: Array) -> Array:
     """Return the compliance along x, y and z `(p, 3)` [m/N] by the rows of sites `(3p, N)` and their columns."""
-    return np.reshape(np.sum(rows.multiply(columns.T), axis=1), (-1, AXES))
+    return np.asarray(rows.multiply(columns.T).sum(axis=1)).reshape(-1, AXES)
 
 
 def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
