@@ -176,12 +176,16 @@ def load_of(surface: Surface, site: Site) -> Load:
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance > ON_SURFACE * surface.diagonal:
         raise TissueError(
-            f"{site.name}: {_show(np.asarray(site.point, float))} is inside the organ, where no facet bears it"
+            f"{site.name}: {_show(np.asarray(site.point, float))} is inside the organ, and bounds are those of "
+            "footprints on its surface; move the site there, or leave tissue.mesh.bound out"
         )
     X, normal, _, patch = _surface_footprint(surface, site, nearest, facets)
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
-        raise TissueError(f"{site.name}: the facets do not cover the footprint at {_show(X)} once")
+        raise TissueError(
+            f"{site.name}: the facets do not cover the footprint at {_show(X)} once, and have no traction that bounds "
+            "could be made of; move the site, or leave tissue.mesh.bound out"
+        )
     points, cover = covered
     across = np.linalg.norm(cover.points, axis=1)
     facing = surface.normals[cover.triangles] @ normal
