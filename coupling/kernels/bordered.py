@@ -3,7 +3,7 @@
 The thread's unknowns meet everything else only through P, T and T' at the holds, the nine columns of
 V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compliance G = Vᵀ A⁻¹ V, as the organ does by C.
 
-Unknowns of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v).
+Numbers of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v), which follows from the forces on the site.
 """
 
 from functools import cache

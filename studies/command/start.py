@@ -18,9 +18,8 @@ KEPT = 31 * 2**20
 def main() -> int:
     """Run a command; returns the exit status."""
     _mend_streams()
-    os.environ.setdefault(
-        "OPENBLAS_NUM_THREADS", "1"
-    )  # no command uses more, and a process with others cannot be forked
+    # No command uses more threads, and a process with others cannot be forked.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from studies.command.parser import read
 
