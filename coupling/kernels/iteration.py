@@ -55,9 +55,7 @@ from thread.kernels.travel import (
 from thread.kernels.vectors import add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how one ends
-# Mean spans from the origin within which a strain is known to `coupling.step.newton.ROUND_OFF`, the same where knots
-# travel, whose spans at holes are a quarter as long.
-KNOWN_SPANS, KNOWN_RIDING = 15.0, 4.0
+KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain is known to `coupling.step.newton.ROUND_OFF`
 LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
 HOW, TOTAL, SETS, OF_SET = range(4)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308

@@ -39,7 +39,7 @@ from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_direction
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import KNOWN_RIDING, KNOWN_SPANS, holds_solved, share, share_between
+from coupling.kernels.iteration import KNOWN_SPANS, holds_solved, share, share_between
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
@@ -304,7 +304,7 @@ def rounded_force(problem: Problem[Body]) -> float:
     thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
     by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
     span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
-    far = max(1.0, place / ((KNOWN_RIDING if thread.travels else KNOWN_SPANS) * span))
+    far = max(1.0, place / (KNOWN_SPANS * span))
     return ROUND_OFF * float(thread.EA * far + by_place * place)
 
 

@@ -15,7 +15,7 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.address import by_address
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
-from coupling.kernels.iteration import KNOWN_RIDING, KNOWN_SPANS, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.kernels.iteration import KNOWN_SPANS, Bounds, Found, Given, Knots, Passing, Unknowns, solve
 from coupling.kernels.steps.audit import (
     ELASTIC,
     Holes,
@@ -325,10 +325,10 @@ def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
 
 
 @loop
-def rounded_force(scene: Scene, knots: Knots, rides: bool, largest: float) -> float:
+def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
     """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
     span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
-    far = max(1.0, largest / ((KNOWN_RIDING if rides else KNOWN_SPANS) * span))
+    far = max(1.0, largest / (KNOWN_SPANS * span))
     return scene.rounded * far + scene.round_off * largest
 
 
@@ -418,7 +418,7 @@ def march_of(digest: int) -> Any:
             largest = begin_step(curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room)
             if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
                 return step, REFIT
-            here = bounds_at(bounds, rounded_force(scene, knots, given.ride.on, largest))
+            here = bounds_at(bounds, rounded_force(scene, knots, largest))
             predict(pace, given, ends, step, now, room.z)
             found, _ = solve_at(solver, (curve, knots, law, given, here, room.z, room.found))
             if found < 0:
