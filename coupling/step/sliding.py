@@ -62,8 +62,8 @@ class Law:
     [N], a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-],
     in the place of |T| where knots travel; `strands` (t, 2) of ties in force; `loops` (k, 2), first and last hole of
     those that slide in them as one; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or
-    empty where there is none; `factor`, by which all friction is
-    multiplied; `tie_compliance` [m/N] of the thread, by which the balance of a tie becomes a length.
+    empty where there is none; `factor`, by which all friction is multiplied; `tie_compliance` [m/N] of the thread, by
+    which the balance of a tie becomes a length.
     """
 
     s_old: Array

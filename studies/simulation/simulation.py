@@ -97,13 +97,13 @@ class Simulation:
         """The `rounds` in which cells were refined at the holes, and by piercing the relative `errors` of its
         compliance that were estimated [-]; empty for a mesh that is as given. With `tissue.mesh.bound` the `bounds` of
         the exact compliance over that of the mesh, lower and upper [-]."""
-        fit, told = self.assembly.fit, {}
+        fit, out = self.assembly.fit, {}
         if fit is not None:
             errors = {name: error for name, error in self._by_piercing(fit.errors) if np.isfinite(error)}
-            told = {"rounds": [one.record() for one in fit.rounds], "errors": errors}
+            out = {"rounds": [one.record() for one in fit.rounds], "errors": errors}
         if (known := bounds_of(self.scenario, self.assembly.body, self.assembly.holes)) is not None:
-            told["bounds"] = {name: pair for name, pair in self._by_piercing(known) if np.isfinite(pair).all()}
-        return told
+            out["bounds"] = {name: pair for name, pair in self._by_piercing(known) if np.isfinite(pair).all()}
+        return out
 
     def _by_piercing(self, values: Array) -> Iterator[tuple[str, Any]]:
         """Yield the piercings' names and own values, of those `(p,)` or `(p, k)` of all sites."""

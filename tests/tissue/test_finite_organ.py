@@ -9,7 +9,7 @@ import skfem
 from scipy.integrate import quad
 
 import tissue
-from coupling.integrators import BDF2, BackwardEuler, Equilibrium
+from coupling.integrators import BDF2, BackwardEuler, Equilibrium, Scheme
 from tests.bounds import IDENTITY, ORDER, RESIDUAL, SLOPE, TWO_SOLVERS
 from tissue.arrays import Array
 from tissue.materials.isotropic import Exponential
@@ -38,7 +38,12 @@ def settled(
     organ: tissue.FiniteOrgan, f_y: Array, state: tissue.OrganState | None = None, time: float = np.inf
 ) -> tissue.OrganState:
     """The equilibrium under site forces and the loads of a time."""
-    answer: FiniteAnswer = organ.answer(Equilibrium(), [state or organ.start()], time)
+    return solved(organ, Equilibrium(), [state or organ.start()], f_y, time)
+
+
+def solved(organ: Any, scheme: Scheme, past: list[tissue.OrganState], f_y: Array, time: float = np.inf) -> Any:
+    """The state after a step under site forces and the loads of a time."""
+    answer = organ.answer(scheme, past, time)
     for _ in range(30):
         after = answer.again(f_y, NONE)
         if after is answer:

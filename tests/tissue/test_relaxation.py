@@ -9,12 +9,13 @@ import skfem
 from scipy.integrate import quad
 
 import tissue
-from coupling.integrators import BDF2, BackwardEuler, Equilibrium, Scheme
+from coupling.integrators import BDF2, BackwardEuler, Equilibrium
 from tests.bounds import RESIDUAL, TWO_SOLVERS
+from tests.tissue.test_finite_organ import solved
 from tissue.arrays import Array
 from tissue.relaxation import Held, Prony
 
-NONE, L, E, TRACTION = np.zeros(0), 0.01, 1e5, 10.0
+L, E, TRACTION = 0.01, 1e5, 10.0
 G, TAU = 0.4, 2.0
 SMALL = 5e-4  # of a displacement: strains are 1e-4, and an organ at finite strain is off by about that
 STEPS = [0.05] * 40 + [0.1] * 20 + [0.2] * 10
@@ -33,17 +34,6 @@ def organ_of(kind: str, body: tissue.Elasticity, relaxation: Prony, **more: Any)
     known = {"inertia": False, "relaxation": relaxation} | more
     made = tissue.RelaxingOrgan if kind == "linear" else tissue.FiniteOrgan
     return made(body, sites, **known)
-
-
-def solved(organ: Any, scheme: Scheme, past: list[tissue.OrganState], f_y: Array, time: float = np.inf) -> Any:
-    """The state after a step under site forces."""
-    answer = organ.answer(scheme, past, time)
-    for _ in range(30):
-        after = answer.again(f_y, NONE)
-        if after is answer:
-            return answer.accept(f_y)
-        answer = after
-    raise AssertionError("no equilibrium")
 
 
 def creep(share: Array | float, t: float) -> Array:

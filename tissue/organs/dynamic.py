@@ -1,7 +1,7 @@
 """An organ with inertia: its operator of a time scheme, and its steps."""
 
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -134,7 +134,7 @@ class DynamicOrgan(MeshedOrgan):
     node_mass: csr_matrix = field(init=False, repr=False)
     slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns where nodes are held in part
     _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
-    _operators: OrderedDict[tuple[float, float], DynamicOperator] = field(init=False, repr=False, compare=False)
+    _operators: OrderedDict[tuple[float | str, ...], DynamicOperator] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -170,12 +170,16 @@ class DynamicOrgan(MeshedOrgan):
             raise TissueError(
                 f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0, or zeros at rest; give a positive time step"
             )
-        if (a, d) not in self._operators:
+        return self._kept((a, d), lambda: self._factorized(a, d))
+
+    def _kept(self, key: tuple[float | str, ...], make: Callable[[], DynamicOperator]) -> DynamicOperator:
+        """Return the operator of a key, made where it is not among the last few."""
+        if key not in self._operators:
             while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
                 self._operators.popitem(last=False)
-            self._operators[a, d] = self._factorized(a, d)
-        self._operators.move_to_end((a, d))
-        return self._operators[a, d]
+            self._operators[key] = make()
+        self._operators.move_to_end(key)
+        return self._operators[key]
 
     def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
         """Return the factorised operator of a step of a scheme."""
@@ -199,9 +203,12 @@ class DynamicOrgan(MeshedOrgan):
         self._recalled.append((U, force))
         return force
 
-    def _factorized(self, a: float, d: float) -> DynamicOperator:
+    def _factorized(self, a: float, d: float, soft: csr_matrix | None = None) -> DynamicOperator:
+        """Return the operator of a scheme; `soft` is what the stiffness is less by, None: nothing."""
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
+        if soft is not None:
+            A = csr_matrix(A - soft)
         factor = self.solver_of(A)
         W, C = compliance(factor, self.Y)
         return DynamicOperator(self, a, d, A, factor, W, C)
@@ -220,7 +227,18 @@ class DynamicOrgan(MeshedOrgan):
         operator, history = self.operator_of(scheme), self.history(scheme, past)
         shares = self.shares_at(time, share)
         load = self.load_under(shares)
-        U_free = operator.predict(past[0], history, load)
+        return self._answered(operator, operator.predict(past[0], history, load), history, load, pairing, shares)
+
+    def _answered(
+        self,
+        operator: DynamicOperator,
+        U_free: Array,
+        history: History,
+        load: Array,
+        pairing: Pairing,
+        shares: Array | None,
+    ) -> LinearAnswer:
+        """Return the answer of a step under a `load` (N,) that ends at `U_free` (N,) without site forces."""
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""

@@ -51,8 +51,9 @@ class OrganState:
     of the reference. `linearised`
     `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
     linear organ. `shares` `(l,)` are the parts of the loads that act
-    (`tissue.loads`), None of an organ without loads. `relaxing` `(b, 3, 3, q, c)` [Pa] are the stresses that relax
-    (`tissue.relaxation`), None where there are none. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
+    (`tissue.loads`), None of an organ without loads. `relaxing` is what relaxes, the stresses
+    `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`) or of a linear organ fields `(b, N)` [m] (`tissue.organs.relaxing`),
+    None where all has relaxed. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
     and stiffness that the step has left, None if it left none.
     """
 

@@ -7,7 +7,6 @@ is left of U in it. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U), so 
 stiffness K − Σ (1 − φ_i) K_i under the further forces Σ K_i (φ_i U − e^(−x_i) e_i).
 """
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,16 +16,14 @@ from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array
 from tissue.elasticity import distortion
-from tissue.organs.dynamic import DynamicOperator, DynamicOrgan, Products
+from tissue.organs.dynamic import DynamicOperator, DynamicOrgan
 from tissue.organs.floating import Drag
 from tissue.organs.meshed import (
-    KEPT_OPERATORS,
     LinearAnswer,
     OrganEnergies,
     OrganState,
     Pairing,
     TimeScheme,
-    compliance,
     refuse_loose,
     slips_since,
 )
@@ -43,11 +40,9 @@ class RelaxingOrgan(DynamicOrgan):
 
     relaxation: Prony = field(kw_only=True)
     inertia: bool = field(default=True, kw_only=True)
-    _by_length: OrderedDict[tuple[float, float, str], DynamicOperator] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "_by_length", OrderedDict())
         if not self.inertia:
             refuse_loose(self.elasticity)
 
@@ -60,16 +55,7 @@ class RelaxingOrgan(DynamicOrgan):
     def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
         """Return the factorised operator of a step of a scheme; the last few are kept."""
         key = scheme.a, scheme.d, f"{scheme.dt:.{DIGITS}g}"
-        if key not in self._by_length:
-            while len(self._by_length) >= min(KEPT_OPERATORS, self.choice.room):
-                self._by_length.popitem(last=False)
-            alpha, beta = self.rayleigh
-            A = (scheme.a + alpha * scheme.d) * self.M + (1.0 + beta * scheme.d) * self.K - self._soft(scheme.dt)
-            factor = self.solver_of(csr_matrix(A))
-            W, C = compliance(factor, self.Y)
-            self._by_length[key] = DynamicOperator(self, scheme.a, scheme.d, csr_matrix(A), factor, W, C)
-        self._by_length.move_to_end(key)
-        return self._by_length[key]
+        return self._kept(key, lambda: self._factorized(scheme.a, scheme.d, self._soft(scheme.dt)))
 
     def _soft(self, dt: float) -> csr_matrix:
         """Return Σ (1 − φ_i) K_i of a step of `dt` [s]."""
@@ -118,24 +104,18 @@ class RelaxingOrgan(DynamicOrgan):
         e, decays, means = self.strains(first), self.relaxation.decays(scheme.dt), self.relaxation.means(scheme.dt)
         shares = self.shares_at(time, share)
         load, operator, history = self.load_under(shares), self.operator_of(scheme), self.history(scheme, past)
+        soft = np.zeros(self.size)  # by what K of the organ at once resists more at the start than that of the step
         for K, part, decay, mean in zip(self.branches, e, decays, means, strict=True):
             load = load + K @ (mean * first.U - decay * part)
-        U_free = operator.predict(past[0], history, load + self._soft(scheme.dt) @ past[0].U)
+            soft += K @ ((1.0 - mean) * past[0].U)
+        U_free = operator.predict(past[0], history, load + soft)
+        answer = self._answered(operator, U_free, history, load, pairing, shares)
 
         def complete(f_y: Array, p: Array) -> OrganState:
-            """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""
-            U = operator.add_forces(U_free, f_y, p, pairing)
-            left = decays[:, None] * e + means[:, None] * (U - first.U)
-            return replace(operator.state(history, U, f_y, p, pairing, shares), relaxing=left)
+            new = answer.accepted(f_y, p)
+            return replace(new, relaxing=decays[:, None] * e + means[:, None] * (new.U - first.U))
 
-        return LinearAnswer(
-            operator,
-            self.y0 + self.Y @ U_free,
-            pairing.g0 + pairing.G @ U_free,
-            complete,
-            lambda: operator.residual(history, Products(*np.zeros((3, self.size))), load),
-            pairing,
-        )
+        return replace(answer, accepted=complete)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which nothing moves from `y` (9p,), as the organ in motion does; what moves
