@@ -13,7 +13,7 @@ into it.
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.integrators import Scheme
 
 Body = TypeVar("Body")
@@ -60,9 +60,9 @@ class Answer(Protocol[Body]):
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
 
-    @property
-    def C_cc(self) -> Array:
-        """Gaps by contact forces, symmetric and positive definite, shape `(k, k)` [m/N]; expensive when first asked."""
+    def gaps_by_forces(self, some: Indices) -> Array:
+        """Return the columns of C_cc, which is symmetric and positive definite, of `some` pairs `(j,)`, shape `(k, j)`
+        [m/N]; each is expensive when first asked for."""
 
     @property
     def friction(self) -> Array:

@@ -71,8 +71,12 @@ class Contact(Generic[Body]):
 
     @property
     def C_cc(self) -> Array:
-        """Gaps by contact forces, shape `(k, k)` [m/N]; expensive, not asked for while all pairs are open."""
-        return self.answer.C_cc
+        """Gaps by all contact forces, shape `(k, k)` [m/N]; expensive."""
+        return self.answer.gaps_by_forces(np.arange(len(self.g_free)))
+
+    def pressing(self, pressed: Flags) -> Array:
+        """Return the gaps by the forces of the pairs `pressed`, shape `(k, j)` [m/N]."""
+        return self.answer.gaps_by_forces(np.flatnonzero(pressed))
 
     def gaps_when_open(self, f: Array) -> Array:
         """Return the gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
@@ -90,14 +94,14 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
     if not pressed.any():
         return p, open_gaps
     p[pressed] = -cho_solve(factorize_pressed(contact, pressed, cho_factor), open_gaps[pressed])
-    return p, open_gaps + contact.C_cc @ p
+    return p, open_gaps + contact.pressing(pressed) @ p[pressed]
 
 
 def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callable[[Array], Factor]) -> Factor:
     """Return the Cholesky factor of C_cc of the pairs `pressed`. Raises `OrganError` where a force on the lips would
     draw them together: beyond a point where tissue at finite strain snaps."""
     try:
-        return factorize(contact.C_cc[np.ix_(pressed, pressed)])
+        return factorize(contact.pressing(pressed)[pressed])
     except np.linalg.LinAlgError as error:
         raise OrganError(NO_HOLD) from error
 
@@ -107,7 +111,8 @@ def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0
     `force` [N], shape `(k,)`. A force counts by the gap that it opens."""
     open_gaps = contact.gaps_when_open(f)
     (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
-    return np.where(pressed, p * np.diag(contact.C_cc), g) < -slack if pressed.any() else g < -slack
+    g[pressed] = p[pressed] * np.diag(contact.pressing(pressed)[pressed])
+    return np.asarray(g < -slack)
 
 
 def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
@@ -165,7 +170,7 @@ def first_sets(contact: Contact[Body] | None, system: System[Body], state: State
     f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     before = system.organ.lips(state.organ)[1] > 0.0
     if before.any():  # what has slid off the other surface since faces nothing that could press
-        before &= np.diag(contact.C_cc)[: len(before)] > 0.0
+        before[before] = np.diag(contact.pressing(before)[np.flatnonzero(before)]) > 0.0
     try:
         return find_sets(contact, f, before, contact.stuck)[:2]
     except (CouplingError, OrganError):

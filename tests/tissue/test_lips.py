@@ -256,7 +256,7 @@ def test_a_search_that_would_go_round_ends() -> None:
         [[23.0, 12.0, 0.0, -7.0], [12.0, 22.0, 12.0, -15.0], [0.0, 12.0, 10.0, -11.0], [-7.0, -15.0, -11.0, 17.0]]
     )
     g, none, sets = np.array([-2.0, -2.0, -1.0, 2.0]), np.zeros(0), [np.zeros(4, dtype=bool)]
-    contact = Contact(g, np.zeros((4, 0)), SimpleNamespace(C_cc=C))
+    contact = Contact(g, np.zeros((4, 0)), SimpleNamespace(gaps_by_forces=lambda some: C[:, some]))
     while len({tuple(pressed) for pressed in sets}) == len(sets):
         sets.append(sets[-1] ^ misfits(contact, none, sets[-1]))
     assert misfits(contact, none, sets[-1]).any()

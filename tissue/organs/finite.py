@@ -24,13 +24,14 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Indices
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
 from tissue.materials.density import Density
 from tissue.organs.meshed import (
     EMPTY,
     NO_LIPS,
+    Columns,
     Equation,
     LinearAnswer,
     LipCompliance,
@@ -110,7 +111,7 @@ class Tangent:
     W: Array
     C_z: Array
     definite: bool = True
-    _recalled: deque[tuple[Pairing, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+    _recalled: deque[tuple[Pairing, Columns]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
     _let_go: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
 
     def way_without_forces(self, r: Array) -> Array:
@@ -121,16 +122,15 @@ class Tangent:
         self._let_go.append((r, -solved(self.factor, r)))
         return self._let_go[-1][1]
 
-    def gaps_by_forces(self, pairing: Pairing) -> Array:
-        """Return G A⁻¹ Gᵀ, shape `(k, k)` [m/N]; that of the last pairing is remembered. Raises `OrganError`."""
-        for known, C in self._recalled:
-            if known is pairing:
-                return C
-        try:
+    def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
+        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N]; those of the last pairing are
+        remembered. Raises `OrganError`."""
+        if not any(known is pairing for known, _ in self._recalled):
             self._recalled.append((pairing, gap_compliance(self.factor, pairing.G)))
+        try:
+            return self._recalled[-1][1].of(some)
         except FactorError as error:
             raise unsolved(error) from error
-        return self._recalled[-1][1]
 
 
 @dataclass(frozen=True)
@@ -207,18 +207,17 @@ class FiniteAnswer:
     @cached_property
     def _GW(self) -> Array:
         """G A⁻¹ Zᵀ, shape `(k, number of z)`."""
-        return np.asarray(self.pairing.G @ self.tangent.W)
+        return np.asarray(self.pairing.sums @ (self.organ.lip_rows @ self.tangent.W))
 
     @cached_property
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
         return np.asarray(self._GW @ self._bent.T @ self.J.T)
 
-    @cached_property
-    def C_cc(self) -> Array:
-        """Gaps by contact forces, shape `(k, k)` [m/N]."""
-        C = self.tangent.gaps_by_forces(self.pairing)
-        return C + self._GW @ self._S @ self._bent @ self._GW.T if any(self.organ.map.cut) else C
+    def gaps_by_forces(self, some: Indices) -> Array:
+        """Return the gaps by the contact forces of `some` pairs `(j,)`, shape `(k, j)` [m/N]."""
+        C = self.tangent.gaps_by_forces(self.pairing, some)
+        return C + self._GW @ self._S @ self._bent @ self._GW[some].T if any(self.organ.map.cut) else C
 
     @property
     def friction(self) -> Array:

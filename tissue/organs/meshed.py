@@ -12,9 +12,9 @@ The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and f
 
 Behind the gaps g of all pairs stand two slips since the start of the step of each pair with friction, and behind their
 forces p those along them, so that k is the number of both (`MeshedOrgan.contacts`) where it is not that of the pairs.
-The columns A⁻¹Gᵀ are not kept: once C_cc is known, p costs one more back-substitution a step. Lips that slide are
-paired anew where a step begins, and G = S R sums the rows R of their nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ
-needs no further solve.
+The columns A⁻¹Gᵀ are not kept: once those of C_cc that belong to pressed pairs are known, p costs one more
+back-substitution a step. Lips that slide are paired anew where a step begins, and G = S R sums the rows R of their
+nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ needs a solve for each number of a node that it has not met yet.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix, vstack
 
-from tissue.arrays import Array
+from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.loads import Loads, SurfaceLoad
@@ -178,8 +178,7 @@ class SiteAnswer(Generic[Body]):
         """No gaps, shape `(0, 9p)`."""
         return np.zeros((0, self.y_free.size))
 
-    @property
-    def C_cc(self) -> Array:
+    def gaps_by_forces(self, some: Indices) -> Array:
         """No gaps, shape `(0, 0)`."""
         return np.zeros((0, 0))
 
@@ -228,9 +227,12 @@ class LinearAnswer:
         return self.operator.gaps_by_sites(self.pairing)
 
     @cached_property
-    def C_cc(self) -> Array:
-        """Gaps by contact forces, shape `(k, k)` [m/N]."""
-        return self.operator.gaps_by_forces(self.pairing)
+    def _by_forces(self) -> "Columns":
+        return self.operator.by_pairs(self.pairing)
+
+    def gaps_by_forces(self, some: Indices) -> Array:
+        """Return the gaps by the contact forces of `some` pairs `(j,)`, shape `(k, j)` [m/N]."""
+        return self._by_forces.of(some)
 
     @property
     def friction(self) -> Array:
@@ -497,8 +499,30 @@ def refuse_loose(body: Elasticity) -> None:
         )
 
 
+class Columns:
+    """A compliance `(k, k)` [m/N] whose columns are made when first asked for: they are expensive, and of the pairs
+    that might touch few do."""
+
+    def __init__(self, k: int, make: Callable[[Indices], Array]) -> None:
+        """`make` returns the columns of some of the k, shape `(k, j)`."""
+        self._make, self._made, self._C = make, np.zeros(k, dtype=bool), np.zeros((k, k), order="F")
+
+    def of(self, some: Indices) -> Array:
+        """Return the columns of `some` `(j,)`, shape `(k, j)` [m/N]."""
+        new = some[~self._made[some]]
+        if new.size:
+            self._C[:, new] = self._make(new)
+            self._made[new] = True
+        return self._C[:, some]
+
+    def times(self, p: Array) -> Array:
+        """Return what forces p `(k,)` [N] open, shape `(k,)` [m]."""
+        acts = np.flatnonzero(p)
+        return np.asarray(self.of(acts) @ p[acts])
+
+
 class LipCompliance:
-    """The compliance of the gaps, made when first asked for: the columns A⁻¹Gᵀ are expensive."""
+    """The compliance of the gaps, made when first asked for."""
 
     organ: MeshedOrgan
     A: csr_matrix
@@ -512,32 +536,38 @@ class LipCompliance:
         if not g.size:
             return y, g
         C_cy = self.gaps_by_sites(pairing)
-        return y - p @ C_cy, g - C_cy @ f_y - (self.gaps_by_forces(pairing) @ p if p.any() else 0.0)
+        return y - p @ C_cy, g - C_cy @ f_y - self.by_pairs(pairing).times(p)
 
-    def gaps_by_forces(self, pairing: Pairing) -> Array:
-        """Return G A⁻¹ Gᵀ, gaps by contact forces, shape `(k, k)` [m/N]."""
+    def by_pairs(self, pairing: Pairing) -> Columns:
+        """Return G A⁻¹ Gᵀ, gaps by contact forces, `(k, k)` [m/N]."""
         if pairing.facing is None:
             return self.C_cc
-        C = pairing.sums @ (pairing.sums @ self.C_rr).T
-        return np.asarray(0.5 * (C + C.T))
+        S = pairing.sums
+
+        def some_pairs(some: Indices) -> Array:
+            weights = S[some]
+            nodes = np.flatnonzero(np.bincount(weights.indices))
+            return np.asarray(S @ (self.C_rr.of(nodes) @ weights[:, nodes].toarray().T))
+
+        return Columns(S.shape[0], some_pairs)
 
     def gaps_by_sites(self, pairing: Pairing) -> Array:
         """Return G W, gaps by site forces, shape `(k, 9p)`."""
-        return self.C_cy if pairing.facing is None else np.asarray(pairing.G @ self.W)
+        return np.asarray(pairing.sums @ self.C_ry)
 
     @cached_property
-    def C_cc(self) -> Array:
-        """G A⁻¹ Gᵀ of the pairs of the reference, shape `(k, k)` [m/N]."""
+    def C_cc(self) -> Columns:
+        """G A⁻¹ Gᵀ of the pairs of the reference, `(k, k)` [m/N]."""
         return gap_compliance(self.factor, self.organ.G)
 
     @cached_property
-    def C_cy(self) -> Array:
-        """G W of the pairs of the reference, shape `(k, 9p)`."""
-        return np.asarray(self.organ.G @ self.W)
+    def C_ry(self) -> Array:
+        """R W of the nodes of the lips, shape `(3r, 9p)`."""
+        return np.asarray(self.organ.lip_rows @ self.W)
 
     @cached_property
-    def C_rr(self) -> Array:
-        """R A⁻¹ Rᵀ of the nodes of the lips, shape `(3r, 3r)` [m/N]; not asked for while no pair has slid."""
+    def C_rr(self) -> Columns:
+        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not asked for while no pair has slid."""
         return gap_compliance(self.factor, self.organ.lip_rows)
 
 
@@ -559,8 +589,12 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
     return W, 0.5 * (C + C.T)
 
 
-def gap_compliance(factor: Solver, G: csr_matrix) -> Array:
-    """Return G A⁻¹ Gᵀ `(k, k)`, made symmetric to the last bit; its columns are made a few at a time."""
-    some = [slice(first, first + COLUMNS) for first in range(0, G.shape[0], COLUMNS)]
-    C = np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in some])
-    return 0.5 * (C + C.T)
+def gap_compliance(factor: Solver, G: csr_matrix) -> Columns:
+    """Return G A⁻¹ Gᵀ `(k, k)`."""
+
+    def some_rows(some: Indices) -> Array:
+        """Return columns, a few at a time."""
+        few = [some[first : first + COLUMNS] for first in range(0, some.size, COLUMNS)]
+        return np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in few])
+
+    return Columns(G.shape[0], some_rows)

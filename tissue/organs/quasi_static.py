@@ -173,7 +173,7 @@ class QuasiStaticOrgan(MeshedOrgan):
             return self.g0
         pairing = self.pairing(state.facing)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
-        return (g + self._operator.gaps_by_forces(pairing) @ p if p.any() else g)[: self.pairs]
+        return (g + self._operator.by_pairs(pairing).times(p))[: self.pairs]
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -247,21 +247,22 @@ class QuasiStaticOrgan(MeshedOrgan):
             return by_sites
         now, was = self.pairing(new.facing), self.pairing(old.facing)
         if now.facing is None and was.facing is None:
-            C_cc, C_cy, closing, r, dr = self._operator.C_cc, self._operator.C_cy, self.G, p, p - before
-            sums = None
+            C_cc, C_cy, closing = self._operator.C_cc, self._operator.gaps_by_sites(now), self.G
+            r, dr, sums = p, p - before, None
         else:  # on the nodes of the lips, which stay
             C_cc, closing, r, sums = self._operator.C_rr, self.lip_rows, now.sums.T @ p, now.sums
-            C_cy, dr = closing @ self._operator.W, r - was.sums.T @ before
+            C_cy, dr = self._operator.C_ry, r - was.sums.T @ before
         under_load, under_more = (
             closing @ (self._operator.U_loads @ parts) for parts in (self.parts(new), self.parts(new) - self.parts(old))
         )
-        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * C_cc @ r), C_cy @ df + C_cc @ dr + under_more
+        gap, dg_p = C_cc.times(r), C_cc.times(dr)
+        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * gap), C_cy @ df + dg_p + under_more
         friction = 0.0
         if self.contacts > self.pairs:
             friction = self.contact_works(p, dg if sums is None else sums @ dg)[1]
         return by_sites._replace(
             elastic=by_sites.elastic + float(elastic),
             load_work=by_sites.load_work + float(under_load @ dr),
-            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * C_cc @ dr) - r @ dg) - friction,
+            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * dg_p) - r @ dg) - friction,
             friction=friction,
         )
