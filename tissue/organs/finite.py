@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 
 from tissue.arrays import Array, Indices
 from tissue.errors import FactorError, OrganError, TissueError
@@ -42,9 +42,11 @@ from tissue.organs.meshed import (
     Pairing,
     SiteAnswer,
     TimeScheme,
+    compliance,
     gap_compliance,
     refuse_loose,
     slips_since,
+    touching,
 )
 from tissue.relaxation import Prony
 from tissue.sites.finite import SiteMap
@@ -207,7 +209,7 @@ class FiniteAnswer:
     @cached_property
     def _GW(self) -> Array:
         """G A⁻¹ Zᵀ, shape `(k, number of z)`."""
-        return np.asarray(self.pairing.sums @ (self.organ.lip_rows @ self.tangent.W))
+        return np.asarray(self.pairing.sums @ touching(self.organ.lip_rows, self.tangent.W))
 
     @cached_property
     def C_cy(self) -> Array:
@@ -231,19 +233,21 @@ class FiniteAnswer:
         return U_r if self.ahead is None else U_r + self.ahead
 
     @cached_property
-    def J(self) -> Array:
+    def J(self) -> csr_matrix:
         """∂y/∂z, shape `(9p, k)`."""
         return self.organ.map.slope(self.point.z)
 
     @cached_property
-    def _S(self) -> Array:
+    def _S(self) -> csr_matrix:
         return self.organ.map.bend(self.point.z, self.f_y)
 
     @cached_property
-    def _bent(self) -> Array:
+    def _bent(self) -> Array | csr_matrix:
         """(1 − C_z S)⁻¹, shape `(k, k)`."""
+        if not self._S.nnz:
+            return identity(len(self.tangent.C_z), format="csr")
         try:
-            return np.asarray(np.linalg.inv(np.eye(len(self._S)) - self.tangent.C_z @ self._S))
+            return np.asarray(np.linalg.inv(np.eye(len(self.tangent.C_z)) - self.tangent.C_z @ self._S))
         except np.linalg.LinAlgError as error:
             raise OrganError("the frames that the needle cut turn with the tissue without end") from error
 
@@ -475,9 +479,11 @@ class FiniteOrgan(MeshedOrgan):
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor, definite = self._factor(A, motion.creeps)
-        W = solved(factor, self.map.Z_T.toarray())
-        C = self.map.Z @ W
-        self._tangents[key] = Tangent(U, A, factor, W, 0.5 * (C + C.T), definite)
+        try:
+            W, C_z = compliance(factor, self.map.Z)
+        except FactorError as error:
+            raise unsolved(error) from error
+        self._tangents[key] = Tangent(U, A, factor, W, C_z, definite)
         return self._tangents[key]
 
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
@@ -674,9 +680,7 @@ class FiniteOrgan(MeshedOrgan):
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
         """M⁻¹ Zᵀ `(N, k)` and Z M⁻¹ Zᵀ `(k, k)`."""
-        W = mass_solver(self.M, self.places, self.choice.name).solve(self.map.Z_T.toarray())
-        C = self.map.Z @ W
-        return W, 0.5 * (C + C.T)
+        return compliance(mass_solver(self.M, self.places, self.choice.name), self.map.Z)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)

@@ -563,7 +563,7 @@ class LipCompliance:
     @cached_property
     def C_ry(self) -> Array:
         """R W of the nodes of the lips, shape `(3r, 9p)`."""
-        return np.asarray(self.organ.lip_rows @ self.W)
+        return touching(self.organ.lip_rows, self.W)
 
     @cached_property
     def C_rr(self) -> Columns:
@@ -583,7 +583,7 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
     W = np.zeros(Y.shape[::-1], order="F")
     for some in together:
         W[:, some] = factor.solve(Y[some].T.toarray(), rough=rough)
-    C = Y @ W
+    C = touching(Y, W)
     for some in together if rough else ():
         C[:, some] += W.T @ (Y[some].T.toarray() - factor.A @ W[:, some])
     return W, 0.5 * (C + C.T)
@@ -595,6 +595,12 @@ def gap_compliance(factor: Solver, G: csr_matrix) -> Columns:
     def some_rows(some: Indices) -> Array:
         """Return columns, a few at a time."""
         few = [some[first : first + COLUMNS] for first in range(0, some.size, COLUMNS)]
-        return np.hstack([G @ factor.solve(G[rows].T.toarray()) for rows in few])
+        return np.hstack([touching(G, factor.solve(G[rows].T.toarray())) for rows in few])
 
     return Columns(G.shape[0], some_rows)
+
+
+def touching(Y: csr_matrix, W: Array) -> Array:
+    """Return Y W for `(k, N)` by `(N, j)` where Y touches few of the N: the product of scipy turns all of W."""
+    touched = np.unique(Y.indices)
+    return np.asarray(Y[:, touched] @ W[touched])

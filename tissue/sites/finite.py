@@ -10,7 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, vstack
+from scipy.sparse import block_diag, csc_matrix, csr_matrix, identity, vstack
 
 from tissue.arrays import Array
 from tissue.sites.site import Sites
@@ -67,34 +67,35 @@ class SiteMap:
         """y0 by site, shape `(p, 9)`."""
         return self.sites.y0.reshape(-1, NINE)
 
-    def slope(self, z: Array) -> Array:
+    def slope(self, z: Array) -> csr_matrix:
         """Return J = ∂y/∂z, shape `(9p, k)`; ∂u_i/∂F_jk = −H_ik u_j with H = F⁻ᵀ."""
-        out = np.zeros((self.sites.y0.size, z.size))
-        for site, (part, cut) in enumerate(zip(self._parts, self.cut, strict=True)):
-            block = out[NINE * site : NINE * (site + 1), part]
-            block[:3, :3] = np.eye(3)
-            if not cut:
-                block[3:, 3:] = np.eye(6)
-                continue
-            H = _carried(z[part])
-            for rows in (slice(3, 6), slice(6, 9)):
-                u = H @ self._frames[site, rows]
-                block[rows, 3:] = -np.einsum("ik,j->ijk", H, u).reshape(3, 9)
-        return out
+        if not any(self.cut):
+            return identity(z.size, format="csr")
+        blocks = []
+        for frame, part, cut in zip(self._frames, self._parts, self.cut, strict=True):
+            block = np.eye(NINE, TWELVE if cut else NINE)
+            if cut:
+                H = _carried(z[part])
+                for rows in (slice(3, 6), slice(6, 9)):
+                    block[rows, 3:] = -np.einsum("ik,j->ijk", H, H @ frame[rows]).reshape(3, 9)
+            blocks.append(block)
+        return csr_matrix(block_diag(blocks))
 
-    def bend(self, z: Array, f_y: Array) -> Array:
+    def bend(self, z: Array, f_y: Array) -> csr_matrix:
         """Return S = Σ f_y ∂²y/∂z², symmetric, shape `(k, k)`: with a = F⁻¹ f_u, H_lk a_m u_j + a_k H_jm u_l."""
-        out = np.zeros((z.size, z.size))
-        for site, (part, cut) in enumerate(zip(self._parts, self.cut, strict=True)):
-            if not cut:
-                continue
-            H, f, inner = _carried(z[part]), f_y.reshape(-1, NINE)[site], np.zeros((9, 9))
-            for rows in (slice(3, 6), slice(6, 9)):
-                u, a = H @ self._frames[site, rows], H.T @ f[rows]
-                both = np.einsum("lk,m,j->jklm", H, a, u)
-                inner += (both + np.einsum("jklm->lmjk", both)).reshape(9, 9)
-            out[part, part][3:, 3:] = inner
-        return out
+        if not any(self.cut):
+            return csr_matrix((z.size, z.size))
+        blocks = []
+        for frame, f, part, cut in zip(self._frames, f_y.reshape(-1, NINE), self._parts, self.cut, strict=True):
+            block = np.zeros((TWELVE, TWELVE) if cut else (NINE, NINE))
+            if cut:
+                H = _carried(z[part])
+                for rows in (slice(3, 6), slice(6, 9)):
+                    u, a = H @ frame[rows], H.T @ f[rows]
+                    both = np.einsum("lk,m,j->jklm", H, a, u)
+                    block[3:, 3:] += (both + np.einsum("jklm->lmjk", both)).reshape(9, 9)
+            blocks.append(block)
+        return csr_matrix(block_diag(blocks))
 
 
 def _carried(z: Array) -> Array:
