@@ -105,16 +105,33 @@ class Course:
 
 @dataclass(frozen=True)
 class Tangent:
-    """A factorised where the organ was at `U`: W = A⁻¹ Zᵀ `(N, k)` and C_z = Z W `(k, k)`; whether A is `definite`."""
+    """A factorised where the organ was at `U`, with the rows `Z` `(k, N)` of its sites; whether A is `definite`."""
 
     U: Array
     A: csr_matrix
     factor: Solver
-    W: Array
-    C_z: Array
+    Z: csr_matrix
     definite: bool = True
     _recalled: deque[tuple[Pairing, Columns]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
     _let_go: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+
+    @cached_property
+    def _columns(self) -> tuple[Array, Array]:
+        """Made when first asked for: an organ that sags alone asks for none."""
+        try:
+            return compliance(self.factor, self.Z)
+        except FactorError as error:
+            raise unsolved(error) from error
+
+    @property
+    def W(self) -> Array:
+        """A⁻¹ Zᵀ, shape `(N, k)`. Raises `OrganError`."""
+        return self._columns[0]
+
+    @property
+    def C_z(self) -> Array:
+        """Z A⁻¹ Zᵀ, shape `(k, k)`. Raises `OrganError`."""
+        return self._columns[1]
 
     def way_without_forces(self, r: Array) -> Array:
         """Return −A⁻¹ r, shape `(N,)` [m]; that of the last residual `(N,)` [N] is remembered. Raises `OrganError`."""
@@ -245,9 +262,9 @@ class FiniteAnswer:
     def _bent(self) -> Array | csr_matrix:
         """(1 − C_z S)⁻¹, shape `(k, k)`."""
         if not self._S.nnz:
-            return identity(len(self.tangent.C_z), format="csr")
+            return identity(self._S.shape[0], format="csr")
         try:
-            return np.asarray(np.linalg.inv(np.eye(len(self.tangent.C_z)) - self.tangent.C_z @ self._S))
+            return np.asarray(np.linalg.inv(np.eye(self._S.shape[0]) - self.tangent.C_z @ self._S))
         except np.linalg.LinAlgError as error:
             raise OrganError("the frames that the needle cut turn with the tissue without end") from error
 
@@ -267,8 +284,9 @@ class FiniteAnswer:
         g, U_p = self.J.T @ forces.f_y, self._U_r
         if forces.push.any():
             U_p = U_p + solved(self.tangent.factor, forces.push)
-        dz = self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ U_p)
-        return np.asarray(self.point.U + self.tangent.W @ (g + self._S @ dz) + U_p)
+        if self._S.nnz:
+            g = g + self._S @ (self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ U_p))
+        return np.asarray(self.point.U + (self.tangent.W @ g if g.any() else 0.0) + U_p)
 
     def _forces(self, f_y: Array, p: Array) -> Forces:
         return Forces(f_y, self.pairing.G.T @ p if p.size else np.zeros(self.organ.size))
@@ -479,11 +497,7 @@ class FiniteOrgan(MeshedOrgan):
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor, definite = self._factor(A, motion.creeps)
-        try:
-            W, C_z = compliance(factor, self.map.Z)
-        except FactorError as error:
-            raise unsolved(error) from error
-        self._tangents[key] = Tangent(U, A, factor, W, C_z, definite)
+        self._tangents[key] = Tangent(U, A, factor, self.map.Z, definite)
         return self._tangents[key]
 
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:

@@ -221,7 +221,7 @@ class LinearAnswer:
         """Site compliance Y A⁻¹ Yᵀ, shape `(9p, 9p)`."""
         return self.operator.C
 
-    @property
+    @cached_property
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
         return self.operator.gaps_by_sites(self.pairing)
