@@ -149,8 +149,11 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
 
     packed = pattern.once("packed", columns, pack)  # which takes longer than to factorise it
     packed.V = matrix(columns.data)
-    order = [] if places is None or A.shape[0] < DISSECT_BEYOND else [matrix(dissect(A, places).tolist(), tc="i")]
-    factor = library.symbolic(packed, *order)
+    if places is None or A.shape[0] < DISSECT_BEYOND:
+        factor = library.symbolic(packed)
+    else:
+        order = pattern.once("order", columns, lambda: matrix(dissect(A, places).tolist(), tc="i"))
+        factor = library.symbolic(packed, order)
     try:
         library.numeric(packed, factor)
     except ArithmeticError as error:
