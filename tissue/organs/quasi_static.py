@@ -91,8 +91,8 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     @cached_property
     def _recalled(self) -> deque[tuple[OrganState, Array]]:
-        """The last state whose lips press on one another, with its field."""
-        return deque(maxlen=1)
+        """The last two states whose lips press on one another, with their fields."""
+        return deque(maxlen=2)
 
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
@@ -229,6 +229,9 @@ class QuasiStaticOrgan(MeshedOrgan):
 
         U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load = g_load − g0.
         """
+        p = self.contact_forces(new)
+        if p.any() or self.contact_forces(old).any():
+            return self._energies_in_contact(p, old, new)
         C, work = self._operator.C, self._operator.loads_work
         parts, df = self.parts(new), new.f_y - old.f_y
         sag, more = self._operator.y_loads @ parts, parts - self.parts(old)
@@ -237,32 +240,17 @@ class QuasiStaticOrgan(MeshedOrgan):
         if more.any():
             given += parts @ (work @ more)
             numerical += 0.5 * more @ (work @ more) + (self._operator.y_loads @ more) @ df
-        by_sites = OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
-        return self._with_contact(by_sites, old, new) if self.pairs else by_sites
+        return OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
 
-    def _with_contact(self, by_sites: OrganEnergies, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return what the contact forces add; the work −p⁺·Δg of those that push is part of `numerical`."""
-        p, before, df = self.contact_forces(new), self.contact_forces(old), new.f_y - old.f_y
-        if not (p.any() or before.any()):
-            return by_sites
-        now, was = self.pairing(new.facing), self.pairing(old.facing)
-        if now.facing is None and was.facing is None:
-            C_cc, C_cy, closing = self._operator.C_cc, self._operator.gaps_by_sites(now), self.G
-            r, dr, sums = p, p - before, None
-        else:  # on the nodes of the lips, which stay
-            C_cc, closing, r, sums = self._operator.C_rr, self.lip_rows, now.sums.T @ p, now.sums
-            C_cy, dr = self._operator.C_ry, r - was.sums.T @ before
-        under_load, under_more = (
-            closing @ (self._operator.U_loads @ parts) for parts in (self.parts(new), self.parts(new) - self.parts(old))
-        )
-        gap, dg_p = C_cc.times(r), C_cc.times(dr)
-        elastic, dg = r @ (under_load + C_cy @ new.f_y + 0.5 * gap), C_cy @ df + dg_p + under_more
-        friction = 0.0
-        if self.contacts > self.pairs:
-            friction = self.contact_works(p, dg if sums is None else sums @ dg)[1]
-        return by_sites._replace(
-            elastic=by_sites.elastic + float(elastic),
-            load_work=by_sites.load_work + float(under_load @ dr),
-            numerical=by_sites.numerical + float(dr @ (dg - 0.5 * dg_p) - r @ dg) - friction,
+    def _energies_in_contact(self, p: Array, old: OrganState, new: OrganState) -> OrganEnergies:
+        """Return the same by the fields where lips press, or did; the work −p⁺·Δg is part of `numerical`."""
+        U, dU = self.field(new), self.field(new) - self.field(old)
+        pushes, friction = self.contact_works(p, self.pairing(new.facing).G @ dU)
+        return OrganEnergies(
+            kinetic=0.0,
+            elastic=float(0.5 * U @ (self.K @ U)),
+            load_work=float(self.load_under(new.shares) @ dU),
+            viscous=0.0,
+            numerical=float(0.5 * dU @ (self.K @ dU)) + pushes,
             friction=friction,
         )
