@@ -49,7 +49,7 @@ MANUAL = Path(__file__).with_name("README.md")
 @dataclass(frozen=True)
 class Column(Generic[Row]):
     """A quantity: `name` (lower_snake_case), `unit` ("-" for a number without unit, empty for text), `meaning` for the
-    manual, and `of`, a function of a row's record that returns the value or None.
+    manual, and `source`, a function of a row's record that returns the value or None; without it, the field `name`.
 
     `kind` is that of a number in it. `parts` are the names of a vector's components in a table; none for a scalar.
     """
@@ -57,9 +57,14 @@ class Column(Generic[Row]):
     name: str
     unit: str
     meaning: str
-    of: Callable[[Row], Value]
+    source: Callable[[Row], Value] | None = None
     kind: Literal["number", "whole", "text"] = "number"
     parts: tuple[str, ...] = ()
+
+    def of(self, record: Row) -> Value:
+        """Return the value of a row's record."""
+        value: Value = getattr(record, self.name) if self.source is None else self.source(record)
+        return value
 
     @property
     def headings(self) -> list[str]:
@@ -68,19 +73,19 @@ class Column(Generic[Row]):
         return [name + unit for name in self.parts or (self.name,)]
 
 
-def vector(name: str, unit: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+def vector(name: str, unit: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
     """Make the column of a vector with three components along x, y and z."""
-    return Column(name, unit, meaning, of, parts=tuple(f"{name}_{axis}" for axis in AXES))
+    return Column(name, unit, meaning, source, parts=tuple(f"{name}_{axis}" for axis in AXES))
 
 
-def count(name: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+def count(name: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
     """Make the column of a whole number."""
-    return Column(name, "-", meaning, of, kind="whole")
+    return Column(name, "-", meaning, source, kind="whole")
 
 
-def text(name: str, meaning: str, of: Callable[[Row], Value]) -> Column[Row]:
+def text(name: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
     """Make the column of a word."""
-    return Column(name, "", meaning, of, kind="text")
+    return Column(name, "", meaning, source, kind="text")
 
 
 def headings(columns: Iterable[Column[Any]]) -> list[str]:
@@ -96,81 +101,45 @@ def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
 # -- the quantities --------------------------------------------------------------------------------------------------
 
 
-TIME: Column[StepRecord] = Column("time", "s", "time reached", lambda step: step.time)
-STEP: Column[StepRecord] = count("step", "number of the step; 0 is the start", lambda step: step.step)
+TIME: Column[StepRecord] = Column("time", "s", "time reached")
+STEP: Column[StepRecord] = count("step", "number of the step; 0 is the start")
 
 NAME: Column[PiercingRecord] = text("piercing", "name of the piercing", lambda hole: hole.name)
-PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", lambda hole: hole.x, parts=AXES)
-STATE: Column[PiercingRecord] = text(
-    "state",
-    "`stick`, `slip`, `anchored`, or `left` (the thread is not in the hole)",
-    lambda hole: hole.state,
-)
+PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", parts=AXES)
+STATE: Column[PiercingRecord] = text("state", "`stick`, `slip`, `anchored`, or `left` (the thread is not in the hole)")
 HOLE: tuple[Column[PiercingRecord], ...] = (
-    Column(
-        "s", "m", "abscissa of the thread in the hole: rest arc length from the start of the path", lambda hole: hole.s
-    ),
-    Column(
-        "slip",
-        "m",
-        "length drawn through towards the end of the thread since the piercing began",
-        lambda hole: hole.slip,
-    ),
+    Column("s", "m", "abscissa of the thread in the hole: rest arc length from the start of the path"),
+    Column("slip", "m", "length drawn through towards the end of the thread since the piercing began"),
     PLACE,
-    vector("displacement", "m", "displacement of the hole from the reference shape", lambda hole: hole.displacement),
-    vector("force", "N", "force of the hole on the thread", lambda hole: hole.force),
+    vector("displacement", "m", "displacement of the hole from the reference shape"),
+    vector("force", "N", "force of the hole on the thread"),
     Column(
         "normal_force",
         "N",
         "force across the thread: of `force`, or summed over both ends of a channel, with the couple",
-        lambda hole: hole.normal_force,
     ),
-    Column(
-        "tangential_force",
-        "N",
-        "part of `force` along `tangent`: friction and the configurational force",
-        lambda hole: hole.tangential_force,
-    ),
-    vector("couple", "N m", "couple of the hole on the thread, by its imposed direction", lambda hole: hole.couple),
-    Column(
-        "tension_before",
-        "N",
-        "axial force of the strand at lower `s`; positive in tension",
-        lambda hole: hole.tension_before,
-    ),
-    Column("tension_after", "N", "the same at higher `s`", lambda hole: hole.tension_after),
+    Column("tangential_force", "N", "part of `force` along `tangent`: friction and the configurational force"),
+    vector("couple", "N m", "couple of the hole on the thread, by its imposed direction"),
+    Column("tension_before", "N", "axial force of the strand at lower `s`; positive in tension"),
+    Column("tension_after", "N", "the same at higher `s`"),
     STATE,
-    vector("tangent", "-", "unit tangent of the thread in the hole, towards rising `s`", lambda hole: hole.tangent),
-    Column(
-        "cone_residual",
-        "N",
-        "violation of Coulomb's law",
-        lambda hole: hole.cone_residual,
-    ),
+    vector("tangent", "-", "unit tangent of the thread in the hole, towards rising `s`"),
+    Column("cone_residual", "N", "violation of Coulomb's law"),
     Column(
         "mean_strain",
         "-",
         "largest principal strain of the tissue across the hole, in magnitude, averaged over the footprint",
-        lambda hole: hole.mean_strain,
     ),
-    Column("turn", "rad", "rotation of the tissue at the hole", lambda hole: hole.turn),
+    Column("turn", "rad", "rotation of the tissue at the hole"),
     Column(
         "bearing_pressure",
         "Pa",
         "`force` over thread diameter and bearing length: the channel, else two footprints, else ten diameters",
-        lambda hole: hole.bearing_pressure,
     ),
 )
-CHANNEL: Column[PiercingRecord] = Column(
-    "channel",
-    "m",
-    "length of the channel; null without friction or direction",
-    lambda hole: hole.channel,
-)
+CHANNEL: Column[PiercingRecord] = Column("channel", "m", "length of the channel; null without friction or direction")
 HOLE_SUMMARY = (*HOLE, CHANNEL)
-MOVED: Column[Piercing] = Column(
-    "moved", "m", "distance from `piercing.near` to the place on the surface; with `near`", lambda hole: hole.moved
-)
+MOVED: Column[Piercing] = Column("moved", "m", "distance from `piercing.near` to the place on the surface; with `near`")
 ACCURACY: tuple[Column[Mapping[str, Any]], ...] = (
     Column(
         "compliance_error",
@@ -191,8 +160,8 @@ HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
     count(
         "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
     ),
-    vector("u", "-", "first vector across the hole, moving with the tissue", lambda hole: hole.u),
-    vector("v", "-", "second vector across the hole", lambda hole: hole.v),
+    vector("u", "-", "first vector across the hole, moving with the tissue"),
+    vector("v", "-", "second vector across the hole"),
 )
 PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)), *HOLE_ARRAYS)
 
@@ -208,105 +177,47 @@ EVENT: tuple[Column[Event], ...] = (
     text(
         "piercing",
         "name of the piercing, tie, tract, pair of surfaces, or strand (`start-entry`, `entry-exit`); else empty",
-        lambda event: event.piercing,
     ),
-    Column(
-        "s",
-        "m",
-        "abscissa of the hole, the cut, or the middle of the strand",
-        lambda event: event.s,
-    ),
-    Column("energy", "J", "change of kinetic and elastic energy: `work` minus `loss`", lambda event: event.energy),
-    Column("work", "J", "work to draw the thread into a hole that begins", lambda event: event.work),
-    Column(
-        "loss",
-        "J",
-        "energy lost by the impulse of a hole that begins, or by a cut",
-        lambda event: event.loss,
-    ),
-    Column(
-        "gap",
-        "m",
-        "distance of thread and hole before the hole begins, or of the strands of a tie",
-        lambda event: event.gap,
-    ),
-    Column("angle", "rad", "angle of thread and direction before the hole begins", lambda event: event.angle),
-    vector(
-        "impulse",
-        "N s",
-        "impulse of a hole that begins on the thread, or change of momentum by a cut",
-        lambda event: event.impulse,
-    ),
+    Column("s", "m", "abscissa of the hole, the cut, or the middle of the strand"),
+    Column("energy", "J", "change of kinetic and elastic energy: `work` minus `loss`"),
+    Column("work", "J", "work to draw the thread into a hole that begins"),
+    Column("loss", "J", "energy lost by the impulse of a hole that begins, or by a cut"),
+    Column("gap", "m", "distance of thread and hole before the hole begins, or of the strands of a tie"),
+    Column("angle", "rad", "angle of thread and direction before the hole begins"),
+    vector("impulse", "N s", "impulse of a hole that begins on the thread, or change of momentum by a cut"),
     count("control_points", "number after a cut, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
-    Column("kinetic", "J", "kinetic energy of thread and organ", lambda energy: energy.kinetic),
+    Column("kinetic", "J", "kinetic energy of thread and organ"),
+    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 of the bends of its path"),
+    Column("elastic_tissue", "J", "elastic energy of the organ"),
+    Column("prestretch", "J", "the part of `elastic_tissue` that `tissue.prestretch` stored at the start"),
+    Column("external_work", "J", "work of loads, gravity, holders and hands since the start"),
+    Column("friction_dissipation", "J", "energy dissipated by friction in holes and contacts since the start"),
     Column(
-        "elastic_thread",
-        "J",
-        "elastic energy of the thread; in row 0 of the bends of its path",
-        lambda energy: energy.elastic_thread,
-    ),
-    Column("elastic_tissue", "J", "elastic energy of the organ", lambda energy: energy.elastic_tissue),
-    Column(
-        "prestretch",
-        "J",
-        "the part of `elastic_tissue` that `tissue.prestretch` stored at the start",
-        lambda energy: energy.prestretch,
-    ),
-    Column(
-        "external_work",
-        "J",
-        "work of loads, gravity, holders and hands since the start",
-        lambda energy: energy.external_work,
-    ),
-    Column(
-        "friction_dissipation",
-        "J",
-        "energy dissipated by friction in holes and contacts since the start",
-        lambda energy: energy.friction_dissipation,
-    ),
-    Column(
-        "viscous_dissipation",
-        "J",
-        "energy dissipated by damping, and work of stress that relaxes, since the start",
-        lambda energy: energy.viscous_dissipation,
+        "viscous_dissipation", "J", "energy dissipated by damping, and work of stress that relaxes, since the start"
     ),
     Column(
         "numerical_dissipation",
         "J",
         "energy dissipated by the integrator and contact since the start; negative: energy was created",
-        lambda energy: energy.numerical_dissipation,
     ),
-    Column(
-        "balance_error",
-        "J",
-        "external work minus dissipation and change of energy: round-off",
-        lambda energy: energy.balance_error,
-    ),
+    Column("balance_error", "J", "external work minus dissipation and change of energy: round-off"),
 )
 
-MAX_STRAIN: Column[StepRecord] = Column(
-    "max_strain", "-", "largest axial strain of the thread", lambda step: step.max_strain
-)
+MAX_STRAIN: Column[StepRecord] = Column("max_strain", "-", "largest axial strain of the thread")
 SPAN_RATIO: Column[StepRecord] = Column(
-    "span_ratio",
-    "-",
-    "longest span at a hole over the bending length √(EI/T); ⅓ is fine, above ½ is too coarse",
-    lambda step: step.span_ratio,
+    "span_ratio", "-", "longest span at a hole over the bending length √(EI/T); ⅓ is fine, above ½ is too coarse"
 )
 SPANS_BETWEEN: Column[StepRecord] = Column(
     "spans_between",
     "-",
     "fewest spans between two neighbouring holes, null with fewer than two holes; 3 is fine, below 2 is too coarse",
-    lambda step: step.spans_between,
 )
 ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
     "start": (
-        vector(
-            "start_reaction", "N", "force of the holder on the start of the thread", lambda step: step.start_reaction
-        ),
+        vector("start_reaction", "N", "force of the holder on the start of the thread"),
         Column(
             "start_torque",
             "N m",
@@ -315,7 +226,7 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
         ),
     ),
     "end": (
-        vector("end_reaction", "N", "force of the holder on the end of the thread", lambda step: step.end_reaction),
+        vector("end_reaction", "N", "force of the holder on the end of the thread"),
         Column(
             "end_torque",
             "N m",
@@ -325,172 +236,98 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
     ),
 }
 GROWS: Column[PulledEnd] = Column(
-    "grows_within",
-    "s",
-    "ramp time of the dead load on this end, 0: at once; for a pulled end",
-    lambda end: end.ramp,
+    "grows_within", "s", "ramp time of the dead load on this end, 0: at once; for a pulled end", lambda end: end.ramp
 )
 SOLVED: tuple[Column[StepRecord], ...] = (
-    count("newton_iterations", "Newton iterations of this step", lambda step: step.newton_iterations),
-    Column(
-        "constraint_max",
-        "m",
-        "largest distance between a hole and its thread",
-        lambda step: step.constraint_max,
-    ),
+    count("newton_iterations", "Newton iterations of this step"),
+    Column("constraint_max", "m", "largest distance between a hole and its thread"),
     MAX_STRAIN,
-    Column("slide_speed", "m/s", "largest speed of the thread in a hole", lambda step: step.slide_speed),
+    Column("slide_speed", "m/s", "largest speed of the thread in a hole"),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
-    Column(
-        "seconds",
-        "s",
-        "wall-clock time of the step without compilation; the mean of steps made in one call",
-        lambda step: step.seconds,
-    ),
+    Column("seconds", "s", "wall-clock time of the step without compilation; the mean of steps made in one call"),
 )
 
-PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces", lambda lips: lips.pair)
+PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces")
 CONTACT: tuple[Column[ContactRecord], ...] = (
-    count("pairs", "number of node pairs", lambda lips: lips.pairs),
-    count("pressed", "pairs under a force", lambda lips: lips.pressed),
+    count("pairs", "number of node pairs"),
+    count("pressed", "pairs under a force"),
     Column(
-        "smallest_gap",
-        "m",
-        "smallest gap of a pair along the normal; for wound lips the normal of the wound plane",
-        lambda lips: lips.smallest_gap,
+        "smallest_gap", "m", "smallest gap of a pair along the normal; for wound lips the normal of the wound plane"
     ),
-    Column(
-        "largest_gap",
-        "m",
-        "largest gap of pairs that face each other; zero without such pairs",
-        lambda lips: lips.largest_gap,
-    ),
-    Column(
-        "open_area",
-        "m²",
-        f"area of facing pairs more than {APART:g} m apart",
-        lambda lips: lips.open_area,
-    ),
-    Column(
-        "gap_volume",
-        "m³",
-        "volume between the surfaces: the integral of the gap",
-        lambda lips: lips.gap_volume,
-    ),
-    Column("slide", "m", "largest sliding distance of a pair", lambda lips: lips.slide),
-    Column("largest_pressure", "Pa", "largest pressure of a pair", lambda lips: lips.largest_pressure),
-    Column("area", "m²", "area under pressure", lambda lips: lips.area),
-    Column("force", "N", "sum of the contact forces' magnitudes", lambda lips: lips.force),
-    Column("complementarity", "J", "largest magnitude of force times gap of a pair", lambda lips: lips.complementarity),
-    count(
-        "slipping",
-        "pressed pairs that slip; the others stick",
-        lambda lips: lips.slipping,
-    ),
-    Column(
-        "friction",
-        "N",
-        "magnitude of the friction resultant",
-        lambda lips: lips.friction,
-    ),
-    Column(
-        "approximation",
-        "-",
-        f"share of the area with a gap below {APART:g} m in magnitude",
-        lambda lips: lips.approximation,
-    ),
-    Column(
-        "closure_force",
-        "N",
-        "force of the thread that closes the wound: the mean of both sides",
-        lambda lips: lips.closure_force,
-    ),
+    Column("largest_gap", "m", "largest gap of pairs that face each other; zero without such pairs"),
+    Column("open_area", "m²", f"area of facing pairs more than {APART:g} m apart"),
+    Column("gap_volume", "m³", "volume between the surfaces: the integral of the gap"),
+    Column("slide", "m", "largest sliding distance of a pair"),
+    Column("largest_pressure", "Pa", "largest pressure of a pair"),
+    Column("area", "m²", "area under pressure"),
+    Column("force", "N", "sum of the contact forces' magnitudes"),
+    Column("complementarity", "J", "largest magnitude of force times gap of a pair"),
+    count("slipping", "pressed pairs that slip; the others stick"),
+    Column("friction", "N", "magnitude of the friction resultant"),
+    Column("approximation", "-", f"share of the area with a gap below {APART:g} m in magnitude"),
+    Column("closure_force", "N", "force of the thread that closes the wound: the mean of both sides"),
     Column(
         "eversion",
         "rad",
         "mean angle by which the edges at the stitches turn outwards, both sides together; negative: inwards; "
         "empty without edges",
-        lambda lips: lips.eversion,
     ),
 )
 
-STITCH_NAME: Column[StitchRecord] = text(
-    "stitch", "name of the tie, the tract or the single hole", lambda stitch: stitch.stitch
-)
-STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces", lambda s: s.pair)
+STITCH_NAME: Column[StitchRecord] = text("stitch", "name of the tie, the tract or the single hole")
+STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces")
 STITCH: tuple[Column[StitchRecord], ...] = (
-    Column(
-        "left_force",
-        "N",
-        "closing force of the thread on one side, across the undeformed surfaces",
-        lambda stitch: stitch.left_force,
-    ),
-    Column("right_force", "N", "closing force on the other side", lambda stitch: stitch.right_force),
-    Column(
-        "load_share",
-        "-",
-        "share of the stitch in the force of all stitches; empty if that is zero",
-        lambda stitch: stitch.load_share,
-    ),
+    Column("left_force", "N", "closing force of the thread on one side, across the undeformed surfaces"),
+    Column("right_force", "N", "closing force on the other side"),
+    Column("load_share", "-", "share of the stitch in the force of all stitches; empty if that is zero"),
 )
 
 GAP_PROFILE: tuple[Column[GapRecord], ...] = (
-    text("pair", "names of the two surfaces", lambda gap: gap.pair),
-    Column("way", "m", "length along the rim in the reference shape", lambda gap: gap.way),
-    Column("x", "m", "place on the rim", lambda gap: gap.x, parts=AXES),
-    Column("edge_gap", "m", "gap at the rim; empty if it faces nothing", lambda gap: gap.edge_gap),
-    Column(
-        "largest_gap",
-        "m",
-        "largest gap of the surface nearest to this place; empty if it faces nothing",
-        lambda gap: gap.largest_gap,
-    ),
-    Column("largest_pressure", "Pa", "largest pressure of the same part", lambda gap: gap.largest_pressure),
+    text("pair", "names of the two surfaces"),
+    Column("way", "m", "length along the rim in the reference shape"),
+    Column("x", "m", "place on the rim", parts=AXES),
+    Column("edge_gap", "m", "gap at the rim; empty if it faces nothing"),
+    Column("largest_gap", "m", "largest gap of the surface nearest to this place; empty if it faces nothing"),
+    Column("largest_pressure", "Pa", "largest pressure of the same part"),
 )
 
-TRACT_NAME: Column[TractRecord] = text("tract", "names of its two holes", lambda tract: tract.tract)
+TRACT_NAME: Column[TractRecord] = text("tract", "names of its two holes")
 TRACT: tuple[Column[TractRecord], ...] = (
     count("balls", "number of tissue balls along the path", lambda tract: len(tract.balls)),
-    Column("length", "m", "length of path on which the thread bears", lambda t: t.length),
-    Column("spacing", "m", "largest distance between balls", lambda tract: tract.spacing),
-    vector("force", "N", "total force of the tissue on the thread", lambda tract: tract.force),
-    Column("normal_force", "N", "sum of the forces across the thread", lambda tract: tract.normal_force),
-    Column("friction", "N", "sum of the forces along the thread, towards rising `s`", lambda tract: tract.friction),
-    Column("bearing", "N/m", "largest force across the thread per length", lambda tract: tract.bearing),
-    Column(
-        "bearing_pressure",
-        "Pa",
-        "largest force on a ball over thread diameter and ball length",
-        lambda tract: tract.bearing_pressure,
-    ),
-    Column("displacement", "m", "largest displacement of a ball", lambda t: t.displacement),
+    Column("length", "m", "length of path on which the thread bears"),
+    Column("spacing", "m", "largest distance between balls"),
+    vector("force", "N", "total force of the tissue on the thread"),
+    Column("normal_force", "N", "sum of the forces across the thread"),
+    Column("friction", "N", "sum of the forces along the thread, towards rising `s`"),
+    Column("bearing", "N/m", "largest force across the thread per length"),
+    Column("bearing_pressure", "Pa", "largest force on a ball over thread diameter and ball length"),
+    Column("displacement", "m", "largest displacement of a ball"),
     Column("tension_before", "N", "tension before the first ball", lambda tract: tract.balls[0].tension_before),
     Column("tension_after", "N", "tension after the last ball", lambda tract: tract.balls[-1].tension_after),
-    count("slipping", "number of balls at which the thread slips", lambda tract: tract.slipping),
+    count("slipping", "number of balls at which the thread slips"),
 )
 
 LOAD: tuple[Column[LoadRecord], ...] = (
-    text("boundary", "name of the loaded boundary", lambda load: load.boundary),
-    Column("share", "-", "share of the load that acts now", lambda load: load.share),
-    Column("area", "m²", "area of the boundary in the reference shape", lambda load: load.area),
-    vector("force", "N", "total force on the organ", lambda load: load.force),
+    text("boundary", "name of the loaded boundary"),
+    Column("share", "-", "share of the load that acts now"),
+    Column("area", "m²", "area of the boundary in the reference shape"),
+    vector("force", "N", "total force on the organ"),
 )
 
 TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.name)
-TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", lambda tie: tie.x, parts=AXES)
+TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", parts=AXES)
 TIE_STATE: Column[TieRecord] = text(
     "state",
     "`open`: not closed, or undone; `held` in statics before it is `drawn` by hands; `tied`; `slips`: above `hold`",
-    lambda tie: tie.state,
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
-    Column("force", "N", "tension of the strands at the tie", lambda tie: tie.force),
-    Column("length", "m", "unstrained length of the loop; empty if it is cut", lambda tie: tie.length),
-    Column("gap", "m", "distance of the strands, which the hands bring together", lambda tie: tie.gap),
-    Column("work", "J", "work of the hands", lambda tie: tie.work),
-    Column("s_first", "m", "abscissa of the strand at lower `s`", lambda tie: tie.s_first),
-    Column("s_second", "m", "abscissa of the other strand", lambda tie: tie.s_second),
+    Column("force", "N", "tension of the strands at the tie"),
+    Column("length", "m", "unstrained length of the loop; empty if it is cut"),
+    Column("gap", "m", "distance of the strands, which the hands bring together"),
+    Column("work", "J", "work of the hands"),
+    Column("s_first", "m", "abscissa of the strand at lower `s`"),
+    Column("s_second", "m", "abscissa of the other strand"),
 )
 TIE: tuple[Column[TieRecord], ...] = (TIE_STATE, *TIE_NUMBERS, TIE_PLACE)
 TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
@@ -499,97 +336,52 @@ TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
 )
 
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
-    vector(
-        "displacement",
-        "m",
-        "displacement from the reference shape, in which the points are",
-        lambda organ: organ.displacement,
-    ),
+    vector("displacement", "m", "displacement from the reference shape, in which the points are"),
     Column(
         "stress",
         "Pa",
         "stress recovered at the nodes: xx, yy, zz, xy, yz, xz",
-        lambda organ: organ.stress,
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
-    Column("von_mises", "Pa", "von Mises stress", lambda organ: organ.von_mises),
+    Column("von_mises", "Pa", "von Mises stress"),
     Column(
         "principal_stress",
         "Pa",
         "principal stresses in falling order; compression is negative",
-        lambda organ: organ.principal_stress,
         parts=("stress_first", "stress_second", "stress_third"),
     ),
-    vector("first_direction", "-", "direction of the first, of either sign", lambda o: o.first_direction),
-    vector("third_direction", "-", "direction of the third, of either sign", lambda o: o.third_direction),
-    Column(
-        "nodal_volume_ratio",
-        "-",
-        "J averaged at the vertices, as used for nearly incompressible tissue",
-        lambda organ: organ.nodal_volume_ratio,
-    ),
-    Column(
-        "contact_pressure",
-        "Pa",
-        "pressure on contact surfaces, else zero; with contact",
-        lambda organ: organ.contact_pressure,
-    ),
-    Column("lip_gap", "m", "gap of contact surfaces, else not a number; with contact", lambda organ: organ.lip_gap),
+    vector("first_direction", "-", "direction of the first, of either sign"),
+    vector("third_direction", "-", "direction of the third, of either sign"),
+    Column("nodal_volume_ratio", "-", "J averaged at the vertices, as used for nearly incompressible tissue"),
+    Column("contact_pressure", "Pa", "pressure on contact surfaces, else zero; with contact"),
+    Column("lip_gap", "m", "gap of contact surfaces, else not a number; with contact"),
 )
 ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
-    Column(
-        "strain",
-        "-",
-        "largest principal strain of the cell, in magnitude",
-        lambda organ: organ.strain,
-    ),
-    Column("rotation", "rad", "largest rotation of the cell, half the length of curl U", lambda organ: organ.rotation),
-    Column(
-        "energy_density",
-        "Pa",
-        "mean strain energy per volume",
-        lambda organ: organ.energy_density,
-    ),
-    Column(
-        "volume_ratio",
-        "-",
-        "J: volume of the cell over that in the reference shape",
-        lambda organ: organ.volume_ratio,
-    ),
+    Column("strain", "-", "largest principal strain of the cell, in magnitude"),
+    Column("rotation", "rad", "largest rotation of the cell, half the length of curl U"),
+    Column("energy_density", "Pa", "mean strain energy per volume"),
+    Column("volume_ratio", "-", "J: volume of the cell over that in the reference shape"),
     Column(
         "principal_stretch",
         "-",
         "mean principal stretches in falling order; at finite strain",
-        lambda organ: organ.principal_stretch,
         parts=("stretch_first", "stretch_second", "stretch_third"),
     ),
-    vector(
-        "first_stretch",
-        "-",
-        "direction of the first in the deformed shape; at finite strain",
-        lambda o: o.first_stretch,
-    ),
-    vector("third_stretch", "-", "direction of the third, likewise", lambda o: o.third_stretch),
+    vector("first_stretch", "-", "direction of the first in the deformed shape; at finite strain"),
+    vector("third_stretch", "-", "direction of the third, likewise"),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
-    Column("s", "m", "abscissa: rest arc length from the start of the path", lambda thread: thread.s),
-    Column("tension", "N", "axial force; compression is negative", lambda thread: thread.tension),
-    Column("curvature", "1/m", "curvature of the axis", lambda thread: thread.curvature),
+    Column("s", "m", "abscissa: rest arc length from the start of the path"),
+    Column("tension", "N", "axial force; compression is negative"),
+    Column("curvature", "1/m", "curvature of the axis"),
     Column(
         "radius",
         "m",
         "radius of the thread, for the Tube filter",
         lambda thread: np.full(len(thread.points), thread.radius),
     ),
-    Column(
-        "torque", "N m", "torque about the tangent, right-handed; with `thread.twist`", lambda thread: thread.torque
-    ),
-    vector(
-        "bearing",
-        "N/m",
-        "force of tracts on the thread per length, else zero; with `tract`",
-        lambda thread: thread.bearing,
-    ),
+    Column("torque", "N m", "torque about the tangent, right-handed; with `thread.twist`"),
+    vector("bearing", "N/m", "force of tracts on the thread per length, else zero; with `tract`"),
 )
 ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
@@ -609,12 +401,7 @@ RANGE: tuple[Column[Extremes], ...] = (
         f"the same for cells rotated above {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
     ),
-    Column(
-        "pressed_turn",
-        "rad",
-        "largest turn of a surface under pressure, over all frames",
-        lambda met: met.pressed_turn,
-    ),
+    Column("pressed_turn", "rad", "largest turn of a surface under pressure, over all frames"),
 )
 HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
     Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
@@ -630,7 +417,7 @@ HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
     Column("cell_energy", "Pa", "largest `energy_density` of these cells, over all frames", lambda met: met[4]),
 )
 
-REDUCTION: Column[ReductionRecord] = count("vectors", "number of vectors of the basis", lambda small: small.vectors)
+REDUCTION: Column[ReductionRecord] = count("vectors", "number of vectors of the basis")
 HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
     Column(
         "difference",
@@ -639,10 +426,7 @@ HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
         lambda small: small[0],
     ),
     Column(
-        "bound",
-        "m",
-        "largest bound of the distance from the hole's place in the whole organ",
-        lambda small: small[1],
+        "bound", "m", "largest bound of the distance from the hole's place in the whole organ", lambda small: small[1]
     ),
     Column(
         "force_difference",
@@ -654,11 +438,7 @@ HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
 )
 
 KRYLOV: tuple[Column[tuple[int, float]], ...] = (
-    count(
-        "vectors",
-        "number of vectors of the Krylov space; 0 once all unknowns are solved",
-        lambda known: known[0],
-    ),
+    count("vectors", "number of vectors of the Krylov space; 0 once all unknowns are solved", lambda known: known[0]),
     Column(
         "residual",
         "-",
@@ -668,28 +448,19 @@ KRYLOV: tuple[Column[tuple[int, float]], ...] = (
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
-    text("status", "`completed`, `failed` or `interrupted`", lambda run: run.status),
-    text("error", "reason of a run that was not completed, else empty", lambda run: run.error),
+    text("status", "`completed`, `failed` or `interrupted`"),
+    text("error", "reason of a run that was not completed, else empty"),
     Column("time", "s", "time reached", lambda run: run.last.time if run.last else 0.0),
     count("steps", "steps taken", lambda run: run.last.step if run.last else 0),
-    count("newton_iterations", "Newton iterations of all steps", lambda run: run.newton_iterations),
-    Column(
-        "constraint_max",
-        "m",
-        "largest distance between a hole and its thread, over all steps",
-        lambda run: run.constraint_max,
-    ),
+    count("newton_iterations", "Newton iterations of all steps"),
+    Column("constraint_max", "m", "largest distance between a hole and its thread, over all steps"),
     Column(
         "seconds_per_step",
         "s",
         "mean wall-clock time of a step without compilation; null before the first",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
-    count(
-        "tissue_dofs",
-        "free unknowns of the organ",
-        lambda run: run.tissue_dofs,
-    ),
+    count("tissue_dofs", "free unknowns of the organ"),
 )
 
 
@@ -722,62 +493,38 @@ def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
 
 def _part_column(place: int, column: Column[Any]) -> Column[Any]:
     """Return the column of a pair that takes its value from one of the two."""
-    of = column.of
-    return replace(column, of=lambda pair: of(pair[place]))
+    return replace(column, source=lambda pair: column.of(pair[place]))
 
 
-EVENT_TIME: Column[Event] = Column(
-    "time",
-    "s",
-    "time of the event, or the end of its step",
-    lambda event: event.time,
-)
+def listed(
+    name: str, columns: Iterable[Column[Item]], items: Callable[[StepRecord], Iterable[Item]]
+) -> Layout[StepItem[Item]]:
+    """Return the layout of a table with a row for each item of a step."""
+    return Layout(
+        name,
+        (*step_columns(TIME, STEP), *item_columns(*columns)),
+        lambda step: [(step, item) for item in items(step)],
+        every_step=False,
+    )
 
-PIERCINGS: Layout[StepItem[PiercingRecord]] = Layout(
-    "piercings",
-    (*step_columns(TIME, STEP), *item_columns(NAME, *HOLE)),
-    lambda step: [(step, hole) for hole in step.piercings],
-    every_step=False,
+
+EVENT_TIME: Column[Event] = Column("time", "s", "time of the event, or the end of its step")
+
+PIERCINGS = listed("piercings", (NAME, *HOLE), lambda step: step.piercings)
+EVENTS: Layout[StepItem[Event]] = replace(
+    listed("events", EVENT, lambda step: step.events),
+    columns=(*item_columns(EVENT_TIME), *step_columns(STEP), *item_columns(*EVENT)),
 )
-EVENTS: Layout[StepItem[Event]] = Layout(
-    "events",
-    (*item_columns(EVENT_TIME), *step_columns(STEP), *item_columns(*EVENT)),
-    lambda step: [(step, event) for event in step.events],
-    every_step=False,
-)
-ENERGIES: Layout[StepItem[EnergyRecord]] = Layout(
-    "energy", (*step_columns(TIME, STEP), *item_columns(*ENERGY)), lambda step: [(step, step.energy)]
-)
+ENERGIES = replace(listed("energy", ENERGY, lambda step: [step.energy]), every_step=True)
 STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
-CONTACTS: Layout[StepItem[ContactRecord]] = Layout(
-    "contact",
-    (*step_columns(TIME, STEP), *item_columns(PAIR, *CONTACT)),
-    lambda step: [(step, pair) for pair in step.contact],
-    every_step=False,
-)
-LOADS: Layout[StepItem[LoadRecord]] = Layout(
-    "loads",
-    (*step_columns(TIME, STEP), *item_columns(*LOAD)),
-    lambda step: [(step, load) for load in step.loads],
-    every_step=False,
-)
-TRACTS: Layout[StepItem[TractRecord]] = Layout(
-    "tracts",
-    (*step_columns(TIME, STEP), *item_columns(TRACT_NAME, *TRACT)),
-    lambda step: [(step, tract) for tract in step.tracts],
-    every_step=False,
-)
-TIES: Layout[StepItem[TieRecord]] = Layout(
-    "ties",
-    (*step_columns(TIME, STEP), *item_columns(TIE_NAME, *TIE)),
-    lambda step: [(step, tie) for tie in step.ties],
-    every_step=False,
-)
-STITCHES: Layout[StepItem[StitchRecord]] = Layout(
+CONTACTS = listed("contact", (PAIR, *CONTACT), lambda step: step.contact)
+LOADS = listed("loads", LOAD, lambda step: step.loads)
+TRACTS = listed("tracts", (TRACT_NAME, *TRACT), lambda step: step.tracts)
+TIES = listed("ties", (TIE_NAME, *TIE), lambda step: step.ties)
+STITCHES = listed(
     "stitches",
-    (*step_columns(TIME, STEP), *item_columns(STITCH_NAME, STITCH_PAIR, *STITCH)),
-    lambda step: [(step, stitch) for pair in step.contact for stitch in pair.stitches],
-    every_step=False,
+    (STITCH_NAME, STITCH_PAIR, *STITCH),
+    lambda step: [stitch for pair in step.contact for stitch in pair.stitches],
 )
 # In the order in which they are written: where a table with a row for every step has a step, those before it have too.
 TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, STITCHES, TIES)
