@@ -27,31 +27,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-import tissue
-from coupling.errors import EquilibriumError
 from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
-from studies.simulation.assembly import assemble
 from studies.study import Columns, Study, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
-from studies.wound_closure.study import (
-    MILLI,
-    MOVES,
-    NEAR,
-    NU,
-    PRECISE,
-    SOURCES,
-    THICKNESS,
-    Case,
-    E,
-    Hands,
-    check_wounds,
-    scenario,
-)
+from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
 SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
 APPROACH = 2.5e-3  # by which lips are drawn together at a time, at most [m]
@@ -101,7 +84,7 @@ class Skin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(Wound):
     """One wound, closed by stitches drawn all at once. Forces are those of E = 0.8 MPa, and grow with it."""
 
     length: float = measured("m", lambda at: at.case.length)  # cut
@@ -111,33 +94,27 @@ class Row:
     stretch: float = measured("-", lambda at: at.skin.stretch if at.skin else 1.0)  # before it was cut
     tension: float = measured("N/m", lambda at: at.skin.tension if at.skin else 0.0)  # of the uncut sheet
     opened: float = measured("m", lambda at: at.opened.max())  # in the middle, before it is closed
-    unknowns: int = measured("", lambda at: at.organ.size)
+    unknowns: int = measured("", lambda at: at.hands.organ.size)
     places: tuple[float, ...] = measured("m", lambda at: at.case.places)  # of the stitches
     forces: tuple[float, ...] = measured("N", lambda at: at.hands.forces(at.state))
     widest: float = measured("m", lambda at: at.hands.gaps(at.state, at.case.places).max())  # gap left at a stitch
-    contact_force: float = measured("N", lambda at: at.organ.contact_forces(at.state.organ).sum())
-    closed: bool = measured("", lambda at: at.closed)  # as near as was asked
-
-    @property
-    def wound(self) -> tuple[float, float]:
-        """Length and width [m]."""
-        return self.length, self.width
-
-    @property
-    def name(self) -> str:
-        """The wound [mm]."""
-        return f"{self.length / MILLI:g} × {self.width / MILLI:g}" if self.width else f"slit of {self.length / MILLI:g}"
-
-    @property
-    def middle(self) -> float:
-        """Force of the stitch in the middle, or of the two next to it [N]."""
-        n = len(self.forces)
-        return float(np.mean(self.forces[(n - 1) // 2 : n // 2 + 1]))
+    contact_force: float = measured("N", lambda at: at.hands.organ.contact_forces(at.state.organ).sum())
+    closed: bool  # as near as was asked
 
     @property
     def of_tension(self) -> float:
         """Force of all stitches over that of the uncut sheet, σ₀ t L [-]."""
         return sum(self.forces) / (self.tension * self.length) if self.tension else float("nan")
+
+    @property
+    def crack(self) -> float:
+        """Opening of a crack as long in a large linear sheet, 2 σ₀ L/E [m]."""
+        return 2.0 * self.tension * self.length / STIFFNESS
+
+    @property
+    def shares(self) -> Array:
+        """Force of each stitch over its share of σ₀ t L [-]."""
+        return np.array(self.forces) * len(self.forces) / (self.tension * self.length)
 
 
 def main(
@@ -152,7 +129,6 @@ def main(
 
     Raises `StudyError` for wounds that do not fit, and for skin that is pressed together.
     """
-    check_wounds(wounds, sheet, PITCH, 0.0)
     allowed = min(tensions) >= 0.0 and max(tensions) <= TAUT
     remedy = f"give 0 for none to {TAUT:g}; skin is not pressed together"
     require(allowed, f"tensions = {list(tensions)} N/m", remedy)
@@ -164,79 +140,41 @@ def main(
 
 def close_wound(case: Case, skins: Sequence[Skin]) -> Iterator[Row]:
     """Yield the wound closed in the linear sheet, if it has a width, and in each skin."""
-    flat = replace(case, width=case.width or APPROACH)
-    linear = Hands(flat, assemble(scenario(flat)))
+    linear = Hands.of(replace(case, width=case.width or APPROACH))
     if case.width:
-        n = len(case.places)
-        state, done = linear.tighten(linear.straight_state, np.ones(n, dtype=bool), np.zeros(n, dtype=bool))
+        all_of_them = np.ones(len(case.places), dtype=bool)
+        state, done = linear.tighten(linear.straight_state, all_of_them, ~all_of_them)
         yield row_of(linear, None, state, np.array([case.width]), done)
     for skin in skins:
         if case.width or skin.tension:
-            yield close_skin(TautHands(case, assemble(scenario(case, skin.keys))), skin, linear.answers[0])
+            yield close_skin(Hands.of(case, skin.keys), skin, linear.answers[0])
 
 
-@dataclass(frozen=True)
-class TautHands(Hands):
-    """Hands that draw the stitches of a sheet at finite strain."""
-
-    @property
-    def finite(self) -> tissue.FiniteOrgan:
-        """The sheet."""
-        assert isinstance(self.assembly.organ, tissue.FiniteOrgan)
-        return self.assembly.organ
-
-    @cached_property
-    def straight_state(self) -> State:
-        """Before anything is drawn: straight, through the holes of the gaping wound."""
-        return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
-
-    @cached_property
-    def pairs(self) -> tuple[NDArray[np.intp], Array]:
-        """Nodes of the lips on the sheet's upper side that lay across from one another, `(k, 2)`, and their places
-        along the wound [m]."""
-        gaps, at = self.finite.gaps, self.finite.elasticity.points
-        assert gaps is not None
-        nodes = gaps.nodes
-        upper = np.flatnonzero(at[nodes[:, 0], 2] >= -1e-9 * THICKNESS)
-        order = upper[np.argsort(at[nodes[upper, 0], 1])]
-        return nodes[order], at[nodes[order, 0], 1]
-
-    def gaps(self, state: State, y: Array) -> Array:
-        """Return the gap between opposite points of the wound at y [m]."""
-        body, (nodes, at) = self.finite.elasticity, self.pairs
-        x = body.points[:, 0] + body.nodal(self.finite.displacement(state.organ))[:, 0]
-        end = 0.5 * self.case.length
-        return np.interp(y, [-end, *at, end], [0.0, *(x[nodes[:, 1]] - x[nodes[:, 0]]), 0.0])
-
-
-def close_skin(hands: TautHands, skin: Skin, answer: Array) -> Row:
-    """Return the closed wound; `answer` is the closing of the linear sheet's lips per drawn stitch [-]. Broyden's
-    method learns the effects of stiffening and contact."""
-    case, state = hands.case, hands.straight_state
-    opened = hands.gaps(state, case.places)
+def close_skin(hands: Hands, skin: Skin, answer: Array) -> Row:
+    """Return the closed wound, drawn together bit by bit; `answer` is the closing of the linear sheet's lips per drawn
+    stitch [-]."""
+    state, y = hands.straight_state, hands.case.places
+    opened = hands.gaps(state, y)
     limit, bits = PRECISE * opened.max(), int(np.ceil(opened.max() / APPROACH))
     for bit in range(1, bits + 1):
         goal = opened * (1.0 - (1.0 - NEAR) * bit / bits)
-        missing = hands.gaps(state, case.places) - goal
-        for _ in range(MOVES if bit == bits else 1):
-            if np.abs(missing).max() <= limit:
-                break
-            step = np.linalg.solve(answer, -missing)
-            try:
-                state = hands.draw(state, np.asarray(step))
-            except EquilibriumError:
-                return row_of(hands, skin, state, opened, False)
-            before, missing = missing, hands.gaps(state, case.places) - goal
-            answer = answer + np.outer(missing - before - answer @ step, step) / (step @ step)
-    return row_of(hands, skin, state, opened, bool(np.abs(missing).max() <= limit))
+        missing = partial(beyond_goal, hands, goal)
+        state, answer, left = hands.reach(state, missing, answer, limit, moves=MOVES if bit == bits else 1)
+        if np.isinf(left).any():
+            break
+    return row_of(hands, skin, state, opened, bool(np.abs(left).max() <= limit))
+
+
+def beyond_goal(hands: Hands, goal: Array, state: State) -> Array:
+    """Return by how much the lips are farther apart than a goal at each stitch [m]."""
+    return hands.gaps(state, hands.case.places) - goal
 
 
 def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed: bool) -> Row:
     """Return the row of a wound that is `closed` or as far as it was drawn together, in a skin, None for the linear
     sheet; `opened` is its width at the stitches before [m]."""
-    end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened, closed=closed)
-    end.organ = hands.assembly.organ
-    return measure(Row, end)
+    end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened)
+    return measure(Row, end, closed=closed)
 
 
 # --- what the rows say ------------------------------------------------------------------------------------
@@ -324,14 +262,17 @@ def figure(rows: Sequence[Row]) -> Figure:
     """Draw the forces along the wounds, those of slits, how far wounds gape, and the published ratios."""
     wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
     skins, names = (dict.fromkeys(getattr(row, key) for row in wide) for key in ("skin", "name"))
-    forces = {skin: {f"{row.name} mm": along(row, 1.0) for row in wide if row.skin == skin} for skin in skins}
+    forces = {
+        skin: {f"{row.name} mm": row.course(row.places, np.array(row.forces)) for row in wide if row.skin == skin}
+        for skin in skins
+    }
     styles = dict(zip(skins, (":", "--", "-", "-."), strict=False))
     legend = [curve([], [], f"{name} mm", "-", of) for name, of in zip(names, COLOURS, strict=False)]
     legend += [curve([], [], skin, style) for skin, style in styles.items()]
-    shares = {f"{r.name} mm, {r.skin}": along(r, r.tension * r.length / len(r.forces)) for r in slits}
+    shares = {f"{r.name} mm, {r.skin}": r.course(r.places, r.shares) for r in slits}
     gaped = grouped((row for row in rows if row.tension), lambda row: f"{row.name} mm, {row.tension:g} N/m")
-    by_law = [2.0 * row.tension * row.length / (E * THICKNESS) / MILLI for row in rows if row.tension]
-    top = 1.1 * max([*by_law, *((row.opened - row.width) / MILLI for row in rows if row.tension)], default=1.0)
+    most = [max(row.crack, row.opened - row.width) / MILLI for row in rows if row.tension]
+    top = 1.1 * max(most, default=1.0)
     pairs = grouped(found, lambda ratio: f"{ratio.source}, {ratio.skin}")
     scalp = {"Ahmad 2019, scalp, by width": [(pull / STRIPS[11], w / 11.0) for w, pull in STRIPS.items() if w > 11]}
     place, small = "place along the wound, over its half length [-]", {"fontsize": 6}
@@ -351,10 +292,7 @@ def figure(rows: Sequence[Row]) -> Figure:
         [
             panel(
                 "crack in a large linear sheet, 2 σ₀ L/E [mm]", "opened beyond what was cut [mm]",
-                series(
-                    gaped, lambda row: 2.0 * row.tension * row.length / (E * THICKNESS) / MILLI,
-                    lambda row: (row.opened - row.width) / MILLI, "",
-                ),
+                series(gaped, "crack [mm]", lambda row: (row.opened - row.width) / MILLI, ""),
                 curve([0.0, top], [0.0, top], None, "--"), title="how far stretched skin gapes", legend=small,
                 xlim=(0.0, top), ylim=(0.0, top),
             ),
@@ -365,11 +303,6 @@ def figure(rows: Sequence[Row]) -> Figure:
             ),
         ],
     )  # fmt: skip
-
-
-def along(row: Row, share: float) -> list[tuple[float, float]]:
-    """Return the places of the stitches over half the length of the wound, and their forces over a share."""
-    return [(2.0 * at / row.length, force / share) for at, force in zip(row.places, row.forces, strict=True)]
 
 
 STUDY = Study(

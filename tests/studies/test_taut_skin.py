@@ -9,7 +9,7 @@ import pytest
 from studies.figure import render_figure
 from studies.study import StudyError
 from studies.taut_skin.study import LINEAR_SHEET, PITCH, SLIT, STUDY, Row, Skin, main, ratios, remarks, table
-from studies.wound_closure.study import NEAR, NU, SOURCES, THICKNESS, E
+from studies.wounds import NEAR, NU, SOURCES, THICKNESS, E
 from tests.bounds import TWO_SOLVERS
 
 TENSION = 90.0  # of the uncut sheet [N/m]: the stitches' share of it is far above what they are drawn beyond it

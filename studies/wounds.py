@@ -1,0 +1,276 @@
+"""Wounds through a sheet of skin: published ones, and hands that draw their stitches until the lips nearly meet.
+
+The sheet is that of `studies/wound_closure/scene.toml`. The stitches are one thread that runs to and fro, and is cut
+where it turns. The hands draw both ends of a stitch alike.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from skfem import ElementVector, FacetBasis, LinearForm
+
+import tissue
+from coupling.arrays import Flags
+from coupling.errors import EquilibriumError
+from coupling.run import begin
+from coupling.system import State, System
+from studies.arrays import Array
+from studies.simulation.assembly import Assembly, assemble
+from studies.study import require, scene
+from studies.verdicts import bearing_strain
+from thread.catalogue import suture
+from thread.path import rounded_path
+from tissue.elasticity import ELEMENTS
+
+E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the numbers that follow from it (Et = 1.2 kN/m)
+STIFFNESS = E * THICKNESS  # of the sheet [N/m]
+FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
+SUTURE = "3-0 polypropylene"
+SPAN = 1e-3  # of the thread [m]
+TAIL = 6e-3  # of thread beyond the holes, in addition to what is drawn out [m]
+NEAR = 0.02  # of the open width there: lips this near are together; nearer, the force of the last stitch has no limit
+PRECISE = 1e-4  # of the width: how well the hands do that
+MOVES = 30  # of theirs at most
+MILLI = 1e-3
+TOGETHER, IN_TURN = "all at once", "one after another"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A published pair of wounds: length and width [m], and the largest force of a stitch [N]."""
+
+    name: str
+    wounds: tuple[tuple[float, float], tuple[float, float]]
+    forces: tuple[float, float]
+    way: str  # in which the stitches are drawn here to compare with it
+
+
+SOURCES = (
+    Source("Čapek 2012, finite elements", ((0.030, 0.005), (0.030, 0.015)), (0.5, 1.5), TOGETHER),
+    Source("Čapek 2012, in vivo", ((0.036, 0.005), (0.046, 0.013)), (1.1, 3.2), TOGETHER),
+    Source("Wen 2023, pig skin", ((0.040, 0.010), (0.040, 0.014)), (1.7, 2.5), IN_TURN),
+)
+WOUNDS = tuple(dict.fromkeys(wound for source in SOURCES for wound in source.wounds))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A wound in its sheet [m], a slit if it has no width; raises `StudyError` for one that does not fit, and for one
+    shorter than a pitch."""
+
+    length: float
+    width: float
+    sheet: float
+    size: float
+    far: float
+    pitch: float
+    bite: float
+    near: float = NEAR  # of the open width: how near the lips are drawn together
+    variant: str = ""
+
+    def __post_init__(self) -> None:
+        fits = 0.0 <= self.width <= self.length < 0.5 * self.sheet and self.length >= self.pitch
+        given = f"wounds: {self.length} × {self.width} m in a sheet of {self.sheet} m"
+        remedy = f"give a width up to the length, and a length from {self.pitch:g} m to half the sheet's edge"
+        require(fits, given, remedy)
+
+    @property
+    def places(self) -> Array:
+        """Places of the stitches along the wound, each in the middle of its share [m]."""
+        n = max(round(self.length / self.pitch), 1)
+        return np.asarray((np.arange(n) - 0.5 * (n - 1)) * self.length / n)
+
+    def opening(self, y: Array) -> Array:
+        """Return the width of the open wound at y [m]."""
+        return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
+
+    def assembly(self, material: Mapping[str, object]) -> Assembly:
+        """Assemble the sheet and the stitches; nothing is drawn yet. A wound without width is a slit. `material` are
+        keys of the sheet's."""
+        y, depth = self.places, -0.5 * THICKNESS
+        sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
+        half, reach = 0.5 * self.opening(y) + self.bite, 1.5 * self.width + self.bite + TAIL
+        ends = [(k, s * side) for k, side in enumerate(sides) for s in (1.0, -1.0)]
+        path = [[side * reach, y[k], depth] for k, side in ends]
+        turns = [[-side * reach, 0.5 * (a + b), depth] for side, a, b in zip(sides, y, y[1:], strict=False)]
+        hole = {"kind": "anchored", "footprint": FOOTPRINT, "draw": [[0.0, 0.0]]}
+        shape = {"shape": "ellipse", "width": self.width} if self.width else {"generator": "gmsh"}
+        sizes = {"size": [self.sheet, self.sheet, THICKNESS], "length": self.length, "depth": THICKNESS}
+        values = {
+            "tissue.mesh": {"kind": "wound", **shape, **sizes, "h": self.far, "h_site": self.size, "accuracy": "given"},
+            "thread.control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
+            "thread.path": path,
+            "thread.cuts": [rounded_path(path).nearest(turn)[0] for turn in turns],
+            "piercing": [
+                {"name": f"{k + 1} {'left' if side < 0 else 'right'}", "at": [side * half[k], y[k], depth], **hole}
+                for k, side in ends
+            ],
+        }
+        return assemble(scene("wound_closure", values | {f"tissue.{key}": value for key, value in material.items()}))
+
+
+class Wound:
+    """A wound that was closed: its length and width [m], and the force of each stitch [N]."""
+
+    length: float
+    width: float
+    forces: tuple[float, ...]
+
+    @property
+    def wound(self) -> tuple[float, float]:
+        """Length and width [m]."""
+        return self.length, self.width
+
+    @property
+    def name(self) -> str:
+        """The wound [mm]."""
+        return f"{self.length / MILLI:g} × {self.width / MILLI:g}" if self.width else f"slit of {self.length / MILLI:g}"
+
+    @property
+    def middle(self) -> float:
+        """Force of the stitch in the middle, or of the two next to it [N]."""
+        n = len(self.forces)
+        return float(np.mean(self.forces[(n - 1) // 2 : n // 2 + 1]))
+
+    @property
+    def bearing(self) -> float:
+        """Bearing strain T/(d ℓ E) of the stitch that bears most."""
+        return bearing_strain(max(self.forces), suture(SUTURE).diameter, THICKNESS, E)
+
+    def course(self, places: Sequence[float], values: Array) -> list[tuple[float, float]]:
+        """Return places along the wound over half its length, each with its value."""
+        return list(zip(2.0 * np.array(places) / self.length, values, strict=True))
+
+
+@dataclass(frozen=True)
+class Hands:
+    """The hands that draw the stitches of a case and measure the lips."""
+
+    case: Case
+    assembly: Assembly
+
+    @classmethod
+    def of(cls, case: Case, material: Mapping[str, object] | None = None) -> "Hands":
+        """Return the hands of a case, with keys of the sheet's material, None of a linear one."""
+        return cls(case, case.assembly(material or {}))
+
+    @property
+    def system(self) -> System:
+        """Thread, sheet and holes."""
+        return self.assembly.system
+
+    @property
+    def organ(self) -> tissue.QuasiStaticOrgan | tissue.FiniteOrgan:
+        """The sheet."""
+        organ = self.assembly.organ
+        assert isinstance(organ, tissue.QuasiStaticOrgan | tissue.FiniteOrgan)
+        return organ
+
+    @cached_property
+    def rim(self) -> tuple[NDArray[np.intp], Array]:
+        """Pairs of the lips on the sheet's upper side in their order along the wound, and their places along it [m]."""
+        assert self.organ.gaps is not None
+        at = self.organ.elasticity.points[self.organ.gaps.nodes[:, 0]]
+        upper = np.flatnonzero(at[:, 2] >= -1e-9 * THICKNESS)
+        order = upper[np.argsort(at[upper, 1])]
+        return order, at[order, 1]
+
+    @cached_property
+    def straight_state(self) -> State:
+        """Before anything is drawn: straight, through the holes of the wound."""
+        return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
+
+    @cached_property
+    def answers(self) -> tuple[Array, Array]:
+        """Changes of all gaps [-] and forces [N/m] per length drawn at each stitch, while the lips are open."""
+        y, length, straight = self.case.places, 0.01 * self.case.width, self.straight_state
+        each = [self.draw(straight, length * unit) for unit in np.eye(len(y))]
+        gaps = np.column_stack([self.gaps(state, y) - self.gaps(straight, y) for state in each])
+        forces = np.column_stack([self.forces(state) - self.forces(straight) for state in each])
+        return gaps / length, forces / length
+
+    @cached_property
+    def uniform_traction(self) -> float:
+        """Traction on the lips, across the wound and per length along it, that closes a linear sheet in the middle,
+        over that of a large one, EW/(4c) [-]."""
+        organ, body, (order, at) = self.organ, self.organ.elasticity, self.rim
+        assert isinstance(organ, tissue.QuasiStaticOrgan)
+        load = np.zeros(body.N)
+        for name, inward in (("lip_left", 1.0), ("lip_right", -1.0)):
+            lip = FacetBasis(body.mesh, ElementVector(ELEMENTS[body.element]()), facets=body.mesh.boundaries[name])
+            load += inward * LinearForm(lambda v, w: abs(w.n[0]) * v[0]).assemble(lip)
+        U = organ.operator(0.0, 0.0).factor.solve(load[body.free])
+        traction = self.case.width / -float(np.interp(0.0, at, (organ.G @ U)[order]))
+        return traction / (E * self.case.width / (2.0 * self.case.length))
+
+    def draw(self, state: State, lengths: Array) -> State:
+        """Return the equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One
+        unit of time is one move of the hands."""
+        now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
+        tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
+        pulled = zip(self.system.piercings, tables, strict=True)
+        system = replace(self.system, piercings=tuple(replace(hole, draw=draw) for hole, draw in pulled))
+        return begin(system, state).load(1.0, now + 1.0).state
+
+    def forces(self, state: State) -> Array:
+        """Return the tension of each stitch [N], which its two holes take whole, for its tails are free."""
+        first, last = state.lam[0::2, :3], state.lam[1::2, :3]
+        across = state.y[0::2, :3] - state.y[1::2, :3]
+        return 0.5 * np.vecdot(first - last, across) / np.linalg.norm(across, axis=1)
+
+    def gaps(self, state: State, y: Array) -> Array:
+        """Return the distance of the lips at y [m]; none at the ends of the wound. In a sheet at finite strain it is
+        that of points that were opposite."""
+        organ, (order, at) = self.organ, self.rim
+        if isinstance(organ, tissue.QuasiStaticOrgan):
+            apart = organ.gap(state.organ)[order]
+        else:
+            assert organ.gaps is not None
+            x = organ.elasticity.points[:, 0] + organ.elasticity.nodal(organ.displacement(state.organ))[:, 0]
+            apart = np.diff(x[organ.gaps.nodes[order]])[:, 0]
+        end = 0.5 * self.case.length
+        return np.interp(y, [-end, *at, end], [0.0, *apart, 0.0])
+
+    def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
+        """Return the stitches `tying` drawn until the lips nearly touch there, those `slack` until they bear nothing,
+        the others unchanged; and whether that was reached."""
+        case, y, moving = self.case, self.case.places, tying | slack
+        by_gap, by_force = self.answers
+        answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
+        limit = np.where(tying, case.width, STIFFNESS * case.width)[moving] * PRECISE
+
+        def missing(state: State) -> Array:
+            gaps = self.gaps(state, y) - case.near * case.opening(y)
+            return np.where(tying, gaps, self.forces(state))[moving]
+
+        state, _, left = self.reach(state, missing, answer, limit, moving)
+        return state, bool(np.all(np.abs(left) <= limit))
+
+    def reach(
+        self,
+        state: State,
+        missing: Callable[[State], Array],
+        answer: Array,
+        limit: Array | float,
+        moving: Flags | slice = slice(None),
+        moves: int = MOVES,
+    ) -> tuple[State, Array, Array]:
+        """Draw the `moving` stitches until nothing is `missing` but the `limit`, `moves` times at most: the state, the
+        change of what is missing per length drawn, and what is missing, infinite where no equilibrium was found.
+        Broyden's method learns the effects of contact and stiffening."""
+        left = missing(state)
+        for _ in range(moves):
+            if np.all(np.abs(left) <= limit):
+                break
+            lengths = np.zeros(len(self.case.places))
+            lengths[moving] = step = np.linalg.solve(answer, -left)
+            try:
+                state = self.draw(state, lengths)
+            except EquilibriumError:
+                return state, answer, np.full_like(left, np.inf)
+            before, left = left, missing(state)
+            answer = answer + np.outer(left - before - answer @ step, step) / (step @ step)
+        return state, answer, left
