@@ -19,6 +19,7 @@ from studies.scenario.table import (
     check_ending,
     check_rising,
     one_sentence,
+    optional,
 )
 
 WAVE = 32  # rows of a period: linear in between, they are within 0.25 % of the wave's height
@@ -97,17 +98,15 @@ Course = Annotated[
 class Timed(ScenarioTable):
     """A load that may change over time."""
 
-    course: Course | None = Field(
-        default=None,
-        description="factor of the load over time: rows of t [s], factor [-], t increasing, linear in between, or a "
+    course: Course | None = optional(
+        "factor of the load over time: rows of t [s], factor [-], t increasing, linear in between, or a "
         "table of a named course. Times count from `from`. In statics t is from 0 to solve.duration; default: the "
         "whole load",
-        examples=[[[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]], {"kind": "cough", "at": 0.3}],
+        [[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]],
+        {"kind": "cough", "at": 0.3},
     )
     from_: NotNegative = Field(default=0.0, alias="from", description="time before which the load is zero [s]")
-    until: Positive | None = Field(
-        default=None, description="time after which the load is zero [s]; default: never", examples=[0.5]
-    )
+    until: Positive | None = optional("time after which the load is zero [s]; default: never", 0.5)
 
     @model_validator(mode="after")
     def _check_course(self) -> Self:

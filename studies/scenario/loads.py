@@ -5,23 +5,20 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from studies.scenario.course import Timed
-from studies.scenario.table import NotNegative, Number, Text, Vector
+from studies.scenario.table import NotNegative, Number, Text, Vector, optional
 
 
 class Load(Timed):
     """Force per area on a boundary of the organ."""
 
     boundary: Text = Field(description="name of the boundary that the load acts on", examples=["top"])
-    traction: Vector | None = Field(
-        default=None,
-        description="dead load per area of the reference shape [Pa]; instead of pressure",
-        examples=[[0, 0, 1.0e4]],
+    traction: Vector | None = optional(
+        "dead load per area of the reference shape [Pa]; instead of pressure", [0, 0, 1.0e4]
     )
-    pressure: Number | None = Field(
-        default=None,
-        description="pressure [Pa], positive if it pushes on the organ; follows the surface at finite strain, but acts "
+    pressure: Number | None = optional(
+        "pressure [Pa], positive if it pushes on the organ; follows the surface at finite strain, but acts "
         "along the reference normals in a linear material",
-        examples=[2.0e3],
+        2.0e3,
     )
     ramp: NotNegative = Field(
         default=0.0, description="time in which the load grows linearly from zero [s]; in statics over the load steps"

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from studies.scenario.refusal import as_key, as_toml
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, optional
 
 Law = Literal["linear", "neo-hookean", "exponential"]
 FAMILIES = 2  # of fibres at one place, at most
@@ -28,22 +28,16 @@ class Fibre(ScenarioTable):
 class MaterialKeys(ScenarioTable):
     """Keys of a material at finite strain."""
 
-    stiffening: Positive | None = Field(
-        default=None,
-        description='stiffening b [-], required by the "exponential" material: W = μ/(2b) (exp(b(Ī₁ − 3)) '
-        "− 1) + κ/2 (J − 1)²",
-        examples=[5.0],
+    stiffening: Positive | None = optional(
+        'stiffening b [-], required by the "exponential" material: W = μ/(2b) (exp(b(Ī₁ − 3)) − 1) + κ/2 (J − 1)²', 5.0
     )
-    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = Field(
-        default=None,
-        description="up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-]; they "
+    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = optional(
+        "up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-]; they "
         "carry tension only: W = k1/(2 k2) (exp(k2 ⟨Ī₄ − 1⟩²) − 1); default: none",
-        examples=[[{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}]],
+        [{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}],
     )
-    prestretch: tuple[Positive, Positive, Positive] | None = Field(
-        default=None,
-        description="principal stretches of the reference shape along x, y, z [-]; default: none",
-        examples=[[1.05, 1.0, 0.952]],
+    prestretch: tuple[Positive, Positive, Positive] | None = optional(
+        "principal stretches of the reference shape along x, y, z [-]; default: none", [1.05, 1.0, 0.952]
     )
 
 

@@ -21,6 +21,7 @@ from studies.scenario.table import (
     Text,
     Vector,
     one_sentence,
+    optional,
     repetition,
 )
 
@@ -70,9 +71,7 @@ class _Sized(_Mesh):
     """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
 
     h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
-    h_site: Positive | None = Field(
-        default=None, description="mesh size at the piercings [m]; default: uniform", examples=[0.5e-3]
-    )
+    h_site: Positive | None = optional("mesh size at the piercings [m]; default: uniform", 0.5e-3)
     growth: Growth = Field(default=1.3, description=GROWTH)
 
     @property
@@ -187,10 +186,8 @@ class TubeMesh(_Sized):
     radius: Positive = Field(description="outer radius of the tube [m]", examples=[0.01])
     wall: Positive = Field(description="thickness of the wall [m], below the radius", examples=[0.002])
     length: Positive = Field(description="length of the tube [m], with the gap", examples=[0.05])
-    gap: NotNegative | None = Field(
-        default=None,
-        description="distance of the two stumps of a cut tube [m]; 0: they touch; default: not cut",
-        examples=[1.0e-3],
+    gap: NotNegative | None = optional(
+        "distance of the two stumps of a cut tube [m]; 0: they touch; default: not cut", 1.0e-3
     )
 
     @property
@@ -219,12 +216,8 @@ class FileMesh(_Mesh):
         Literal["m", "dm", "cm", "mm", "um"] | Positive,
         one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
     ] = Field(default="m", description="length unit of the file: a name, or metres per file unit")
-    h: Positive | None = Field(
-        default=None, description="mesh size far from the piercings, of a surface to be filled [m]", examples=[4.0e-3]
-    )
-    h_site: Positive | None = Field(
-        default=None, description="mesh size at the piercings, of a surface to be filled [m]; default: uniform"
-    )
+    h: Positive | None = optional("mesh size far from the piercings, of a surface to be filled [m]", 4.0e-3)
+    h_site: Positive | None = optional("mesh size at the piercings, of a surface to be filled [m]; default: uniform")
     growth: Growth = Field(default=1.3, description=GROWTH)
 
     @property
@@ -255,9 +248,7 @@ class GivenMesh(_Mesh):
     """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
 
     kind: Literal["given"]
-    sha256: Text | None = Field(
-        default=None, description="digest that identifies the mesh; default: that of the mesh given"
-    )
+    sha256: Text | None = optional("digest that identifies the mesh; default: that of the mesh given")
 
 
 Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
@@ -287,23 +278,19 @@ class Region(MaterialKeys):
     earlier one."""
 
     name: Text = Field(description="name of the region; without box and depth, of a volume in the mesh file")
-    box: tuple[Vector, Vector] | None = Field(
-        default=None, description="two opposite corners [m]; the cells whose centre is inside"
+    box: tuple[Vector, Vector] | None = optional("two opposite corners [m]; the cells whose centre is inside")
+    depth: tuple[NotNegative, NotNegative] | None = optional(
+        "layer of a block or wound, from and to, below its top [m]", [0.0, 2.0e-3]
     )
-    depth: tuple[NotNegative, NotNegative] | None = Field(
-        default=None, description="layer of a block or wound, from and to, below its top [m]", examples=[[0.0, 2.0e-3]]
+    youngs_modulus: Positive | None = optional("Young's modulus [Pa]; default the organ's")
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] | None = optional(
+        "Poisson's ratio [-], between -1 and 0.5; default the organ's"
     )
-    youngs_modulus: Positive | None = Field(default=None, description="Young's modulus [Pa]; default the organ's")
-    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] | None = Field(
-        default=None, description="Poisson's ratio [-], between -1 and 0.5; default the organ's"
-    )
-    density: Positive | None = Field(default=None, description="density [kg/m³]; default the organ's")
-    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default the organ's", examples=[2.0e6])
-    material: Law | None = Field(
-        default=None, description="strain-energy density, as for the organ; default the organ's"
-    )
-    relaxation: Series | None = Field(
-        default=None, description="stress relaxation [-], [s], as for the organ; [] for none; default the organ's"
+    density: Positive | None = optional("density [kg/m³]; default the organ's")
+    strength: Positive | None = optional(f"{STRENGTH}; default the organ's", 2.0e6)
+    material: Law | None = optional("strain-energy density, as for the organ; default the organ's")
+    relaxation: Series | None = optional(
+        "stress relaxation [-], [s], as for the organ; [] for none; default the organ's"
     )
 
     @model_validator(mode="after")
@@ -330,11 +317,10 @@ class Reduction(ScenarioTable):
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
         default=0, description="lowest vibration modes [-] in addition"
     )
-    keep: Annotated[str, Field(strict=True, min_length=1)] | None = Field(
-        default=None,
-        description="folder, relative to the scenario file, that stores bases for later runs with the same mesh, "
+    keep: Annotated[str, Field(strict=True, min_length=1)] | None = optional(
+        "folder, relative to the scenario file, that stores bases for later runs with the same mesh, "
         "material, holes and loads; default: none is kept",
-        examples=["bases"],
+        "bases",
     )
 
 
@@ -346,7 +332,7 @@ class Tissue(MaterialKeys):
         description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
-    strength: Positive | None = Field(default=None, description=f"{STRENGTH}; default: none", examples=[2.0e6])
+    strength: Positive | None = optional(f"{STRENGTH}; default: none", 2.0e6)
     material: Law = Field(
         default="linear",
         description='"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to '
@@ -379,11 +365,10 @@ class Tissue(MaterialKeys):
     rayleigh: tuple[NotNegative, NotNegative] = Field(
         default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
-    reduction: Reduction | None = Field(
-        default=None,
-        description="small basis for a linear organ with inertia: the cost of a step does not depend on "
+    reduction: Reduction | None = optional(
+        "small basis for a linear organ with inertia: the cost of a step does not depend on "
         "the mesh, and the error is estimated; default: none",
-        examples=[{"blocks": 2, "modes": 0}],
+        {"blocks": 2, "modes": 0},
     )
     clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
     roller: tuple[Text, ...] = Field(

@@ -18,6 +18,7 @@ from studies.scenario.table import (
     check_ending,
     check_rising,
     one_sentence,
+    optional,
     refuse_subgrid,
 )
 
@@ -76,16 +77,11 @@ class Piercing(ScenarioTable):
         "near and along, and written into scenario.toml of the run",
         examples=[[-0.01, 0.0, 0.0]],
     )
-    near: Vector | None = Field(
-        default=None,
-        description='point from which at = "surface" searches [m]',
-        examples=[[-0.01, 0.0, 0.002]],
-    )
-    along: Vector | None = Field(
-        default=None,
-        description='direction [-] of the line through near that finds at = "surface", at the place nearest to near; '
+    near: Vector | None = optional('point from which at = "surface" searches [m]', [-0.01, 0.0, 0.002])
+    along: Vector | None = optional(
+        'direction [-] of the line through near that finds at = "surface", at the place nearest to near; '
         "default: direction if it is three numbers, else none: the surface point nearest to near",
-        examples=[[0.0, 0.0, -1.0]],
+        [0.0, 0.0, -1.0],
     )
     kind: Literal["sliding", "anchored"] = Field(
         default="sliding", description='"sliding", or "anchored": one point of the thread is held'
@@ -103,52 +99,44 @@ class Piercing(ScenarioTable):
         description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
     )
     weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
-    s: NotNegative | None = Field(
-        default=None,
-        description="initial abscissa of the piercing [m], at an end of the thread only if anchored; "
+    s: NotNegative | None = optional(
+        "initial abscissa of the piercing [m], at an end of the thread only if anchored; "
         "default: the point of the thread nearest to it",
-        examples=[0.031],
+        0.031,
     )
-    friction: Friction | None = Field(
-        default=None,
-        description="friction coefficients [-] and grip [N]; default none",
-        examples=[{"static": 0.12, "kinetic": 0.10, "grip": 0.0}],
+    friction: Friction | None = optional(
+        "friction coefficients [-] and grip [N]; default none", {"static": 0.12, "kinetic": 0.10, "grip": 0.0}
     )
-    draw: Hand | None = Field(
-        default=None,
-        description="rows of t [s], length [m] that a hand draws through the hole, t increasing, linear in between; "
+    draw: Hand | None = optional(
+        "rows of t [s], length [m] that a hand draws through the hole, t increasing, linear in between; "
         'positive towards the end of the path, counted from the beginning of the piercing. An "anchored" hole '
         'is held before and after; at a "sliding" one the hand acts from the first to the last row. A row of '
         "t alone lets go until the next row, whose length is the new zero. In statics t is from 0 to "
         "solve.duration; default: none",
-        examples=[[[0.0, 0.0], [1.0, 0.005]]],
+        [[0.0, 0.0], [1.0, 0.005]],
     )
-    pull: Hand | None = Field(
-        default=None,
-        description="rows of t [s], force [N] with which a hand draws the thread through the hole, t "
+    pull: Hand | None = optional(
+        "rows of t [s], force [N] with which a hand draws the thread through the hole, t "
         "increasing, linear in between; positive towards the end of the path. The hand holds "
         'against the tissue at the hole. An "anchored" hole keeps the first and last force; '
         'at a "sliding" one the hand acts from the first to the last row, and a row of t '
         "alone lets go until the next. In statics t is from 0 to solve.duration. Instead of "
         'draw, or at a "sliding" hole before or after it; default: none',
-        examples=[[[0.0, 0.0], [0.2, 1.0]]],
+        [[0.0, 0.0], [0.2, 1.0]],
     )
-    channel: Positive | None = Field(
-        default=None,
-        description="length of the channel, at whose ends the couple presses [m]; default with friction "
+    channel: Positive | None = optional(
+        "length of the channel, at whose ends the couple presses [m]; default with friction "
         "and a direction: the length of path in tissue along the direction, up to half the "
         "distance to the next hole, or ten thread diameters without tissue",
-        examples=[2.0e-3],
+        2.0e-3,
     )
     from_: NotNegative = Field(
         default=0.0,
         alias="from",
         description="time at which the piercing begins [s], at the next end of a step; its state is left before",
     )
-    until: Positive | None = Field(
-        default=None,
-        description="time at which the piercing ends [s], at the next end of a step; default: never",
-        examples=[0.5],
+    until: Positive | None = optional(
+        "time at which the piercing ends [s], at the next end of a step; default: never", 0.5
     )
 
     @model_validator(mode="before")

@@ -19,7 +19,7 @@ from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.stitch import Stitch, long_form
-from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, optional, plain_values, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
@@ -43,10 +43,8 @@ class Scenario(ScenarioTable):
     """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
 
     title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
-    tissue: Tissue | None = Field(
-        default=None,
-        description="the organ; without it the piercings are points fixed in space",
-        examples=[{"youngs_modulus": 1.0e5}],
+    tissue: Tissue | None = optional(
+        "the organ; without it the piercings are points fixed in space", {"youngs_modulus": 1.0e5}
     )
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
     piercing: tuple[Piercing, ...] = Field(

@@ -5,7 +5,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, optional
 
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: more than a day
@@ -45,10 +45,9 @@ class Solve(ScenarioTable):
         description='time integration: "bdf2" (order 2) or "euler" (backward, order 1), which is used by the linear '
         "scheme and two-pass friction unless given; constraints hold at the end of the step",
     )
-    tolerance: Positive | None = Field(
-        default=None,
-        description="accepted error of a step in thread and abscissae [m]; steps with a larger estimate "
-        "are divided, down to dt/64; without it all steps are dt long",
+    tolerance: Positive | None = optional(
+        "accepted error of a step in thread and abscissae [m]; steps with a larger estimate "
+        "are divided, down to dt/64; without it all steps are dt long"
     )
     coupling: Literal["monolithic", "staggered"] = Field(
         default="monolithic", description="thread and organ solved together, or one after the other"

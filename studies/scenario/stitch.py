@@ -27,6 +27,7 @@ from studies.scenario.table import (
     Vector,
     check_ending,
     one_sentence,
+    optional,
     repetition,
 )
 from thread.path import rounded_path
@@ -59,11 +60,10 @@ class Stitch(ScenarioTable):
         description="place on the line of the wound [m]: the middle of the stitch, or the first bite of a running one",
         examples=[[0, 0, 0]],
     )
-    along: Vector | None = Field(
-        default=None,
-        description="direction of the wound [-]; right is at the right hand of who walks along it on the surface; "
+    along: Vector | None = optional(
+        "direction of the wound [-]; right is at the right hand of who walks along it on the surface; "
         "default: that of the mesh's wound, else y",
-        examples=[[0, 1, 0]],
+        [0, 1, 0],
     )
     normal: Vector = Field(default=(0.0, 0.0, 1.0), description="direction out of the tissue at the wound [-]")
     bite: Annotated[
@@ -75,37 +75,29 @@ class Stitch(ScenarioTable):
         examples=[5.0e-3],
     )
     depth: Positive = Field(description="depth of the bites below `at` [m]", examples=[4.0e-3])
-    pitch: Positive | None = Field(
-        default=None,
-        description="distance of the bites along the wound [m], of a purse-string the radius; default: the bite",
-        examples=[5.0e-3],
+    pitch: Positive | None = optional(
+        "distance of the bites along the wound [m], of a purse-string the radius; default: the bite", 5.0e-3
     )
     count: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
         default=6, description="number of bites [-] of a running stitch or a purse-string, from 2 to 200"
     )
     force: Positive = Field(description="force of the hands that draw it [N]", examples=[1.0])
     from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
-    until: Positive | None = Field(
-        default=None,
-        description="time at which it is locked [s]; default: three quarters of the run, at the end of a step",
-        examples=[0.25],
+    until: Positive | None = optional(
+        "time at which it is locked [s]; default: three quarters of the run, at the end of a step", 0.25
     )
-    hold: Positive | None = Field(
-        default=None, description="tension above which its tie slips [N]; default: never", examples=[10.0]
-    )
+    hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
     footprint: Positive = Field(default=1.0e-3, description="radius of the averaging disc of its holes [m]")
     tract: (
         Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
-    ) = Field(
-        default=None,
-        description="radius of the tissue along the bites on which the thread bears [m], or false: at the holes alone; "
+    ) = optional(
+        "radius of the tissue along the bites on which the thread bears [m], or false: at the holes alone; "
         "default: the footprint",
-        examples=[1.0e-3],
+        1.0e-3,
     )
-    friction: Friction | None = Field(
-        default=None,
-        description="friction coefficients [-] along holes and tracts, and grip of each hole [N]; default none",
-        examples=[{"static": 0.1, "kinetic": 0.1}],
+    friction: Friction | None = optional(
+        "friction coefficients [-] along holes and tracts, and grip of each hole [N]; default none",
+        {"static": 0.1, "kinetic": 0.1},
     )
 
     @model_validator(mode="after")

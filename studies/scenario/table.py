@@ -79,6 +79,11 @@ class ScenarioTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
 
 
+def optional(description: str, *examples: Any) -> Any:
+    """Declare a key that may be left out and is None then, with its description and examples of its value."""
+    return Field(default=None, description=description, examples=list(examples) or None)
+
+
 def check_ending(begins: float, until: float | None) -> None:
     """Refuse an end that is not after the beginning [s]."""
     if until is not None and until <= begins:

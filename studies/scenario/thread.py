@@ -21,6 +21,7 @@ from studies.scenario.table import (
     Waypoint,
     Whole,
     check_rising,
+    optional,
 )
 from thread.catalogue import suture
 from thread.errors import ThreadError
@@ -37,12 +38,11 @@ class FreeEnd(_End):
 
 
 class _HeldEnd(_End):
-    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = Field(
-        default=None,
-        description="rows of t [s], angle [rad] by which the end is turned about the thread's tangent, right-handed "
+    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = optional(
+        "rows of t [s], angle [rad] by which the end is turned about the thread's tangent, right-handed "
         "towards the end of the path, t increasing, angle 0 at t = 0; needs thread.twist; default: a clamped end does "
         "not turn, any other turns freely",
-        examples=[[[0.0, 0.0], [1.0, 6.28]]],
+        [[0.0, 0.0], [1.0, 6.28]],
     )
 
     @model_validator(mode="after")
@@ -71,11 +71,10 @@ class PulledEnd(_End, Timed):
 
     kind: Literal["pulled"]
     force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
-    ramp: NotNegative | None = Field(
-        default=None,
-        description="time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a dynamic run "
+    ramp: NotNegative | None = optional(
+        "time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a dynamic run "
         '(at most its duration), 0 in statics, with solve.start = "rest" and with a course',
-        examples=[0.1],
+        0.1,
     )
 
     @model_validator(mode="after")
@@ -127,24 +126,20 @@ def _known(name: str) -> str:
 class Thread(ScenarioTable):
     """Suture thread laid along a path."""
 
-    suture: Annotated[Text, AfterValidator(_known)] | None = Field(
-        default=None,
-        description="USP size and material or brand from the catalogue; instead of diameter, youngs_modulus, density",
-        examples=["2-0 polypropylene"],
+    suture: Annotated[Text, AfterValidator(_known)] | None = optional(
+        "USP size and material or brand from the catalogue; instead of diameter, youngs_modulus, density",
+        "2-0 polypropylene",
     )
-    diameter: Positive | None = Field(default=None, description="diameter of the thread [m]", examples=[3.2e-4])
-    youngs_modulus: Positive | None = Field(
-        default=None, description="Young's modulus of the thread [Pa]", examples=[2.0e9]
+    diameter: Positive | None = optional("diameter of the thread [m]", 3.2e-4)
+    youngs_modulus: Positive | None = optional("Young's modulus of the thread [Pa]", 2.0e9)
+    density: Positive | None = optional("density of the thread [kg/m³]", 910.0)
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = optional(
+        "Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4", 0.4
     )
-    density: Positive | None = Field(default=None, description="density of the thread [kg/m³]", examples=[910.0])
-    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = Field(
-        default=None, description="Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4", examples=[0.4]
-    )
-    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = Field(
-        default=None,
-        description="bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
+    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = optional(
+        "bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
         "suture (an assumption for braids), else 1",
-        examples=[0.05],
+        0.05,
     )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
         default=40,
@@ -170,9 +165,7 @@ class Thread(ScenarioTable):
         description="abscissae where the thread is cut from the start, rising [m]; the new ends are free",
         examples=[[0.05, 0.1]],
     )
-    length: Positive | None = Field(
-        default=None, description="rest length of the thread [m]; default: that of the path", examples=[0.0483]
-    )
+    length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
     damping: NotNegative = Field(default=0.0, description="mass-proportional damping of the thread [1/s]")
     bending: Annotated[bool, Field(strict=True)] = Field(
         default=True, description="whether the thread resists bending; false: EI = 0"
@@ -182,25 +175,20 @@ class Thread(ScenarioTable):
         description='elastic energies: "continuous" integrals along the thread, or "springs" between '
         "points (the paper's §3), calibrated by EA, EI and GJ",
     )
-    springs: Whole | None = Field(
-        default=None,
-        description='number of stretch springs [-], at least control_points - 1 (the default with energy = "springs"); '
+    springs: Whole | None = optional(
+        'number of stretch springs [-], at least control_points - 1 (the default with energy = "springs"); '
         "more of them lock a stiff thread",
-        examples=[39],
+        39,
     )
     twist: Annotated[bool, Field(strict=True)] = Field(
         default=False,
         description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
     )
-    coil_radius: Positive | None = Field(
-        default=None,
-        description="radius of the rest coil, from the packet [m]; needs thread.twist; default: straight at rest",
-        examples=[0.02],
+    coil_radius: Positive | None = optional(
+        "radius of the rest coil, from the packet [m]; needs thread.twist; default: straight at rest", 0.02
     )
-    coil_towards: Vector | None = Field(
-        default=None,
-        description="side to which the start of the thread coils [-], across the path; default: one of the axes",
-        examples=[[0, 0, 1]],
+    coil_towards: Vector | None = optional(
+        "side to which the start of the thread coils [-], across the path; default: one of the axes", [0, 0, 1]
     )
     start: End = Field(
         default=FreeEnd(kind="free"),

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, check_ending, repetition
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, check_ending, optional, repetition
 
 
 class Tie(ScenarioTable):
@@ -28,19 +28,16 @@ class Tie(ScenarioTable):
     until: Positive = Field(
         description="time at which the loop is locked [s], at the next end of a step", examples=[0.25]
     )
-    ramp: NotNegative | None = Field(
-        default=None,
-        description="time in which the force grows linearly from zero and the strands meet [s]; default: "
+    ramp: NotNegative | None = optional(
+        "time in which the force grows linearly from zero and the strands meet [s]; default: "
         "half of the time from `from` to `until`",
-        examples=[0.1],
+        0.1,
     )
     speed: Positive = Field(
         default=0.05,
         description="speed of a hand without resistance [m/s]; in dynamic runs",
     )
-    hold: Positive | None = Field(
-        default=None, description="tension above which a locked tie slips [N]; default: never", examples=[10.0]
-    )
+    hold: Positive | None = optional("tension above which a locked tie slips [N]; default: never", 10.0)
 
     @property
     def growth(self) -> float:

@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.refusal import dotted_key, refusal
-from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text, refuse_subgrid
+from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text, optional, refuse_subgrid
 
 
 class Tract(ScenarioTable):
@@ -16,20 +16,17 @@ class Tract(ScenarioTable):
     between: tuple[Text, Text] = Field(
         description="names of two consecutive holes along the thread", examples=[["entry", "exit"]]
     )
-    radius: Positive | None = Field(
-        default=None,
-        description="radius of the tissue balls along the path [m]; default: the smaller footprint of the two holes",
+    radius: Positive | None = optional(
+        "radius of the tissue balls along the path [m]; default: the smaller footprint of the two holes"
     )
-    spacing: Positive | None = Field(
-        default=None,
-        description="largest distance between balls along the path [m]; default: the radius, which is "
+    spacing: Positive | None = optional(
+        "largest distance between balls along the path [m]; default: the radius, which is "
         "within 2 % unless the remark tract-stiff appears",
-        examples=[1.5e-3],
+        1.5e-3,
     )
-    friction: Friction | None = Field(
-        default=None,
-        description="friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
-        examples=[{"static": 0.1, "kinetic": 0.1}],
+    friction: Friction | None = optional(
+        "friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
+        {"static": 0.1, "kinetic": 0.1},
     )
 
     @model_validator(mode="before")
