@@ -24,19 +24,7 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import (
-    Columns,
-    Study,
-    Table,
-    each,
-    grouped,
-    measure,
-    measured,
-    require,
-    require_known,
-    scene,
-    unit_field,
-)
+from studies.study import Study, Table, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
 from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
@@ -66,18 +54,17 @@ class Tissue:
     source: str
 
     @cached_property
-    def stiffening(self) -> float:
-        """b that makes the curve pass through the point where it broke [-]."""
-        end = self.broken
-        return float(brentq(lambda b: np.log(self.law(b).strip(end)[0] / self.stress), 1e-3, 20.0, xtol=1e-12))
+    def law(self) -> Fibrous:
+        """Its law, with the b that makes the curve pass through the point where it broke."""
 
-    def law(self, stiffening: float | None = None) -> Fibrous:
-        """Return its law, with the fitted stiffening if none is given."""
-        return Fibrous(self.slope, POISSON, self.stiffening if stiffening is None else stiffening)
+        def off(stiffening: float) -> float:
+            return float(np.log(Fibrous(self.slope, POISSON, stiffening).strip(self.broken)[0] / self.stress))
+
+        return Fibrous(self.slope, POISSON, float(brentq(off, 1e-3, 20.0, xtol=1e-12)))
 
     def nominal(self, stretch: float) -> float:
         """Return the nominal stress [Pa] of a strip, free at its sides, at a stretch."""
-        return self.law().strip(stretch)[0]
+        return self.law.strip(stretch)[0]
 
     def stretch(self, nominal: float) -> float:
         """Return the stretch of such a strip under a nominal stress [Pa]."""
@@ -92,17 +79,6 @@ class Tissue:
     def published(self) -> str:
         """Force at which a suture tore out, with its spread [N]."""
         return f"{self.force:g}" + ("" if self.spread is None else f" ± {self.spread:g}")
-
-    @property
-    def steepest(self) -> float:
-        """Slope of the curve where it broke [Pa], by a difference over 1e-5."""
-        end = self.broken
-        return (self.nominal(end) - self.nominal(end - 1e-5)) / 1e-5
-
-    @property
-    def swelling(self) -> float:
-        """J of the strips where they broke [-]."""
-        return self.law().strip(self.broken)[1]
 
 
 TISSUES = {
@@ -147,12 +123,8 @@ class Row(Case):
     bearing: float = measured("Pa", lambda at: at.force / (suture(SUTURE).diameter * at.thickness))  # F/(d t)
     stretch: float = measured("-", lambda at: at.stretches[:, 0].max())  # largest at the hole
     swelling: float = measured("-", lambda at: at.stretches.prod(axis=1).max())  # largest J there
-    energy: float = measured(
-        "Pa", lambda at: at.energy.max()
-    )  # largest density there, per volume of the reference shape
-    middle: float = measured(
-        "-", lambda at: 1.0 + np.polyfit(at.x, at.along, 1)[0]
-    )  # mean stretch of the strip's middle
+    energy: float = measured("Pa", lambda at: at.energy.max())  # largest density there, per reference volume
+    middle: float = measured("-", lambda at: 1.0 + np.polyfit(at.x, at.along, 1)[0])  # mean stretch of the middle
     uniaxial: float = measured("-", lambda at: at.uniaxial)  # what a strip is stretched by F over its section
     failed: str
 
@@ -189,7 +161,7 @@ def scenario(case: Case) -> Scenario:
     """Return the strip, clamped at its left end, and the loop through it, whose ends are drawn to the right."""
     thickness = case.tissue.thickness
     at, middle, hand = 0.5 * LENGTH - EDGE, -0.5 * thickness, 0.5 * LENGTH + LEG
-    stiffening = {"tissue.material": "exponential", "tissue.stiffening": case.tissue.stiffening}
+    stiffening = {"tissue.material": "exponential", "tissue.stiffening": case.tissue.law.stiffening}
     values = {
         "tissue.youngs_modulus": case.tissue.slope,
         "tissue.mesh.size": [LENGTH, WIDTH, thickness],
@@ -207,15 +179,11 @@ def scenario(case: Case) -> Scenario:
 
 def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Row:
     """Return the row of an equilibrium."""
-    organ, body = simulation.assembly.organ, simulation.assembly.body
-    assert body is not None and isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
-    finite, thickness, (hole,) = (
-        isinstance(organ, tissue.FiniteOrgan),
-        case.tissue.thickness,
-        step_record(now).piercings,
-    )
-    U, force = organ.displacement(now.state.organ), -float(hole.force[0])
+    organ, thickness, (hole,) = simulation.assembly.organ, case.tissue.thickness, step_record(now).piercings
+    assert isinstance(organ, tissue.FiniteOrgan | tissue.QuasiStaticOrgan)
+    U, force, body = organ.displacement(now.state.organ), -float(hole.force[0]), organ.elasticity
     hyper = organ.law if isinstance(organ, tissue.FiniteOrgan) else tissue.Hyperelasticity(body)
+    linear = case.variant == LINEAR
     centres = body.mesh.p[:, body.mesh.t].mean(axis=1).T
     near = np.linalg.norm(centres - np.array(simulation.scenario.piercing[0].place), axis=1) <= NEAR * case.footprint
     x, along = body.points[:, 0], body.nodal(U)[:, 0]
@@ -224,8 +192,8 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
         drawn=DRAWN * now.state.time / simulation.scenario.solve.duration, force=force, thickness=thickness,
         uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)), body=body,
         stretches=tissue.cell_stretch(hyper, U)[0][near], x=x[middle], along=along[middle],
-        energy=(tissue.cell_energy(hyper, U) if finite else tissue.energy_density(body, U))[near],
-        forces=hyper.forces(hyper.gradient(U))[0] if finite else body.K @ U,
+        energy=(tissue.energy_density(body, U) if linear else tissue.cell_energy(hyper, U))[near],
+        forces=body.K @ U if linear else hyper.forces(hyper.gradient(U))[0],
         held=np.abs(x + 0.5 * LENGTH) < 1e-9 * LENGTH,
     )  # fmt: skip
     return measure(Row, end, **asdict(case), failed=failed)
@@ -253,28 +221,26 @@ def where(runs: Sequence[Row], known: str, value: float, asked: str) -> float:
     return float(np.interp(value, x, y, right=np.nan))
 
 
-COLUMNS: Columns = (
-    ("tissue", lambda runs: runs[-1].name),
-    ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
-    ("changed", lambda runs: runs[-1].variant),
-    ("b [-]", lambda runs: "" if runs[-1].variant == LINEAR else f"{runs[-1].tissue.stiffening:.2f}"),
-    ("F at 10 mm [N]", lambda runs: f"{runs[-1].force:.3g}"),
-    ("F/(d t) [MPa]", lambda runs: f"{runs[-1].bearing / MEGA:.3g}"),
-    ("largest stretch [-]", lambda runs: f"{runs[-1].stretch:.3g}"),
-    ("energy density [MPa]", lambda runs: f"{runs[-1].energy / MEGA:.3g}"),
-    ("strip's middle, uniaxial [-]", lambda runs: f"{runs[-1].middle:.4g}, {runs[-1].uniaxial:.4g}"),
-    ("published F [N]", lambda runs: runs[-1].tissue.published),
-    ("drawn there [mm]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "drawn") / MILLI)),
-    ("stretch there [-]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "stretch"))),
-    ("strips break at [-]", lambda runs: f"{runs[-1].tissue.broken:g}"),
-    ("F there [N]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "force"))),
-    ("drawn there [mm]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "drawn") / MILLI)),
-)
-
-
 def table(rows: Sequence[Row]) -> Table:
     """Make a line a run: at the end, at the published force, and at the stretch at which strips broke."""
-    return Table.of(COLUMNS, runs_of(rows).values())
+    columns = (
+        ("tissue", lambda runs: runs[-1].name),
+        ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
+        ("changed", lambda runs: runs[-1].variant),
+        ("b [-]", lambda runs: "" if runs[-1].variant == LINEAR else f"{runs[-1].tissue.law.stiffening:.2f}"),
+        ("F at 10 mm [N]", lambda runs: f"{runs[-1].force:.3g}"),
+        ("F/(d t) [MPa]", lambda runs: f"{runs[-1].bearing / MEGA:.3g}"),
+        ("largest stretch [-]", lambda runs: f"{runs[-1].stretch:.3g}"),
+        ("energy density [MPa]", lambda runs: f"{runs[-1].energy / MEGA:.3g}"),
+        ("strip's middle, uniaxial [-]", lambda runs: f"{runs[-1].middle:.4g}, {runs[-1].uniaxial:.4g}"),
+        ("published F [N]", lambda runs: runs[-1].tissue.published),
+        ("drawn there [mm]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "drawn") / MILLI)),
+        ("stretch there [-]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "stretch"))),
+        ("strips break at [-]", lambda runs: f"{runs[-1].tissue.broken:g}"),
+        ("F there [N]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "force"))),
+        ("drawn there [mm]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "drawn") / MILLI)),
+    )
+    return Table.of(columns, runs_of(rows).values())
 
 
 def number(value: float) -> str:
@@ -288,12 +254,11 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = [fit_words(name) for name in names]
     found = runs_of(rows)
     for (name, footprint, variant), runs in found.items():
-        if runs and not variant:
+        if not variant:
             out.append(prediction(name, footprint, runs))
-        reference = found.get((name, footprint, ""), [])
-        if runs and variant == COARSER and reference:
-            off = [getattr(reference[-1], key) / getattr(runs[-1], key) - 1.0 for key in ("force", "stretch", "energy")]
-            text = ", ".join(f"{word} {x:+.1%}" for word, x in zip(("force", "stretch", "energy"), off, strict=True))
+        if variant == COARSER and (reference := found.get((name, footprint, ""))):
+            off = {key: getattr(reference[-1], key) / getattr(runs[-1], key) for key in ("force", "stretch", "energy")}
+            text = ", ".join(f"{key} {over - 1.0:+.1%}" for key, over in off.items())
             out.append(f"{name}: against cells 1.5 times coarser, at the end: {text}")
     swelling = max((row.swelling for row in rows if not row.variant), default=1.0)
     out.append(f"tissue at the hole swells to up to {swelling:.3g} of its volume, which real tissue hardly does")
@@ -303,12 +268,13 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def fit_words(name: str) -> str:
-    """Return the fit of a tissue, in words."""
-    of = TISSUES[name]
+    """Return the fit of a tissue, in words; its slope where it broke is a difference over 1e-5."""
+    of, end = TISSUES[name], TISSUES[name].broken
+    steepest = (of.nominal(end) - of.nominal(end - 1e-5)) / 1e-5
     return (
-        f"{name}: E = {of.slope / KILO:.4g} kPa and b = {of.stiffening:.2f} by two points of a uniaxial test, for a "
-        f"strip of ν = {POISSON:g}; where it broke its slope is then {of.steepest / MEGA:.3g} MPa, and its volume "
-        f"{of.swelling:.3f} of what it was; {of.source}"
+        f"{name}: E = {of.slope / KILO:.4g} kPa and b = {of.law.stiffening:.2f} by two points of a uniaxial test, for "
+        f"a strip of ν = {POISSON:g}; where it broke its slope is then {steepest / MEGA:.3g} MPa, and its volume "
+        f"{of.law.strip(end)[1]:.3f} of what it was; {of.source}"
     )
 
 
@@ -327,40 +293,30 @@ def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw force, largest stretch and bearing pressure over the draw, and the uniaxial curves."""
     named = {f"{name}, {a / MILLI:g} mm, {v}".rstrip(", "): runs for (name, a, v), runs in runs_of(rows).items()}
-    tissues = {name: TISSUES[name] for name in dict.fromkeys(row.name for row in rows)}
-    forces = [level("y", of.force, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
-    broken = [level("y", of.broken, None, "-.", c) for of, c in zip(tissues.values(), COLOURS, strict=False)]
-    small = {"fontsize": 6}
-    colours = [COLOURS[list(tissues).index(runs[0].name)] for runs in named.values()]
-    return draw(
-        [
-            panel(
-                "drawn [mm]", "force [N]", series(named, "drawn [mm]", "force", "-", MARKERS, colours), *forces,
-                log="y", title="dash-dotted: a suture gave way", legend=small,
-            ),
-            panel(
-                "drawn [mm]", "largest stretch at the hole [-]",
-                series(named, "drawn [mm]", "stretch", "-", MARKERS, colours),
-                *broken, title="dash-dotted: strips broke", legend=small,
-            ),
-        ],
-        [
-            panel(
-                "drawn [mm]", "bearing pressure F/(d t) [MPa]",
-                series(named, "drawn [mm]", "bearing [MPa]", "-", MARKERS, colours), log="y", legend=small,
-            ),
-            panel(
-                "stretch [-]", "nominal stress [MPa]",
-                *(item for name, of in tissues.items() for item in uniaxial(name, of, rows)),
-                log="y", legend=small,
-            ),
-        ],
-    )  # fmt: skip
+    colour = dict(zip(dict.fromkeys(row.name for row in rows), COLOURS, strict=False))
+    small, colours = {"fontsize": 6}, [colour[runs[0].name] for runs in named.values()]
+    quantities = (
+        ("force [N]", "force", "force", "y", "dash-dotted: a suture gave way"),
+        ("largest stretch at the hole [-]", "stretch", "broken", "", "dash-dotted: strips broke"),
+        ("bearing pressure F/(d t) [MPa]", "bearing [MPa]", "", "y", ""),
+    )
+    drawn = [
+        panel(
+            "drawn [mm]", label, series(named, "drawn [mm]", y, "-", MARKERS, colours),
+            *(level("y", getattr(TISSUES[name], of), None, "-.", colour[name]) for name in colour if of),
+            log=log, title=title, legend=small,
+        )
+        for label, y, of, log, title in quantities
+    ]  # fmt: skip
+    fits = [item for name in colour for item in uniaxial(name, rows)]
+    fitted = panel("stretch [-]", "nominal stress [MPa]", *fits, log="y", legend=small)
+    return draw(drawn[:2], [drawn[2], fitted])
 
 
-def uniaxial(name: str, of: Tissue, rows: Sequence[Row]) -> list[Item]:
+def uniaxial(name: str, rows: Sequence[Row]) -> list[Item]:
     """Draw a fitted uniaxial curve, the point it was fitted to, and the middle of the strips."""
-    colour, x = COLOURS[list(TISSUES).index(name)], np.linspace(1.0, of.broken, 60)[1:]
+    of, colour = TISSUES[name], COLOURS[list(TISSUES).index(name)]
+    x = np.linspace(1.0, of.broken, 60)[1:]
     runs = {f"{name}: middle of the strip": [r for r in rows if r.name == name and not r.variant and not r.failed]}
     return [
         curve(x, [of.nominal(at) / MEGA for at in x], f"{name}: fitted, ν = {POISSON:g}", "-", colour),
