@@ -34,7 +34,7 @@ from coupling.run.run import Run, begin
 from studies.arrays import Array
 from studies.figure import curve, draw, laws, level, panel, series, unnamed
 from studies.friction.study import fixed_holes
-from studies.study import Columns, Study, Table, each, grouped, require, require_known, unit_field
+from studies.study import Study, Table, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
@@ -51,8 +51,9 @@ SLACK = 1.005  # rest length over that of the polygon of rings: the thread begin
 MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
 AGREES = 1.0  # standard deviations: a prediction this near is said to agree
 MODIFIED = (4.52, 0.67)  # published of the modified pulley stitch [N]
-LEFT, RIGHT, THROW = "left lip", "right lip", "throw"
+LEFT, RIGHT = False, True  # lip
 
+Pull = Callable[["Way", float, float], Iterator[tuple[float, Run]]]  # the equilibria of a way, with a μ and a pull [N]
 Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle that it turns the thread by [rad]
 
 
@@ -64,7 +65,7 @@ class Pattern:
     published: float
     spread: float
     first: Array
-    corners: tuple[tuple[Array, str], ...]
+    corners: tuple[tuple[Array, bool], ...]
 
     @property
     def text(self) -> str:
@@ -111,13 +112,25 @@ class Row:
         """The stitch."""
         return PATTERNS[self.pattern]
 
+    @property
+    def case(self) -> tuple[float, int, float]:
+        """Turn of the throw [degree], rings a corner and fitted pull [N]."""
+        return self.throw, self.rings, self.fitted
 
-@dataclass(frozen=True)
-class Finely:
-    """Resolution of a stitch: load steps, and control points per ring."""
+    @property
+    def closing_pull(self) -> float:
+        """The pull that closes the wound [N], in proportion."""
+        return WOUND * self.pull / self.tension
 
-    load_steps: int
-    control_points: int
+    @property
+    def off_published(self) -> float:
+        """By how many standard deviations that is above the published pull."""
+        return (self.closing_pull - self.stitch.published) / self.stitch.spread
+
+    @property
+    def by_capstan(self) -> float:
+        """The pull that closes the wound by the capstan alone [N]."""
+        return predicted_by_capstan(self.pattern, self.throw, self.fitted)
 
 
 def main(
@@ -143,12 +156,13 @@ def main(
     cases = [(throw, rings[0], of.published) for throw in throws]
     cases += [(middle, many, of.published) for many in rings[1:]]
     cases += [(middle, rings[0], of.published + away * of.spread) for away in spreads]
-    how = Finely(load_steps, control_points)
+    how = partial(pulled, load_steps=load_steps, control_points=control_points)
     yield from each([partial(stitches, *case, tuple(patterns), how) for case in cases])
 
 
-def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], how: Finely) -> Iterator[Row]:
-    """Yield the rows of all stitches, with the μ that the single one needs to be closed by the pull `fitted` [N]."""
+def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], how: Pull) -> Iterator[Row]:
+    """Yield the rows of all stitches, pulled as `how` says, with the μ that the single one needs to be closed by the
+    pull `fitted` [N]."""
     mu = fit(throw, rings, fitted, how)
     for name in patterns:
         way = Way.of(PATTERNS[name], throw, rings)
@@ -157,15 +171,14 @@ def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], h
             kind="load", pattern=name, throw=throw, rings=rings, fitted=fitted, mu=mu, pull=pull, turn=0.0,
             tension=np.nan, slides=False,
         )  # fmt: skip
-        for step, run in enumerate(pulled(way, mu, pull, how), start=1):
-            at, slides = pull * step / how.load_steps, is_sliding(way, run)
-            case = replace(case, pull=at, tension=across(way, run), slides=slides)
+        for share, run in how(way, mu, pull):
+            case = replace(case, pull=share * pull, tension=across(way, run), slides=is_sliding(way, run))
             yield case
         for turn, hole in zip(np.degrees(way.from_hand), run.piercings[:-1], strict=True):
             yield replace(case, kind="strand", turn=float(turn), tension=hole.tension_after)
 
 
-def fit(throw: float, rings: int, pull: float, how: Finely) -> float:
+def fit(throw: float, rings: int, pull: float, how: Pull) -> float:
     """Fit μ to the pull [N] that closes a single stitch: by a thread that bends, and once more by how far a run was off
     that law."""
     way = Way.of(PATTERNS[FITTED], throw, rings)
@@ -174,7 +187,7 @@ def fit(throw: float, rings: int, pull: float, how: Finely) -> float:
         return float(brentq(lambda mu: way.closing(partial(bent_ratio, mu)) - closing, 1e-6, MOST))
 
     guess = by_law(WOUND / pull)
-    *_, run = pulled(way, guess, pull, how)
+    *_, (_, run) = how(way, guess, pull)
     return by_law((WOUND / pull) ** 2 / (across(way, run) / pull))
 
 
@@ -183,12 +196,12 @@ def fit(throw: float, rings: int, pull: float, how: Finely) -> float:
 
 @dataclass(frozen=True)
 class Way:
-    """The polygon of a thread: `headings` (k + 1, 3) of its sides, the `lengths` (k + 1,) of these [m], and where each
-    of its k corners, the rings, is: on a lip or in the throw."""
+    """The polygon of a thread: `headings` (k + 1, 3) of its sides, the `lengths` (k + 1,) of these [m], and which
+    of its k corners, the rings, are `on_right` (k,), the right lip."""
 
     headings: Array
     lengths: Array
-    places: tuple[str, ...]
+    on_right: Array
 
     @classmethod
     def of(cls, pattern: Pattern, throw: float, rings: int) -> "Way":
@@ -197,14 +210,14 @@ class Way:
         turns = max(1, round(rings * throw / 90.0))
         angles = np.radians(throw) * np.arange(turns + 1) / turns
         headings = list(turned(pattern.first, Z, angles[::-1]))
-        places, groups = [THROW] * turns, [0] * turns
-        for number, (heading, lip) in enumerate(pattern.corners, start=1):
+        for heading, _ in pattern.corners:
             headings += list(turned(headings[-1], heading, 0.5 * np.pi * np.arange(1, rings + 1) / rings))
-            places, groups = places + [lip] * rings, groups + [number] * rings
         headings += list(turned(headings[-1], Z, angles[1:]))
-        places, groups = places + [THROW] * turns, groups + [len(pattern.corners) + 1] * turns
-        between = np.where(np.diff(groups) == 0, RING, STRAIGHT)
-        return cls(np.array(headings), np.concatenate([[ARM], between, [ARM]]), tuple(places))
+        counts = [turns, *[rings] * len(pattern.corners), turns]
+        corner = np.repeat(np.arange(len(counts)), counts)
+        lengths = [ARM, *np.where(np.diff(corner) == 0, RING, STRAIGHT), ARM]
+        on_right = np.repeat([False, *(lip for _, lip in pattern.corners), False], counts)
+        return cls(np.array(headings), np.array(lengths), on_right)
 
     @property
     def corners(self) -> Array:
@@ -215,11 +228,6 @@ class Way:
     def turns(self) -> Array:
         """Angle by which each ring turns the thread, shape `(k,)` [rad]."""
         return np.arccos(np.clip(np.sum(self.headings[:-1] * self.headings[1:], axis=1), -1.0, 1.0))
-
-    @property
-    def on_right(self) -> Array:
-        """Whether each ring is on the right lip, shape `(k,)`."""
-        return np.array([place == RIGHT for place in self.places])
 
     @property
     def from_hand(self) -> Array:
@@ -243,23 +251,24 @@ def turned(heading: Array, towards: Array, angles: Array) -> Array:
 # --- the coupled system -----------------------------------------------------------------------------------
 
 
-def pulled(way: Way, mu: float, pull: float, how: Finely) -> Iterator[Run]:
-    """Yield the equilibria of a suture in rough rings along a way, both its ends pulled by as much as `pull` [N]."""
+def pulled(way: Way, mu: float, pull: float, *, load_steps: int, control_points: int) -> Iterator[tuple[float, Run]]:
+    """Yield the equilibria of a suture in rough rings along a way, both its ends pulled by as much as `pull` [N], each
+    after its share of that."""
     corners, radius = way.corners, 0.25 * RING
     path = rounded_path(corners, radius)
     saved = radius * (2.0 * np.tan(0.5 * way.turns) - way.turns)  # by a rounded corner
     length = SLACK * way.lengths.sum()
     stretch = path.length / length
     s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
-    knots = through_holes(length, s, False, length / (how.control_points * s.size))
+    knots = through_holes(length, s, False, length / (control_points * s.size))
     thread = Thread(knots, suture(SUTURE))
     ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
     system = fixed_holes(thread, ends, mu, corners[1:-1])
     laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)
     run = begin(system, start(system, s, laid, stretch))
-    for step in range(1, how.load_steps + 1):
-        run = run.load(step / how.load_steps, 1.0)
-        yield run
+    for share in np.arange(1, load_steps + 1) / load_steps:
+        run = run.load(float(share), 1.0)
+        yield float(share), run
 
 
 def across(way: Way, run: Run) -> float:
@@ -269,7 +278,7 @@ def across(way: Way, run: Run) -> float:
 
 def is_sliding(way: Way, run: Run) -> bool:
     """Return whether the thread slides towards its nearer hand in all rings but the two in the middle at most."""
-    half = (len(way.places) - 1) // 2
+    half = (way.on_right.size - 1) // 2
     sigma = run.state.sigma
     return bool((sigma[:half] > 0.0).all() and (sigma[-half:] < 0.0).all())
 
@@ -277,23 +286,18 @@ def is_sliding(way: Way, run: Run) -> bool:
 # --- table and figure -------------------------------------------------------------------------------------
 
 
-Case = tuple[float, int, float]
+def ends(rows: Sequence[Row]) -> list[Row]:
+    """Return the last load step of every stitch of every case."""
+    loads = grouped((row for row in rows if row.kind == "load"), lambda row: (row.case, row.pattern))
+    return [steps[-1] for steps in loads.values()]
 
 
-def cases_of(rows: Sequence[Row]) -> list[Case]:
-    """Return the turn of the throw [degree], rings a corner and fitted pull [N] of all that was run, in its order."""
-    return list(dict.fromkeys((row.throw, row.rings, row.fitted) for row in rows))
-
-
-def loads_of(rows: Sequence[Row], case: Case, kind: str = "load") -> dict[str, list[Row]]:
-    """Return the load steps of a case by stitch, or its strands."""
-    of = [row for row in rows if row.kind == kind and (row.throw, row.rings, row.fitted) == case]
-    return grouped(of, lambda row: row.pattern)
-
-
-def closing_pull(loads: Sequence[Row]) -> float:
-    """Return the pull that closes the wound [N], in proportion to the last load step."""
-    return WOUND * loads[-1].pull / loads[-1].tension
+def of_middle_case(rows: Sequence[Row], kind: str) -> dict[str, list[Row]]:
+    """Return the load steps, or the strands, by stitch, of the case that the others vary: the middle throw, first in
+    its order."""
+    throws = sorted({row.throw for row in rows})
+    case = next(row.case for row in rows if row.throw == throws[len(throws) // 2])
+    return grouped((row for row in rows if (row.kind, row.case) == (kind, case)), lambda row: row.pattern)
 
 
 def predicted_by_capstan(name: str, throw: float, fitted: float) -> float:
@@ -303,45 +307,32 @@ def predicted_by_capstan(name: str, throw: float, fitted: float) -> float:
     return WOUND / ways[name].closing(partial(capstan, float(mu)))
 
 
-def by_capstan(row: Row) -> float:
-    """Return the pull that closes the wound by the capstan alone, in a row's case [N]."""
-    return predicted_by_capstan(row.pattern, row.throw, row.fitted)
-
-
-def off_published(loads: Sequence[Row]) -> float:
-    """Return by how many standard deviations the pull that closes the wound is above the published one."""
-    return (closing_pull(loads) - loads[-1].stitch.published) / loads[-1].stitch.spread
-
-
-COLUMNS: Columns = (  # of the load steps of a stitch
-    ("stitch", lambda loads: loads[-1].pattern),
-    ("throw turns by [°]", lambda loads: f"{loads[-1].throw:g}"),
-    ("rings a corner", lambda loads: f"{loads[-1].rings}"),
-    ("μ [-]", lambda loads: f"{loads[-1].mu:.4f}"),
-    ("fitted to [N]", lambda loads: f"{loads[-1].fitted:g}"),
-    ("pull [N]", lambda loads: f"{closing_pull(loads):.3g}"),
-    ("capstan [N]", lambda loads: f"{by_capstan(loads[-1]):.3g}"),
-    ("published [N]", lambda loads: loads[-1].stitch.text),
-    ("off by [SD]", lambda loads: "fitted" if loads[-1].pattern == FITTED else f"{off_published(loads):+.2f}"),
-    ("slides everywhere", lambda loads: "yes" if loads[-1].slides else "NO"),
-)
-
-
 def table(rows: Sequence[Row]) -> Table:
     """Make a line a case and stitch."""
-    return Table.of(COLUMNS, [loads for case in cases_of(rows) for loads in loads_of(rows, case).values()])
+    columns = (
+        ("stitch", lambda row: row.pattern),
+        ("throw turns by [°]", lambda row: f"{row.throw:g}"),
+        ("rings a corner", lambda row: f"{row.rings}"),
+        ("μ [-]", lambda row: f"{row.mu:.4f}"),
+        ("fitted to [N]", lambda row: f"{row.fitted:g}"),
+        ("pull [N]", lambda row: f"{row.closing_pull:.3g}"),
+        ("capstan [N]", lambda row: f"{row.by_capstan:.3g}"),
+        ("published [N]", lambda row: row.stitch.text),
+        ("off by [SD]", lambda row: "fitted" if row.pattern == FITTED else f"{row.off_published:+.2f}"),
+        ("slides everywhere", lambda row: "yes" if row.slides else "NO"),
+    )
+    return Table.of(columns, ends(rows))
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Return remarks on the fit, the agreement, the error of the capstan, and open points."""
-    middle = middle_case(rows)
-    out = [*(case_words(rows, case) for case in cases_of(rows)), spread_words(rows, middle[0], middle[2])]
+    out = [case_words(found) for found in grouped(ends(rows), lambda row: row.case).values()]
+    out.append(spread_words(ends(rows), of_middle_case(rows, "load")[FITTED][-1]))
     out.append(
         "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on neoprene: "
         "with either of its own, μ would be one of two free numbers"
     )
-    pulleys = [closing_pull(loads["pulley"]) for case in cases_of(rows) if "pulley" in (loads := loads_of(rows, case))]
-    if pulleys:
+    if pulleys := [row.closing_pull for row in ends(rows) if row.pattern == "pulley"]:
         value, spread = MODIFIED
         here = " to ".join(dict.fromkeys(f"{pull:.3g}" for pull in (min(pulleys), max(pulleys))))
         out.append(
@@ -358,67 +349,57 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     return out + [f"{name}: the thread does NOT slide everywhere" for name in dict.fromkeys(stuck)]
 
 
-def case_words(rows: Sequence[Row], case: Case) -> str:
-    """Return the prediction of a case and its error, in words."""
-    loads, said = loads_of(rows, case), []
-    for name, steps in loads.items():
-        if name != FITTED:
-            pull, off = closing_pull(steps), off_published(steps)
-            word = "agrees" if abs(off) <= AGREES else "DISAGREES"
-            far = f"({off:+.2f} SD; {pull / by_capstan(steps[-1]) - 1.0:+.1%} of the capstan)"
-            said.append(f"{name} {pull:.3g} N, published {steps[-1].stitch.text}: {word} {far}")
+def case_words(found: Sequence[Row]) -> str:
+    """Return the predictions of a case and their errors, in words."""
+    fitted, said = next(row for row in found if row.pattern == FITTED), []
+    for row in found:
+        if row is not fitted:
+            word = "agrees" if abs(row.off_published) <= AGREES else "DISAGREES"
+            far = f"({row.off_published:+.2f} SD; {row.closing_pull / row.by_capstan - 1.0:+.1%} of the capstan)"
+            said.append(f"{row.pattern} {row.closing_pull:.3g} N, published {row.stitch.text}: {word} {far}")
     return (
-        f"throw {case[0]:g}°, {case[1]} rings a corner: μ = {loads[FITTED][-1].mu:.4f} by the single stitch at "
-        f"{case[2]:.3g} N; " + "; ".join(said)
+        f"throw {fitted.throw:g}°, {fitted.rings} rings a corner: μ = {fitted.mu:.4f} by the single stitch at "
+        f"{fitted.fitted:.3g} N; " + "; ".join(said)
     )
 
 
-def spread_words(rows: Sequence[Row], throw: float, fitted: float) -> str:
+def spread_words(found: Sequence[Row], fitted: Row) -> str:
     """Return the spread of the predictions over that of the fitted pull, by the capstan, in words."""
-    away = [fitted + sign * PATTERNS[FITTED].spread for sign in (-1.0, 1.0)]
-    others = dict.fromkeys(row.pattern for row in rows if row.pattern != FITTED)
-    pulls = {name: [predicted_by_capstan(name, throw, pull) for pull in away] for name in others}
+    away = [fitted.fitted + sign * fitted.stitch.spread for sign in (-1.0, 1.0)]
+    others = dict.fromkeys(row.pattern for row in found if row.pattern != FITTED)
+    pulls = {name: [predicted_by_capstan(name, fitted.throw, pull) for pull in away] for name in others}
     said = ", ".join(f"{name} {few:.3g} to {many:.3g} N" for name, (few, many) in pulls.items())
-    return f"throw {throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {said}"
-
-
-def middle_case(rows: Sequence[Row]) -> Case:
-    """Return the case that the others vary: the middle throw, first in its order."""
-    throws = sorted({row.throw for row in rows})
-    return next(case for case in cases_of(rows) if case[0] == throws[len(throws) // 2])
+    return f"throw {fitted.throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {said}"
 
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw published and predicted pulls, their dependences, the load steps, and the tension along the thread."""
-    case = middle_case(rows)
-    loads, strands = loads_of(rows, case), loads_of(rows, case, "strand")
-    names, same = list(loads), [other for other in cases_of(rows) if other[1:] == cases_of(rows)[0][1:]]
-    predicted = {
-        f"throw {throw:g}°, {rings} rings, fitted to {fitted:.3g} N": [
-            (k + 0.1, closing_pull(loads_of(rows, (throw, rings, fitted))[name])) for k, name in enumerate(names)
-        ]
-        for throw, rings, fitted in cases_of(rows)
-    }
-    over_throw = {name: [(each[0], closing_pull(loads_of(rows, each)[name])) for each in same] for name in names}
-    mean, deviation = np.array([(PATTERNS[name].published, PATTERNS[name].spread) for name in names]).T
-    by_hand = [np.vectorize(partial(predicted_by_capstan, name, fitted=case[2])) for name in names]
-    law = partial(bent_ratio, loads[FITTED][0].mu)
-    closing = [Way.of(PATTERNS[name], case[0], case[1]).closing(law) for name in names]
+    loads, strands, found = of_middle_case(rows, "load"), of_middle_case(rows, "strand"), ends(rows)
+    names, fitted = list(loads), loads[FITTED][-1]
+    predicted = grouped(found, lambda r: f"throw {r.throw:g}°, {r.rings} rings, fitted to {r.fitted:.3g} N")
+    same = [row for row in found if row.case[1:] == found[0].case[1:]]
+    stitches = [PATTERNS[name] for name in names]
+    by_hand = [np.vectorize(partial(predicted_by_capstan, name, fitted=fitted.fitted)) for name in names]
+    law = partial(bent_ratio, fitted.mu)
+    closing = [Way.of(stitch, fitted.throw, fitted.rings).closing(law) for stitch in stitches]
     sticks = {name: [row for row in steps if not row.slides] for name, steps in loads.items()}
     marks = ("o", "s", "D", "x")  # the last stands on the one before, whose numbers are the same
     bars: dict[str, Any] = {"fmt": "k_", "capsize": 4, "label": "published, ± SD"}
+    bars |= {"y": [stitch.published for stitch in stitches], "yerr": [stitch.spread for stitch in stitches]}
     last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
     turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
     return draw(
         [
             panel(
-                "stitch", "pull that closes 5 N [N]", series(predicted, 0, 1, ""),
-                lambda axes: axes.errorbar(range(len(names)), mean, deviation, **bars),
+                "stitch", "pull that closes 5 N [N]",
+                series(predicted, lambda row: names.index(row.pattern) + 0.1, "closing_pull", ""),
+                lambda axes: axes.errorbar(range(len(names)), **bars),
                 lambda axes: axes.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names]),
                 ylim=high, legend=small,
             ),
             panel(
-                "turn of a strand in the throw [°]", "pull that closes 5 N [N]", series(over_throw, 0, 1, "", marks),
+                "turn of a strand in the throw [°]", "pull that closes 5 N [N]",
+                series(grouped(same, lambda row: row.pattern), "throw", "closing_pull", "", marks),
                 laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"), ylim=high, legend=small,
             ),
         ],
@@ -428,13 +409,13 @@ def figure(rows: Sequence[Row]) -> Figure:
                 series(unnamed(sticks), "pull", "tension", "", marks, markerfacecolor="white"),
                 laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
                 level("y", WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
-                title=f"load steps, throw {case[0]:g}°, hollow: sticks in a ring yet",
+                title=f"load steps, throw {fitted.throw:g}°, hollow: sticks in a ring yet",
             ),
             panel(
                 "turned since the nearer hand [°]", "tension over pull [-]",
                 series(strands, "turn", lambda row: row.tension / row.pull, "", marks),
-                curve(turn, np.exp(-loads[FITTED][0].mu * np.radians(turn)), "capstan, the same μ"), log="y",
-                title=f"along the thread, throw {case[0]:g}°", legend=small,
+                curve(turn, np.exp(-fitted.mu * np.radians(turn)), "capstan, the same μ"), log="y",
+                title=f"along the thread, throw {fitted.throw:g}°", legend=small,
             ),
         ],
     )  # fmt: skip

@@ -14,9 +14,7 @@ from studies.stitch_patterns.study import (
     WOUND,
     Row,
     Way,
-    cases_of,
-    closing_pull,
-    loads_of,
+    ends,
     main,
     predicted_by_capstan,
     table,
@@ -56,14 +54,13 @@ def test_a_stitch_is_a_tackle(name: str, throw: float) -> None:
 def test_the_thread_slides_by_the_law_of_one_that_bends() -> None:
     """Independent check (elastica): the lip is pulled across by what the law says, and every strand's tension has
     fallen by the law of the rings between it and its hand."""
-    (case,) = cases_of(rows())
-    for name, loads in loads_of(rows(), case).items():
-        last, way = loads[-1], Way.of(PATTERNS[name], case[0], case[1])
+    for last in ends(rows()):
+        name, way = last.pattern, Way.of(last.stitch, last.throw, last.rings)
         law = partial(bent_ratio, last.mu)
         assert last.slides
         assert last.tension == pytest.approx(last.pull * way.closing(law), rel=LAW)
         strands = [row for row in rows() if row.kind == "strand" and row.pattern == name]
-        assert len(strands) == len(way.places) - 1
+        assert len(strands) == len(way.on_right) - 1
         each = np.log(law(way.turns[0])) / way.turns[0]
         for row in strands:
             fallen = np.exp(-each * np.radians(row.turn))
@@ -73,12 +70,12 @@ def test_the_thread_slides_by_the_law_of_one_that_bends() -> None:
 def test_one_coefficient_meets_single_and_pulley() -> None:
     """Independent check (Marsidi et al. 2020): fitted to the single stitch, the pulley is within its deviation; the
     capstan with its own fit predicts the same."""
-    (case,) = cases_of(rows())
-    loads = loads_of(rows(), case)
-    assert closing_pull(loads[FITTED]) == pytest.approx(PATTERNS[FITTED].published, rel=CLOSED)
-    pulley = closing_pull(loads["pulley"])
+    single, pulled = ends(rows())
+    assert (single.pattern, pulled.pattern) == (FITTED, "pulley") and single.case == pulled.case
+    assert single.closing_pull == pytest.approx(PATTERNS[FITTED].published, rel=CLOSED)
+    pulley = pulled.closing_pull
     assert abs(pulley - PATTERNS["pulley"].published) < PATTERNS["pulley"].spread
-    assert pulley == pytest.approx(predicted_by_capstan("pulley", case[0], case[2]), rel=2.0 * CLOSED)
+    assert pulley == pytest.approx(predicted_by_capstan("pulley", pulled.throw, pulled.fitted), rel=2.0 * CLOSED)
     assert predicted_by_capstan(FITTED, 180.0, 5.0) == pytest.approx(5.0, rel=IDENTITY)
     assert WOUND / pulley > 1.2
 
