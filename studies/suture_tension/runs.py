@@ -12,7 +12,7 @@ does not depend on E.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -128,11 +128,6 @@ class Row(Case):
     kinetic: float = measured("J", lambda at: at.energies.kinetic)
     elastic: float = measured("J", lambda at: at.energies.elastic)
     failed: str
-
-    @property
-    def case(self) -> Case:
-        """The case of the run."""
-        return Case(**{f.name: getattr(self, f.name) for f in fields(Case)})
 
     @property
     def moved(self) -> float:
@@ -337,10 +332,8 @@ def mean_stresses(*stress: Array) -> dict[str, float]:
     below the hole and on the ring."""
     out: list[float] = []
     for points in stress:
-        xx, yy, zz, xy, yz, xz = points.T
-        matrix = np.moveaxis(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), 2, 0)
-        principal = np.linalg.eigvalsh(matrix).mean(axis=0)
-        out += [float(tissue.von_mises(points).mean()), float(principal[2]), float(principal[0])]
+        largest, _, smallest = tissue.principal(points)[0].mean(axis=0).tolist()
+        out += [float(tissue.von_mises(points).mean()), largest, smallest]
     return dict(zip(STRESSES, out, strict=True))
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.arrays import Array
 from studies.figure import COLOURS, Item, curve, draw, laws, level, panel, series, several
 from studies.simulation.remarks import coarse_spans
-from studies.study import Columns, Job, Study, Table, each, grouped, require, require_known
+from studies.study import Job, Study, Table, each, grouped, require, require_known
 from studies.suture_tension.runs import KINDS, REFERENCE, SIZE, STRESSES, Row, last_step, run_tensions
 from studies.verdicts import LINEAR, Verdict, not_settled, verdict
 
@@ -22,17 +22,19 @@ MATERIAL_STEPS = 8  # load steps to a tension of a material
 DEPARTURE = 0.05  # of the displacement by which the linear organ is off where its range ends
 MILLI, KILO = 1e-3, 1e3
 
-TISSUES = {  # E [Pa]: order of magnitude at small strain, the spread is a decade
-    "liver": 6e3,  # shear modulus 1.8 kPa (Phys. Med. Biol. 64 (2019) 225001)
-    "small bowel": 250e3,  # biaxial, 180 to 307 kPa at low strain (Terry et al. 2014)
-    "skin": 500e3,  # in vivo 0.1 to 1 MPa in plane (Geerligs 2011; Agache 1980)
-    "fascia": 10e6,  # assumed; 28 to 57 MPa from the line loads of Förstemann et al. (J. Biomech. 44 (2011) 600)
-}
-CLINICAL = {  # tension [N] and where it is from
-    "liver": (1.2, "0.27 MPa that tear liver on 10 mm × 0.45 mm; none was measured"),
-    "small bowel": (4.62, "pull-out, Gong et al., J. Biomech. Eng. 2023"),
-    "skin": (1.1, "largest on closing a wound of 36 × 5 mm, Capek et al., Med. Biol. Eng. Comput. 50 (2012) 193"),
-    "fascia": (3.0, "running stitch, Horeman et al., PLoS ONE 8 (2013) e84466"),
+TISSUES = {  # E [Pa], its order of magnitude at small strain; a clinical tension [N] and where it is from
+    # shear modulus 1.8 kPa (Phys. Med. Biol. 64 (2019) 225001)
+    "liver": (6e3, 1.2, "0.27 MPa that tear liver on 10 mm × 0.45 mm; none was measured"),
+    # biaxial, 180 to 307 kPa at low strain (Terry et al. 2014)
+    "small bowel": (250e3, 4.62, "pull-out, Gong et al., J. Biomech. Eng. 2023"),
+    # in vivo 0.1 to 1 MPa in plane (Geerligs 2011; Agache 1980)
+    "skin": (
+        500e3,
+        1.1,
+        "largest on closing a wound of 36 × 5 mm, Capek et al., Med. Biol. Eng. Comput. 50 (2012) 193",
+    ),
+    # assumed; 28 to 57 MPa from the line loads of Förstemann et al. (J. Biomech. 44 (2011) 600)
+    "fascia": (10e6, 3.0, "running stitch, Horeman et al., PLoS ONE 8 (2013) e84466"),
 }
 MATERIALS: dict[str, dict[str, Any]] = {  # of one E and ν, which all of them have at small strain
     "linear": {},
@@ -93,9 +95,9 @@ def main(
     known = ("tissues", tissues, TISSUES), ("soft_ways", soft_ways, SOFT), ("materials", materials, MATERIALS)
     for argument in known:
         require_known(*argument)
-    for name, values in (("tensions", tensions), ("moduli", moduli), ("distances", distances)):
+    above_zero = {"tensions": tensions, "moduli": moduli, "distances": distances, "scaled_tensions": scaled_tensions}
+    for name, values in above_zero.items():
         require(min(values) > 0.0, f"{name} = {list(values)}", "give numbers above 0")
-    require(min(scaled_tensions) > 0.0, f"scaled_tensions = {list(scaled_tensions)}", "give numbers above 0")
     fit = 4.0 * REFERENCE.footprint <= min(bites) and max(bites) <= 0.5 * SIZE[0]
     require(fit, f"bites = {list(bites)}", "give 4 footprints (4e-3) to half the block (0.04) [m]")
     fit = not any(0.0 < c < CLEAR * REFERENCE.footprint for c in depths) and max(depths) <= 0.5 * SIZE[2]
@@ -107,7 +109,7 @@ def main(
     require(min(mus) >= 0.0 and max(mus) < 1.0, f"mus = {list(mus)}", "give coefficients from 0 to below 1")
     finest = max((refinement, *refinements))
     soft = {"suture": "2-0 polypropylene", "knots": "fixed", "holes": "normal", "tension": 0.5}
-    soft |= {"youngs_modulus": TISSUES["liver"]}
+    soft |= {"youngs_modulus": TISSUES["liver"][0]}
     alone: dict[str, list[dict[str, Any]]] = {
         "stiffness": [{"youngs_modulus": E} for E in moduli],
         "friction": [{"mu": mu, "given": GIVEN} for mu in mus],
@@ -121,7 +123,7 @@ def main(
     }
     case = replace(REFERENCE, refinement=refinement)
     one = case.youngs_modulus * case.footprint**2
-    pulled = [replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name]) for name in tissues]
+    pulled = [replace(case, sweep="tension", name=name, youngs_modulus=TISSUES[name][0]) for name in tissues]
     other = replace(case, sweep="material", load_steps=MATERIAL_STEPS)
     jobs: list[Job] = [partial(run_tensions, tissue, tensions) for tissue in pulled]
     jobs += [partial(last_step, replace(case, sweep=sweep, **new)) for sweep, cases in alone.items() for new in cases]
@@ -191,7 +193,7 @@ def row_verdict(row: Row) -> str:
     return "linear" if row.is_linear else "BEYOND linear"
 
 
-COLUMNS: Columns = (
+COLUMNS = (
     ("changed", lambda row: row.sweep),
     ("case", case_text),
     ("T [N]", lambda row: f"{row.load:.3g}"),
@@ -277,7 +279,7 @@ def ranges(rows: Sequence[Row]) -> list[str]:
     out = []
     for name, runs in runs_by_tissue(rows).items():
         moving, bearing = limits(runs)
-        clinical, source = CLINICAL[name]
+        _, clinical, source = TISSUES[name]
         first = min(moving, bearing)
         how = f"BEYOND, {clinical / first:.2g} times" if clinical > first else "within"
         far = f"{moving:.2g} N" if np.isfinite(moving) else f"more than {runs[-1].load:g} N"
@@ -379,7 +381,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     by_sweep, tissues, materials = grouped(rows, lambda row: row.sweep), runs_by_tissue(rows), runs_by_material(rows)
     named = {f"{name}, {runs[0].youngs_modulus / KILO:g} kPa": runs for name, runs in tissues.items()}
     last = {"fails beyond": [runs[-1] for runs in tissues.values() if runs[-1].failed]}
-    clinical = [level("x", CLINICAL[name][0], None, ":", of) for name, of in zip(tissues, COLOURS, strict=False)]
+    clinical = [level("x", TISSUES[name][1], None, ":", of) for name, of in zip(tissues, COLOURS, strict=False)]
     loaded = [row for row in by_sweep["tension"] if row.load > 0.0]
     ends = np.array([min(row.scaled_load for row in loaded), max(row.scaled_load for row in loaded)])
     slope = loaded[0].theory_along / loaded[0].footprint / loaded[0].scaled_load
@@ -440,7 +442,7 @@ def against_theory(
 ) -> Item:
     """Draw displacements over the varied quantity; lines are a half-space, from the depth at which holes are clear of
     the surface."""
-    values, case = [getattr(row, name) / MILLI for row in runs], runs[0].case
+    values, case = [getattr(row, name) / MILLI for row in runs], runs[0]
     least = CLEAR * case.footprint / MILLI if name == "depth" else min(values)
     over = np.linspace(least, max(*values, 2.0 * least * (name == "depth")), CURVE)
 
@@ -459,7 +461,7 @@ def against_theory(
 
 def over_friction(runs: Sequence[Row]) -> Item:
     """Draw the tensions behind each hole over the pull."""
-    mus, case = np.linspace(min(row.mu for row in runs), max(row.mu for row in runs), CURVE), runs[0].case
+    mus, case = np.linspace(min(row.mu for row in runs), max(row.mu for row in runs), CURVE), runs[0]
     theory = np.array([replace(case, mu=float(mu)).tensions(1.0) for mu in mus])
     return panel(
         "friction μ [-]", "tension over the pull [-]",
