@@ -1,8 +1,8 @@
 """Contact: two surfaces of the organ that press on one another where they meet."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
@@ -26,10 +26,8 @@ class Contact(ScenarioTable):
         description="coefficient of Coulomb friction between the surfaces [-]",
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> None:
         if self.between[0] == self.between[1]:
             raise ValueError(
                 f".between = {as_toml(self.between)} is refused: a surface is not in contact with itself; name two"
             )
-        return self

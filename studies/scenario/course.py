@@ -5,9 +5,9 @@ of them in each period.
 """
 
 from math import ceil, cos, inf, pi
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import (
@@ -108,14 +108,12 @@ class Timed(ScenarioTable):
     from_: NotNegative = Field(default=0.0, alias="from", description="time before which the load is zero [s]")
     until: Positive | None = optional("time after which the load is zero [s]; default: never", 0.5)
 
-    @model_validator(mode="after")
-    def _check_course(self) -> Self:
+    def _check_course(self) -> None:
         check_ending(self.from_, self.until)
         rows = self.course if isinstance(self.course, tuple) else ()
         check_rising("course", rows)
         if rows and rows[0][0] < 0.0:
             raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; let it begin there")
-        return self
 
     def rows(self, end: float, ramp: float = 0.0) -> tuple[Turn, ...] | None:
         """Return rows of time [s] and factor [-] of the load until `end` [s]; None for the whole load at all times.

@@ -1,8 +1,6 @@
 """The table of a load on the organ, `[[tissue.load]]`."""
 
-from typing import Self
-
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.course import Timed
 from studies.scenario.table import NotNegative, Number, Text, Vector, optional
@@ -24,8 +22,7 @@ class Load(Timed):
         default=0.0, description="time in which the load grows linearly from zero [s]; in statics over the load steps"
     )
 
-    @model_validator(mode="after")
-    def _check_kind(self) -> Self:
+    def _check_kind(self) -> None:
         if self.traction is not None and self.pressure is not None:
             raise ValueError(
                 f".pressure = {self.pressure} is refused: the load is given as a traction already; leave one of them "
@@ -35,4 +32,3 @@ class Load(Timed):
             raise ValueError(".traction is missing: write traction = [0, 0, 1e4] or pressure = 2e3 [Pa]")
         if self.course is not None and self.ramp:
             raise ValueError(f".ramp = {self.ramp} is refused: course says how the load grows; leave one of them out")
-        return self

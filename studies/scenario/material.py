@@ -1,8 +1,8 @@
 """The keys of the organ's material beyond E, ν and ρ, of `[tissue]` and of `[[tissue.region]]`."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, optional
@@ -18,11 +18,9 @@ class Fibre(ScenarioTable):
     k1: NotNegative = Field(description="initial stiffness of the fibres [Pa]")
     k2: Positive = Field(description="stiffening of the fibres [-]")
 
-    @model_validator(mode="after")
-    def _check_direction(self) -> Self:
+    def _check_direction(self) -> None:
         if not any(self.direction):
             raise ValueError(f".direction = {as_toml(self.direction)} is refused: allowed is a vector other than zero")
-        return self
 
 
 class MaterialKeys(ScenarioTable):

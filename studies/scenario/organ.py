@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -79,8 +79,7 @@ class _Sized(_Mesh):
     def longest(self) -> float:
         """The longest side of the meshed body [m]."""
 
-    @model_validator(mode="after")
-    def _check_sizes(self) -> Self:
+    def _check_sizes(self) -> None:
         if self.h > self.longest:
             raise ValueError(
                 f".h = {self.h} is refused: the body is {self.longest:g} m long and no cell is larger; lengths are in "
@@ -88,7 +87,6 @@ class _Sized(_Mesh):
             )
         if self.h_site is not None and self.h_site > self.h:
             raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
-        return self
 
 
 class _Block(_Sized):
@@ -143,18 +141,15 @@ class WoundMesh(_Block):
             return {**data, "generator": "gmsh"}
         return data
 
-    @model_validator(mode="after")
-    def _check_shape(self) -> Self:
+    def _check_shape(self) -> None:
         if self.shape == "slit" and self.width:
             raise ValueError(f'.width = {self.width} is refused: a slit is closed; take 0, or shape = "ellipse"')
         if self.shape == "ellipse" and not self.width:
             raise ValueError('.width = 0.0 is refused: an ellipse is open; give its width, or shape = "slit"')
         if self.shape == "ellipse" and self.generator == "structured":
             raise ValueError('.generator = "structured" is refused: an ellipse needs generator = "gmsh"')
-        return self
 
-    @model_validator(mode="after")
-    def _check_fits(self) -> Self:
+    def _check_fits(self) -> None:
         across, along = self.size[:2] if self.along == "y" else self.size[1::-1]
         if self.depth > self.size[2]:
             raise ValueError(f".depth = {self.depth} is refused: the block is {self.size[2]} m high; lower it")
@@ -162,7 +157,6 @@ class WoundMesh(_Block):
             raise ValueError(f".length = {self.length} is refused: the block is {along} m long there; shorten it")
         if self.width >= across:
             raise ValueError(f".width = {self.width} is refused: the block is {across} m wide there; lower it")
-        return self
 
 
 class CylinderMesh(_Sized):
@@ -194,13 +188,11 @@ class TubeMesh(_Sized):
     def longest(self) -> float:
         return max(self.length, 2.0 * self.radius)
 
-    @model_validator(mode="after")
-    def _check_wall(self) -> Self:
+    def _check_wall(self) -> None:
         if self.wall >= self.radius:
             raise ValueError(f".wall = {self.wall} is refused: it must be below radius = {self.radius}; lower it")
         if self.gap is not None and self.gap >= self.length:
             raise ValueError(f".gap = {self.gap} is refused: it must be below length = {self.length}; lower it")
-        return self
 
 
 class FileMesh(_Mesh):
@@ -229,8 +221,7 @@ class FileMesh(_Mesh):
         with path.open("rb") as file:
             return b"POLYDATA" in file.read(HEAD).upper()
 
-    @model_validator(mode="after")
-    def _check_sizes(self) -> Self:
+    def _check_sizes(self) -> None:
         if self.is_surface and self.h is None:
             raise ValueError(".h is missing: a surface is filled with tetrahedra of this size; write h = 4e-3 [m]")
         given = next((key for key in ("h", "h_site") if getattr(self, key) is not None), None)
@@ -241,7 +232,6 @@ class FileMesh(_Mesh):
             )
         if self.h is not None and self.h_site is not None and self.h_site > self.h:
             raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
-        return self
 
 
 class GivenMesh(_Mesh):
@@ -263,14 +253,12 @@ class Boundary(ScenarioTable):
         examples=[[[-0.1, -0.1, -0.1], [0.1, 0.1, -0.015]]],
     )
 
-    @model_validator(mode="after")
-    def _check_box(self) -> Self:
+    def _check_box(self) -> None:
         if any(low == high for low, high in zip(*self.box, strict=True)):
             raise ValueError(
                 f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
                 "give two opposite corners"
             )
-        return self
 
 
 class Region(MaterialKeys):
@@ -293,8 +281,7 @@ class Region(MaterialKeys):
         "stress relaxation [-], [s], as for the organ; [] for none; default the organ's"
     )
 
-    @model_validator(mode="after")
-    def _check_place(self) -> Self:
+    def _check_place(self) -> None:
         if self.box is not None and self.depth is not None:
             raise ValueError(".depth is refused: box places the region already; leave one of them out")
         if self.depth is not None and self.depth[0] >= self.depth[1]:
@@ -304,7 +291,6 @@ class Region(MaterialKeys):
                 f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
                 "give two opposite corners"
             )
-        return self
 
 
 class Reduction(ScenarioTable):
@@ -396,8 +382,7 @@ class Tissue(MaterialKeys):
         is_given = isinstance(mesh, Mapping) and mesh.get("accuracy") == "given"
         return {**data, "element": "P1"} if is_given and "element" not in data else data
 
-    @model_validator(mode="after")
-    def _check_boundaries(self) -> Self:
+    def _check_boundaries(self) -> None:
         own = [boundary.name for boundary in self.boundary]
         if problem := repetition("boundary", own):
             raise ValueError(f".{problem}")
@@ -407,18 +392,14 @@ class Tissue(MaterialKeys):
         for key in ("clamp", "roller"):
             if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
                 raise ValueError(f".{problem}")
-        return self
 
-    @model_validator(mode="after")
-    def _check_loads(self) -> Self:
+    def _check_loads(self) -> None:
         there = boundaries_of(self.mesh)
         known = [*there, *(boundary.name for boundary in self.boundary)] if there else None
         if problem := idle_load(self.load, known, self.clamp, self.roller):
             raise ValueError(f".{problem}")
-        return self
 
-    @model_validator(mode="after")
-    def _check_material(self) -> Self:
+    def _check_material(self) -> None:
         if problem := missing_or_idle(self.material, self, self.stiffening):
             raise ValueError(problem)
         for region in self.region:
@@ -432,17 +413,15 @@ class Tissue(MaterialKeys):
                 f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
                 "changes, so β damps nothing that is known; take β = 0"
             )
-        return self
 
     @property
     def relaxes(self) -> bool:
         """Whether stress relaxes anywhere in it."""
         return bool(self.relaxation) or any(region.relaxation for region in self.region)
 
-    @model_validator(mode="after")
-    def _check_reduction(self) -> Self:
+    def _check_reduction(self) -> None:
         if self.reduction is None:
-            return self
+            return
         reason = ""
         if self.material != "linear":
             reason = (
@@ -456,28 +435,22 @@ class Tissue(MaterialKeys):
             reason = "inertia is false, and a quasi-static organ has no steps to be made cheaper; take inertia = true"
         if reason:
             raise ValueError(f".reduction is refused: {reason}, or leave reduction out")
-        return self
 
-    @model_validator(mode="after")
-    def _check_bound(self) -> Self:
+    def _check_bound(self) -> None:
         if self.mesh.bound and self.material != "linear":
             raise ValueError(
                 f".mesh.bound = true is refused: material is {self.material}, and bounds are those of a linear organ; "
                 'take material = "linear", or leave bound out'
             )
-        return self
 
-    @model_validator(mode="after")
-    def _check_lips(self) -> Self:
+    def _check_lips(self) -> None:
         if self.contact and self.mesh.kind != "wound":
             raise ValueError(
                 f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
                 'take kind = "wound"'
             )
-        return self
 
-    @model_validator(mode="after")
-    def _check_regions(self) -> Self:
+    def _check_regions(self) -> None:
         if problem := repetition("region", [region.name for region in self.region]):
             raise ValueError(f".{problem}")
         for region in self.region:
@@ -491,7 +464,6 @@ class Tissue(MaterialKeys):
                 )
             if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
                 raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
-        return self
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:

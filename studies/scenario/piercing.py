@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from math import dist, hypot
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.refusal import as_toml, dotted_key, refusal
 from studies.scenario.table import (
+    SUBGRID,
     NotNegative,
     Number,
     Positive,
@@ -19,7 +20,6 @@ from studies.scenario.table import (
     check_rising,
     one_sentence,
     optional,
-    refuse_subgrid,
 )
 
 LetGo = tuple[Number]
@@ -55,18 +55,18 @@ class Friction(ScenarioTable):
             return self.grip[0] / parts, self.grip[1] / parts
         return self.grip / parts
 
-    @model_validator(mode="after")
-    def _check_order(self) -> Self:
+    def _check_order(self) -> None:
         if self.kinetic > self.static:
             raise ValueError(
                 f".kinetic = {self.kinetic} is refused: it must not exceed static = {self.static}; "
                 "lower it or raise static"
             )
-        return self
 
 
 class Piercing(ScenarioTable):
     """Hole through which the thread passes."""
+
+    FORMER = SUBGRID
 
     name: Text = Field(description="name of the piercing", examples=["entry"])
     at: Annotated[
@@ -139,14 +139,7 @@ class Piercing(ScenarioTable):
         "time at which the piercing ends [s], at the next end of a step; default: never", 0.5
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_subgrid(cls, data: Any) -> Any:
-        refuse_subgrid(data)
-        return data
-
-    @model_validator(mode="after")
-    def _check_effect(self) -> Self:
+    def _check_effect(self) -> None:
         for key, vector in (("direction", self.direction), ("along", self.along)):
             if vector is not None and not isinstance(vector, str) and not SHORTEST < hypot(*vector) < LONGEST:
                 numbers = ", ".join(f"{x:g}" for x in vector)
@@ -156,9 +149,9 @@ class Piercing(ScenarioTable):
                 f".footprint = {self.footprint} is refused: it is in m, and less than a micrometre; a hole bears over "
                 "about the radius of its thread: give that, or leave it out"
             )
-        self._check_place()
+        self._require_place()
         check_ending(self.from_, self.until)
-        self._check_hand()
+        self._require_hand()
         check_rising("draw", self.draw or ())
         check_rising("pull", self.pull or ())
         if self.kind == "anchored" and self.friction is not None:
@@ -168,7 +161,6 @@ class Piercing(ScenarioTable):
                 f".channel = {self.channel} is refused: it acts through friction and a direction; "
                 "give both or leave it out"
             )
-        return self
 
     @property
     def place(self) -> Vector:
@@ -188,7 +180,7 @@ class Piercing(ScenarioTable):
         """Distance from `near` to the place found on the surface [m], None if none is sought."""
         return None if self.near is None else dist(self.near, self.place)
 
-    def _check_place(self) -> None:
+    def _require_place(self) -> None:
         """Refuse a place on the surface that nothing tells, and what tells of none."""
         if self.at == "surface" and self.near is None:
             raise ValueError(
@@ -198,12 +190,12 @@ class Piercing(ScenarioTable):
             reason = "there is no point that its line goes through; give near, or leave it out"
             raise ValueError(f".along = {as_toml(self.along)} is refused: {reason}")
 
-    def _check_hand(self) -> None:
+    def _require_hand(self) -> None:
         """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw, or lets go
         what it does not have."""
         draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
         for key, rows in (("draw", draw or ()), ("pull", pull or ())):
-            self._check_letting_go(key, rows)
+            self._require_letting_go(key, rows)
         if draw is not None and pull is not None:
             if not slides:
                 raise ValueError(
@@ -226,7 +218,7 @@ class Piercing(ScenarioTable):
                     'give two rows, or set kind = "anchored"'
                 )
 
-    def _check_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
+    def _require_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
         """Refuse rows of time alone through a hole that a hand always holds, and where no hand has the thread."""
         alone = [number for number, row in enumerate(rows) if len(row) == 1]
         if alone and self.kind != "sliding":

@@ -7,7 +7,7 @@ own unit is the only exception. ``schema`` gives the JSON schema.
 from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 from math import ceil, dist, inf
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -87,8 +87,7 @@ class Scenario(ScenarioTable):
         except (ValidationError, TypeError):  # those of the fields name the fault, and a missing path is none
             return table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
 
-    @model_validator(mode="after")
-    def _check_piercings(self) -> Self:
+    def _check_piercings(self) -> None:
         if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
             raise ValueError(problem)
         check_order(
@@ -105,30 +104,22 @@ class Scenario(ScenarioTable):
             key = dotted_key(["piercing", loose, "direction"])
             reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
             raise ValueError(refusal(key, "normal", reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_frames(self) -> Self:
+    def _check_frames(self) -> None:
         frames = self.solve.steps // self.output.every
         if frames > MOST_FRAMES:
             reason = f"{self.solve.steps} steps make {frames} frames, and {MOST_FRAMES} are as many as a folder takes"
             least = ceil(self.solve.steps / MOST_FRAMES)
             raise ValueError(refusal("output.every", self.output.every, f"{reason}; raise it to {least} or more"))
-        return self
 
-    @model_validator(mode="after")
-    def _check_apart(self) -> Self:
+    def _check_apart(self) -> None:
         if self.tissue is not None:
             check_apart([hole for hole in self.piercing if hole.at != "surface"])
-        return self
 
-    @model_validator(mode="after")
-    def _check_tracts(self) -> Self:
+    def _check_tracts(self) -> None:
         check_tracts(self.tract, self.piercing, self.tissue is not None, self.solve.scheme)
-        return self
 
-    @model_validator(mode="after")
-    def _check_friction(self) -> Self:
+    def _check_friction(self) -> None:
         rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
         if not self.thread.bending and (rubbing := [k for k, tract in enumerate(self.tract) if tract.friction]):
             reason = "friction acts along the tangent that the bend gives the thread; set thread.bending = true"
@@ -144,7 +135,6 @@ class Scenario(ScenarioTable):
                 "for a limp thread a small thread.bending_factor"
             )
             raise ValueError(refusal("thread.bending", False, reason))
-        return self
 
     @property
     def touching(self) -> tuple[tuple[str, str], ...]:
@@ -168,8 +158,7 @@ class Scenario(ScenarioTable):
         at_rest = self.solve.kind == "static" and self.tissue.material == "linear"
         return at_rest or (self.solve.kind == "dynamic" and self.tissue.inertia)
 
-    @model_validator(mode="after")
-    def _check_contact(self) -> Self:
+    def _check_contact(self) -> None:
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
         if self.touching and linear:
             reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
@@ -183,7 +172,6 @@ class Scenario(ScenarioTable):
             for k, pair in enumerate(self.contact):
                 if problem := unknown_clamp(pair.between, known, f"contact.{k}.between"):
                     raise ValueError(problem)
-        return self
 
     @property
     def has_krylov(self) -> bool:
@@ -206,29 +194,25 @@ class Scenario(ScenarioTable):
             return "tissue.relaxation is given, and the space has no tissue that relaxes; leave one of them out"
         return "tissue.reduction asks for another basis; leave one of them out" if organ.reduction is not None else ""
 
-    @model_validator(mode="after")
-    def _check_krylov(self) -> Self:
+    def _check_krylov(self) -> None:
         if self.solve.organ == "krylov" and self.without_krylov:
             raise ValueError(refusal("solve.organ", "krylov", self.without_krylov))
-        return self
 
-    @model_validator(mode="after")
-    def _check_reduction(self) -> Self:
+    def _check_reduction(self) -> None:
         if self.tissue is None or self.tissue.reduction is None:
-            return self
+            return
         if self.solve.kind == "static":
             reason = "solve.kind is static, where the organ makes no steps; leave it out"
         elif self.contact:
             reason = "there is [[contact]], and any node of a surface may be pushed, which no small basis knows of; "
             reason += "leave one of them out"
         else:
-            return self
+            return
         raise ValueError(refusal("tissue.reduction", self.tissue.reduction.model_dump(), reason))
 
-    @model_validator(mode="after")
-    def _check_material(self) -> Self:
+    def _check_material(self) -> None:
         if self.tissue is None or self.tissue.material == "linear":
-            return self
+            return
         needed = {"scheme": "newton", "coupling": "monolithic", "friction": "implicit"}
         other = next((key for key, way in needed.items() if getattr(self.solve, key) != way), None)
         if other is not None:
@@ -237,15 +221,13 @@ class Scenario(ScenarioTable):
                 f'"{needed[other]}", or material = "linear"'
             )
             raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_knots(self) -> Self:
+    def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
             if self.thread.tolerance != type(self.thread).model_fields["tolerance"].default:
                 reason = "thread.knots is fixed, and the tolerance is what knots that travel are made for; leave it out"
                 raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
-            return self
+            return
         given = {"solve": self.solve, "thread": self.thread}
         for key, value in TRAVELLING.items():
             table, name = key.split(".")
@@ -253,20 +235,16 @@ class Scenario(ScenarioTable):
                 reason = "thread.knots is travelling, which knows no such thread; set it to "
                 reason += f'{as_toml(value)}, or knots = "fixed"'
                 raise ValueError(refusal(key, getattr(given[table], name), reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_linear(self) -> Self:
+    def _check_linear(self) -> None:
         hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
         drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
             key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
             reason = f'the paper\'s linear step knows no {key}; use "newton"'
             raise ValueError(refusal("solve.scheme", "linear", reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_cutting(self) -> Self:
+    def _check_cutting(self) -> None:
         if self.cut and self.solve.scheme != "newton":
             reason = 'the thread is not cut during such a run; set it to "newton", or leave out [[cut]]'
             raise ValueError(refusal("solve.scheme", self.solve.scheme, reason))
@@ -274,10 +252,8 @@ class Scenario(ScenarioTable):
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
         if twice is not None:
             raise ValueError(refusal("cut.s", twice, "the thread is cut there already; leave one of the cuts out"))
-        return self
 
-    @model_validator(mode="after")
-    def _check_ties(self) -> Self:
+    def _check_ties(self) -> None:
         if problem := tie_fault(self.tie, self.piercing):
             raise ValueError(problem)
         given = {"solve": self.solve, "thread": self.thread}
@@ -291,10 +267,8 @@ class Scenario(ScenarioTable):
         if hasty is not None:
             reason = "the loop is closed and locked at the end of one step, and never drawn; take shorter steps, or "
             raise ValueError(refusal(dotted_key(["tie", hasty.name, "until"]), hasty.until, reason + "a later time"))
-        return self
 
-    @model_validator(mode="after")
-    def _check_hands(self) -> Self:
+    def _check_hands(self) -> None:
         solve = self.solve
         sliding = [hole for hole in self.piercing if hole.kind == "sliding" and solve.kind == "static"]
         taken = [(hole, rows) for hole in sliding for rows in grips(hole.draw or ())]
@@ -309,19 +283,15 @@ class Scenario(ScenarioTable):
                     f"s, or choose solve.load_steps so that one ends at {first} s"
                 )
                 raise ValueError(refusal(dotted_key(["piercing", hole.name, "draw"]), hole.draw, reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_turning(self) -> Self:
+    def _check_turning(self) -> None:
         ends = (self.thread.start, self.thread.end)
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
         if self.thread.twist and self.solve.kind == "static" and not held:
             reason = "solve.kind is static and nothing keeps the thread from spinning; clamp an end or give it a turn"
             raise ValueError(refusal("thread.twist", True, reason))
-        return self
 
-    @model_validator(mode="after")
-    def _check_courses(self) -> Self:
+    def _check_courses(self) -> None:
         ends = [(f"thread.{key}", getattr(self.thread, key)) for key in ("start", "end")]
         loads = [] if self.tissue is None else [(f"tissue.load.{k}", load) for k, load in enumerate(self.tissue.load)]
         for key, table in [*ends, *loads]:
@@ -329,13 +299,11 @@ class Scenario(ScenarioTable):
                 reason = f"a step takes {self.solve.step:g} s, and a wave needs {STEPS} or more; raise it, or take "
                 shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
                 raise ValueError(refusal(f"{key}.{wave[0]}", wave[1], reason + shorter))
-        return self
 
-    @model_validator(mode="after")
-    def _check_held(self) -> Self:
+    def _check_held(self) -> None:
         tissue = self.tissue
         if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
-            return self
+            return
         why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
         reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
         raise ValueError(refusal("tissue.clamp", [], reason))

@@ -1,7 +1,7 @@
 """The tables `[solve]` and `[output]`."""
 
 from math import ceil
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -63,11 +63,9 @@ class Solve(ScenarioTable):
             return {"integrator": "euler"} | table
         return table
 
-    @model_validator(mode="after")
-    def _check_step(self) -> Self:
+    def _check_step(self) -> None:
         if self.kind == "dynamic" and self.dt > self.duration:
             raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
-        return self
 
     @property
     def is_one_system(self) -> bool:
@@ -89,8 +87,7 @@ class Solve(ScenarioTable):
         """Length of a step, or of a load step [s]."""
         return self.duration / self.load_steps if self.kind == "static" else self.dt
 
-    @model_validator(mode="after")
-    def _check_steps(self) -> Self:
+    def _check_steps(self) -> None:
         if self.kind == "static" and self.load_steps > MOST_STEPS:
             raise ValueError(f".load_steps = {self.load_steps} is refused: at most {MOST_STEPS} are taken; lower it")
         count = self.duration / self.dt
@@ -99,10 +96,8 @@ class Solve(ScenarioTable):
                 f".dt = {self.dt} is refused: duration = {self.duration} takes {count:.3g} of them, and at most "
                 f"{MOST_STEPS} are taken; raise it to {self.duration / MOST_STEPS:.3g} or more, or shorten the duration"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _check_method(self) -> Self:
+    def _check_method(self) -> None:
         if self.integrator == "bdf2" and (self.scheme == "linear" or self.friction == "two-pass"):
             raise ValueError(
                 '.integrator = "bdf2" is refused: the linear scheme and two-pass friction step by backward Euler; use '
@@ -134,7 +129,6 @@ class Solve(ScenarioTable):
                 '.coupling = "staggered" is refused: solve.kind is static, where nothing moves from step to step; use '
                 'coupling = "monolithic" or kind = "dynamic"'
             )
-        return self
 
 
 class Output(ScenarioTable):

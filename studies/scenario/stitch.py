@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, cos, pi, sin
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.arrays import Array
 from studies.scenario.piercing import Friction
@@ -100,8 +100,7 @@ class Stitch(ScenarioTable):
         {"static": 0.1, "kinetic": 0.1},
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> None:
         check_ending(self.from_, self.until)
         if self.kind not in ROWS and "count" in self.model_fields_set:
             raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has its own; leave it out")
@@ -117,7 +116,6 @@ class Stitch(ScenarioTable):
                 f".bite = {as_toml(self.bite)} is refused: {self.count} bites of twice that are longer than the circle "
                 f"of radius {self.step:g} m; lower it or count, or raise pitch"
             )
-        return self
 
     @property
     def sides(self) -> tuple[float, float]:

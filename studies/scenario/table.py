@@ -1,11 +1,12 @@
 """A table of a scenario: the kinds of values it holds, and how it is refused."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
 
 from studies.scenario.refusal import as_toml, refusal, shortened
 
@@ -73,10 +74,37 @@ Series = Annotated[
 ]
 
 
+SUBGRID = {"subgrid": "cells are refined where holes are; leave it out, and give tissue.mesh.accuracy"}
+
+
 class ScenarioTable(BaseModel):
-    """A table of the scenario: frozen, no unknown keys."""
+    """A table of the scenario: frozen, no unknown keys. Keys of earlier versions, `FORMER`, are refused with what takes
+    their place. Methods `_check…` refuse what is impossible: they are called once the table is made, in the order of
+    their definition, those of the classes above first."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
+    FORMER: ClassVar[Mapping[str, str]] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_former(cls, data: Any) -> Any:
+        for key, reason in cls.FORMER.items():
+            if isinstance(data, Mapping) and key in data:
+                raise ValueError(f".{key} = {as_toml(data[key])} is refused: {reason}")
+        return data
+
+    @model_validator(mode="after")
+    def _refuse(self) -> Self:
+        for name in checks_of(type(self)):
+            getattr(self, name)()
+        return self
+
+
+@cache
+def checks_of(table: type[ScenarioTable]) -> list[str]:
+    """Return the names of a table's methods that refuse what is impossible, in the order of their definition."""
+    kinds = [kind for kind in reversed(table.__mro__) if issubclass(kind, ScenarioTable)]
+    return [name for name in dict.fromkeys(name for kind in kinds for name in vars(kind)) if name.startswith("_check")]
 
 
 def optional(description: str, *examples: Any) -> Any:
@@ -98,13 +126,6 @@ def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
                 f".{key}.{row} = {as_toml(rows[row])} is refused: "
                 f"its time must be later than {before} s, the one before it; sort them by time"
             )
-
-
-def refuse_subgrid(data: Any) -> None:
-    """Refuse the former key of a hole or a tract by the one in its place."""
-    if isinstance(data, Mapping) and "subgrid" in data:
-        reason = "cells are refined where holes are; leave it out, and give tissue.mesh.accuracy"
-        raise ValueError(f".subgrid = {as_toml(data['subgrid'])} is refused: {reason}")
 
 
 def repetition(table: str, names: Sequence[str]) -> str | None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from itertools import pairwise
 from math import dist
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -45,13 +45,11 @@ class _HeldEnd(_End):
         [[0.0, 0.0], [1.0, 6.28]],
     )
 
-    @model_validator(mode="after")
-    def _check_turn(self) -> Self:
+    def _check_turn(self) -> None:
         rows = self.turn or ()
         check_rising("turn", rows)
         if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
             raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; let it begin at [0, 0]")
-        return self
 
 
 class FixedEnd(_HeldEnd):
@@ -77,11 +75,9 @@ class PulledEnd(_End, Timed):
         0.1,
     )
 
-    @model_validator(mode="after")
-    def _check_ramp(self) -> Self:
+    def _check_ramp(self) -> None:
         if self.course is not None and self.ramp:
             raise ValueError(f".ramp = {self.ramp} is refused: course says how the load grows; leave one of them out")
-        return self
 
 
 class DrivenEnd(_HeldEnd):
@@ -92,10 +88,8 @@ class DrivenEnd(_HeldEnd):
         description="rows of t [s], x, y, z [m], t increasing", examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]]
     )
 
-    @model_validator(mode="after")
-    def _check_times(self) -> Self:
+    def _check_times(self) -> None:
         check_rising("waypoints", self.waypoints)
-        return self
 
     def position(self, time: float) -> Vector:
         """Return the position (3,) [m] at a time [s]."""
@@ -123,8 +117,13 @@ def _known(name: str) -> str:
     return name
 
 
+GRADED = "knots now travel with the piercings, and are fine there by themselves; leave it out, or set thread.tolerance"
+
+
 class Thread(ScenarioTable):
     """Suture thread laid along a path."""
+
+    FORMER = dict.fromkeys(("resolution", "graded"), GRADED)
 
     suture: Annotated[Text, AfterValidator(_known)] | None = optional(
         "USP size and material or brand from the catalogue; instead of diameter, youngs_modulus, density",
@@ -208,19 +207,7 @@ class Thread(ScenarioTable):
             return {**data, "poisson_ratio": 0.4}
         return data
 
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_former_keys(cls, data: Any) -> Any:
-        former = next((key for key in ("resolution", "graded") if isinstance(data, Mapping) and key in data), None)
-        if former is not None:
-            raise ValueError(
-                f".{former} = {as_toml(data[former])} is refused: knots now travel with the piercings, and are fine "
-                "there by themselves; leave it out, or set thread.tolerance"
-            )
-        return data
-
-    @model_validator(mode="after")
-    def _check_material(self) -> Self:
+    def _check_material(self) -> None:
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
         given = [key for key, value in own.items() if value is not None]
         if self.suture is not None and given:
@@ -234,16 +221,12 @@ class Thread(ScenarioTable):
                 f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
                 '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
             )
-        return self
 
-    @model_validator(mode="after")
-    def _check_cuts(self) -> Self:
+    def _check_cuts(self) -> None:
         if any(after <= before for before, after in pairwise(self.cuts)):
             raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them and drop repeats")
-        return self
 
-    @model_validator(mode="after")
-    def _check_springs(self) -> Self:
+    def _check_springs(self) -> None:
         if self.springs is not None and self.energy != "springs":
             raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
         least = self.control_points - 1 - len(self.cuts)
@@ -252,10 +235,8 @@ class Thread(ScenarioTable):
                 f".springs = {self.springs} is refused: {self.control_points} control points need at least "
                 f"{least}, else the thread could stretch unseen; raise it"
             )
-        return self
 
-    @model_validator(mode="after")
-    def _check_twist(self) -> Self:
+    def _check_twist(self) -> None:
         if self.twist and not self.bending:
             raise ValueError(
                 ".twist = true is refused: without bending stiffness a twisted thread collapses; set bending = true"
@@ -269,10 +250,9 @@ class Thread(ScenarioTable):
                 "section; set thread.twist = true"
             )
         if self.coil_towards is not None:
-            self._check_coil_towards(self.coil_towards)
-        return self
+            self._require_coil_towards(self.coil_towards)
 
-    def _check_coil_towards(self, towards: Vector) -> None:
+    def _require_coil_towards(self, towards: Vector) -> None:
         if self.coil_radius is None:
             raise ValueError(
                 f".coil_towards = {as_toml(towards)} is refused: the thread does not coil; give coil_radius"
@@ -284,17 +264,14 @@ class Thread(ScenarioTable):
                 "direction across it"
             )
 
-    @model_validator(mode="after")
-    def _check_path(self) -> Self:
+    def _check_path(self) -> None:
         for row, (before, after) in enumerate(pairwise(self.path), start=1):
             if before == after:
                 raise ValueError(
                     f".path.{row} = {as_toml(after)} is refused: it must differ from the one before; drop it"
                 )
-        return self
 
-    @model_validator(mode="after")
-    def _check_driven_ends(self) -> Self:
+    def _check_driven_ends(self) -> None:
         total = sum(dist(a, b) for a, b in pairwise(self.path))
         for key, end, place in (("start", self.start, self.path[0]), ("end", self.end, self.path[-1])):
             away = dist(end.position(0.0), place) if isinstance(end, DrivenEnd) else 0.0
@@ -303,4 +280,3 @@ class Thread(ScenarioTable):
                     f".{key}.waypoints is refused: at t = 0 it is {away:.3g} m away from the {key} of "
                     f"thread.path, {as_toml(place)}; let it begin there"
                 )
-        return self

@@ -1,9 +1,8 @@
 """The table of a tie, `[[tie]]`: a loop of thread that hands draw tight over the tissue and lock."""
 
 from collections.abc import Sequence
-from typing import Self
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
@@ -44,8 +43,7 @@ class Tie(ScenarioTable):
         """Time in which the force grows [s]."""
         return 0.5 * (self.until - self.from_) if self.ramp is None else self.ramp
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> None:
         if self.between[0] == self.between[1]:
             raise ValueError(f".between = {as_toml(self.between)} is refused: a loop goes through two holes; name two")
         check_ending(self.from_, self.until)
@@ -54,7 +52,6 @@ class Tie(ScenarioTable):
                 f".ramp = {self.ramp} is refused: the loop is locked {self.until - self.from_:.6g} s after it is "
                 "closed, before its force has grown; lower it, or raise until"
             )
-        return self
 
 
 def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:

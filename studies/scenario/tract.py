@@ -1,17 +1,18 @@
 """The table of a tract, `[[tract]]`: where the thread bears on the tissue across itself between two holes."""
 
 from collections.abc import Sequence
-from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.refusal import dotted_key, refusal
-from studies.scenario.table import Positive, ScenarioError, ScenarioTable, Text, optional, refuse_subgrid
+from studies.scenario.table import SUBGRID, Positive, ScenarioError, ScenarioTable, Text, optional
 
 
 class Tract(ScenarioTable):
     """Tissue along the thread's path between two neighbouring holes: the thread slides along it, not across it."""
+
+    FORMER = SUBGRID
 
     between: tuple[Text, Text] = Field(
         description="names of two consecutive holes along the thread", examples=[["entry", "exit"]]
@@ -28,12 +29,6 @@ class Tract(ScenarioTable):
         "friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
         {"static": 0.1, "kinetic": 0.1},
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_subgrid(cls, data: Any) -> Any:
-        refuse_subgrid(data)
-        return data
 
     @property
     def name(self) -> str:
