@@ -228,12 +228,11 @@ def scenario(case: Case, laid: int) -> Scenario:
     tail = TAIL + (case.stitches - laid) * (2 * BITE + np.hypot(2 * BITE, PITCH))
     rough = {"friction": {"static": case.mu, "kinetic": case.mu}} if case.mu else {}
     length = (case.stitches - 1) * PITCH + 2 * BEYOND
-    mesh: dict[str, Any] = {
-        "kind": "block",
-        "size": [WIDTH, length + 2 * BEYOND, THICKNESS],
-        "h": case.cell,
-        "accuracy": "given",
-    }
+    organ: dict[str, Any] = {"tissue": None}
+    if not fixed:
+        size = [WIDTH, length + 2 * BEYOND, THICKNESS]
+        mesh: dict[str, Any] = {"kind": "block", "size": size, "h": case.cell, "accuracy": "given"}
+        organ = {"tissue.youngs_modulus": case.youngs_modulus, "tissue.mesh": mesh}
     if case.organ == "gaping fascia":
         mesh |= {"kind": "wound", "shape": "slit", "length": length, "depth": THICKNESS}
     values = {
@@ -253,7 +252,6 @@ def scenario(case: Case, laid: int) -> Scenario:
             for number, hole in enumerate(holes)
         ],
     }
-    organ = {"tissue": None} if fixed else {"tissue.youngs_modulus": case.youngs_modulus, "tissue.mesh": mesh}
     return scene("running_suture", values | organ)
 
 
@@ -317,14 +315,12 @@ def add_stitch(line: Line, number: int, hold: float) -> Line:
 
 def one_pull(case: Case) -> Iterator[Row]:
     """Lay the suture, pull it, and let it back in stages."""
-    line = pull(lay_taut(case, case.stitches, SLACK), case.mu, SLACK * OVER, REST)
-    yield from moment(line, case, "one pull", SLACK, "before")
-    for hand in (*(x for x in RISE if x < case.pull), case.pull):
-        line = pull(line, case.mu, hand * OVER, PULLING / (len(RISE) + 1))
-        yield from moment(line, case, "one pull", SLACK, "pulled" if hand == case.pull else "rising")
-    for hand in STAGES:
-        line = pull(line, case.mu, hand * OVER, LETTING / len(STAGES))
-        yield from moment(line, case, "one pull", SLACK, "let back")
+    line, rise = lay_taut(case, case.stitches, SLACK), PULLING / (len(RISE) + 1)
+    hands = [(SLACK, REST, "before"), *((x, rise, "rising") for x in RISE if x < case.pull)]
+    hands += [(case.pull, rise, "pulled"), *((x, LETTING / len(STAGES), "let back") for x in STAGES)]
+    for hand, seconds, name in hands:
+        line = pull(line, case.mu, hand * OVER, seconds)
+        yield from moment(line, case, "one pull", SLACK, name)
 
 
 def placing(case: Case, hold: float) -> Iterator[Row]:
@@ -391,8 +387,8 @@ def coefficient(rows: Sequence[Row], left: float) -> float:
     """Return the μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly linear in artanh μ. Raises
     `StudyError`."""
     over = sweep(rows)
-    ratios = [np.log(hand_of(run) / rows_at(run)[BACK].tension) for run in over]
-    wanted = float(np.log(hand_of(over[0]) / left))
+    ratios = [np.log(rows_at(run)[0].hand / rows_at(run)[BACK].tension) for run in over]
+    wanted = float(np.log(rows_at(over[0])[0].hand / left))
     if not min(ratios) <= wanted <= max(ratios):
         shown = ", ".join(f"{run[0].mu:g}" for run in over)
         reason = f"none of them leaves more, or none less, than {left:g} N two stitches back"
@@ -404,11 +400,6 @@ def calibrate(rows: Sequence[Row]) -> tuple[float, float, float]:
     """Return the μ of the published tension, and those of one SD more and one less. Raises `StudyError`."""
     mu, low, high = (coefficient(rows, PUBLISHED_LEFT + sign * LEFT_SD) for sign in (0, 1, -1))
     return mu, low, high
-
-
-def hand_of(run: Sequence[Row]) -> float:
-    """Return the pull of a run [N]."""
-    return next(row.hand for row in run if row.moment == "pulled")
 
 
 def reach(run: Sequence[Row]) -> int:
@@ -433,18 +424,6 @@ def law_error(run: Sequence[Row]) -> float:
     return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
 
 
-def later_change(tensions: dict[int, Row]) -> float:
-    """Return the largest change of the second stitch under the pulls after the fourth stitch's [N]."""
-    later = [row.tension for back, row in tensions.items() if back > BACK]
-    return max((abs(tension - tensions[BACK].tension) for tension in later), default=0.0)
-
-
-def capstan(run: Sequence[Row]) -> float:
-    """Return the μ that exp(μθ) would need for the published ratio over the mean turn in each hole."""
-    turn = np.radians(rows_at(run)[0].turn)
-    return float(np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * turn))
-
-
 def table(rows: Sequence[Row]) -> Table:
     """Make one line a run: along the line, or the second stitch under one pull after the other."""
     most = max(row.stitches for row in rows)
@@ -452,20 +431,16 @@ def table(rows: Sequence[Row]) -> Table:
     head = ("run", "organ", "μ [-]", "hold [N]", *columns, "felt [stitches back]", "off the law [%]")
     seen = [f"{PUBLISHED_PULL:g} (SD {PULL_SD:g})", "", f"{PUBLISHED_LEFT:g} (SD {LEFT_SD:g})"]
     seen += ["the same"] * max(min(most, 6) - 3, 0)
-    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *pad(seen, most), f"≤ {PUBLISHED_REACH}", ""]]
+    seen += [""] * (most - len(seen))
+    lines = [["Horeman et al., stitch 2", "pig fascia", "", "", *seen, f"≤ {PUBLISHED_REACH}", ""]]
     for run in runs(rows):
         first, tensions = run[0], rows_at(run)
         name = "placing, stitch 2" if first.kind == "placing" else ", ".join(x for x in ("one pull", first.check) if x)
         cells = [f"{tensions[back].tension:.3f}" if back in tensions else "" for back in range(most)]
         felt = f"{'≥ ' if reaches_knot(run) else ''}{reach(run)}"
         case = [name, first.organ, f"{first.mu:.4g}", f"{first.hold:g}"]
-        lines.append([*case, *pad(cells, most), felt, f"{100 * law_error(run):.2g}"])
+        lines.append([*case, *cells, felt, f"{100 * law_error(run):.2g}"])
     return Table(head, lines)
-
-
-def pad(cells: Sequence[str], count: int) -> list[str]:
-    """Fill cells up with empty ones."""
-    return [*cells, *[""] * (count - len(cells))]
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
@@ -478,11 +453,12 @@ def calibration(rows: Sequence[Row]) -> list[str]:
     """State μ with its interval, and whether it is a coefficient one would expect."""
     run, (mu, more, less) = reference(rows), calibrate(rows)
     low, high = COEFFICIENTS
-    inside = "within" if low <= mu <= high else "OUTSIDE"
+    inside, pulled = "within" if low <= mu <= high else "OUTSIDE", rows_at(run)[0]
+    capstan = np.log(PUBLISHED_PULL / PUBLISHED_LEFT) / (2 * BACK * np.radians(pulled.turn))
     return [
-        f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {hand_of(run):g} N; {more:.3f} to "
+        f"calibrated: μ = {mu:.3f}, by {PUBLISHED_LEFT:g} N two stitches back from {pulled.hand:g} N; {more:.3f} to "
         f"{less:.3f} for ± 1 SD of that alone. Round cylinders (exp μθ) of the holes' mean turn, "
-        f"{rows_at(run)[0].turn:.0f}°, it would be {capstan(run):.3f}",
+        f"{pulled.turn:.0f}°, it would be {capstan:.3f}",
         f"that is {inside} the {low:g} to {high:g} assumed for sutures on wet tissue",
     ]
 
@@ -505,7 +481,7 @@ def predictions(rows: Sequence[Row]) -> list[str]:
 
 def agreeing_holds(run: Sequence[Row]) -> Array:
     """Return the holds [N] in steps of 10 mN with which the law alone leaves the second stitch as published."""
-    pull, last = hand_of(run), max(row.stitches for row in run)
+    pull, last = rows_at(run)[0].hand, max(row.stitches for row in run)
     ratio = (pull / rows_at(run)[BACK].tension) ** (1 / (2 * BACK))
     holds = np.arange(0.01, pull, 0.01)
     second = np.array([second_stitch_by_law(ratio, pull, hold, max(last, 3 + BACK)) for hold in holds])[:, BACK:]
@@ -528,12 +504,14 @@ def reach_verdict(run: Sequence[Row]) -> str:
 def sequence(tensions: dict[int, Row]) -> str:
     """Write the tensions of the second stitch in words."""
     shown = ", ".join(f"{tensions[back].tension:.2f}" for back in sorted(tensions))
-    change, off = later_change(tensions), abs(tensions[BACK].tension - PUBLISHED_LEFT)
+    left = tensions[BACK].tension
+    later = [abs(row.tension - left) for back, row in tensions.items() if back > BACK]
+    change, off = max(later, default=0.0), abs(left - PUBLISHED_LEFT)
     fourth = "agrees" if off <= LEFT_SD else "DISAGREES"
-    later = "agrees" if change < FELT else "DISAGREES"
+    unchanged = "agrees" if change < FELT else "DISAGREES"
     return (
         f"{shown} N; under the fourth, where one pull calibrates, {off:.2f} N off ({fourth}), then changed by up to "
-        f"{change:.2f} N (published: by none, SD {LEFT_SD:g} N: {later})"
+        f"{change:.2f} N (published: by none, SD {LEFT_SD:g} N: {unchanged})"
     )
 
 
@@ -565,7 +543,8 @@ def figure(rows: Sequence[Row]) -> Figure:
     shown = [run for run in sweep(rows) if run[0].mu]
     pulls = {f"μ = {each[0].mu:.3g} {each[0].check}": list(rows_at(each).values()) for each in (*shown, run)}
     colours = [*(str(grey) for grey in np.linspace(0.7, 0.2, len(shown))), COLOURS[0]]
-    over = {ends: [each for each in (*sweep(rows), run) if reaches_knot(each) == ends] for ends in (False, True)}
+    tried = grouped((*sweep(rows), run), reaches_knot)
+    over = {"one pull": tried.get(False, []), "to the knot": tried.get(True, [])}
     mu, low, high = calibrate(rows)
     followed = {"each row drawn anew": list(tensions_drawn_anew(run).values())}
     for placed in placings(rows):
@@ -585,10 +564,7 @@ def figure(rows: Sequence[Row]) -> Figure:
             ),
             panel(
                 "coefficient of friction μ [-]", "felt, stitches back [-]",
-                *(
-                    curve([each[0].mu for each in runs], [reach(each) for each in runs], label, marker, COLOURS[0])
-                    for runs, label, marker in ((over[False], "one pull", "o"), (over[True], "to the knot", "^"))
-                ),
+                series(over, lambda each: each[0].mu, reach, "", ("o", "^"), [COLOURS[0]] * 2),
                 band("x", low, high, "μ within ± 1 SD"), level("x", mu, f"calibrated, μ = {mu:.3f}"),
                 band("y", 0, PUBLISHED_REACH, f"published: ≤ {PUBLISHED_REACH}", COLOURS[1]),
                 ticks={"y": range(most)}, title=f"felt: a change by {FELT:g} N or more", ylim=(0, most - 0.5),
