@@ -96,7 +96,7 @@ def main(
         raise StudyError(f"{given}: give {reason}")
     jobs: list[Job] = []
     for mu in mus:
-        jobs += [partial(one_hole, mu, turn) for turn in turns]
+        jobs += [partial(holes_in_a_row, mu, turn, 1) for turn in turns]
         jobs += [partial(two_passes, mu, turn) for turn in turns]
         jobs += [partial(holes_in_a_row, mu, wrap, holes) for holes in sorted(set(rows_of_holes))]
         jobs += [partial(loop, mu, loop_turn, holes) for holes in loop_holes]
@@ -146,19 +146,15 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
     return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)
 
 
-def one_hole(mu: float, turn: float) -> Row:
-    """Measure the ratio at which a rod slips."""
-    return replace(holes_in_a_row(mu, turn, 1), kind="one hole")
-
-
 def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
-    """Measure rods in a row, each held by the pull of the one before; they turn by `wrap` [degree] in all."""
-    pull, settled = HOLD, True
+    """Measure one rod, or several in a row, each held by the pull of the one before; they turn by `wrap` [degree] in
+    all."""
+    pull, settled, kind = HOLD, True, "holes in a row" if holes > 1 else "one hole"
     for _ in range(holes):
         pull, sure = pull_at_slip(mu, np.radians(wrap) / holes / 2, pull)
         settled &= sure
     theory, ratio = point_ratio(mu, np.radians(wrap / holes)) ** holes, pull / HOLD
-    return Row(kind="holes in a row", mu=mu, turn=wrap, holes=holes, ratio=ratio, theory=theory, settled=settled)
+    return Row(kind=kind, mu=mu, turn=wrap, holes=holes, ratio=ratio, theory=theory, settled=settled)
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
@@ -216,16 +212,9 @@ def moment(state: State, mu: float, turn: float, place: float, outwards: bool) -
     inner /= np.linalg.norm(inner, axis=1)[:, None]
     turns = np.arccos(np.sum(inner[:-1] * inner[1:], axis=1))
     ratio = float(np.prod([bent_ratio(mu, angle) for angle in turns]))
-    return Row(
-        kind="loop",
-        mu=mu,
-        turn=turn,
-        holes=len(turns),
-        way=place,
-        ratio=float(pull / hold),
-        theory=ratio if outwards else 1.0 / ratio,
-        settled=bool(np.all(state.sigma == (-1.0 if outwards else 1.0))),
-    )
+    settled = bool(np.all(state.sigma == (-1.0 if outwards else 1.0)))
+    theory, found = ratio if outwards else 1.0 / ratio, float(pull / hold)
+    return Row(kind="loop", mu=mu, turn=turn, holes=len(turns), way=place, ratio=found, theory=theory, settled=settled)
 
 
 # --- what was found ---------------------------------------------------------------------------------------
