@@ -44,9 +44,9 @@ class Kind:
     """A kind of remark; `bound` is the condition for it and `reason` its explanation, both for the manual."""
 
     code: str
-    severity: Severity
     bound: str
     reason: str
+    severity: Severity = "unsupported"
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,11 @@ class Remark:
 KINDS = (
     Kind(
         "demand",
-        "unsupported",
         f"predicted displacement of a hole in a linear organ of {SMALL_STRAIN:g} footprints or more",
         "a half-space yields by 0.6 F/(E a²); the strain at the hole is about as large",
     ),
     Kind(
         "stiff-thread",
-        "unsupported",
         f"predicted couple above {SMALL_ROTATION:g} E a³ at a directed hole of a linear organ: 2 sin(θ/2) √(EI "
         "T) of a taut thread, or 1.6 EI θ/ℓ of one bent over the distance ℓ to the next hole or hand; θ is "
         "the turn",
@@ -90,289 +88,247 @@ KINDS = (
     ),
     Kind(
         "pull-strength",
-        "unsupported",
         "load on the thread above the smallest knot-pull strength of `suture catalogue`, or above a strain of "
         f"{THREAD_STRAIN:g}",
         "a real suture may break there; the model's thread does not, and its law is linear",
     ),
     Kind(
         "hole-strain",
-        "unsupported",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
         "the second-order strain that linear elasticity neglects is a tenth of it",
     ),
     Kind(
         "hole-rotation",
-        "unsupported",
         f"turn of a hole above {SMALL_ROTATION:g} rad",
         "a rotation θ alone strains a linear body by 1 − cos θ = 0.02",
     ),
     Kind(
         "tissue-strain",
-        "unsupported",
         f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the strain energy",
         "as at a hole; so much energy affects the forces",
     ),
     Kind(
         "tissue-rotation",
-        "unsupported",
         f"rotation above {SMALL_ROTATION:g} rad in cells with more than {SHARE:.0%} of the strain energy",
         "as at a hole",
     ),
     Kind(
         "local-strain",
-        "note",
         f"strain above {SMALL_STRAIN:g} in cells with less energy",
         "strain has no limit under refinement at an edge, a clamp or a wound's tip",
+        "note",
     ),
     Kind(
-        "tears",
-        "unsupported",
-        "bearing pressure at a hole above `tissue.strength`",
-        "real tissue may tear there; the model does not",
+        "tears", "bearing pressure at a hole above `tissue.strength`", "real tissue may tear there; the model does not"
     ),
     Kind(
         "pressure-turn",
-        "unsupported",
         f"turn of a pressed surface of a linear organ above {SMALL_ROTATION:g} rad",
         "the pressure keeps the direction of the reference shape",
     ),
     Kind(
         "lips-cross",
-        "unsupported",
         f"overlap of wound lips above {CROSSED:g} of their extent",
         "without `tissue.contact` the lips do not resist",
     ),
     Kind(
         "thread-strength",
-        "unsupported",
         "tension above the smallest knot-pull strength of `suture catalogue`",
         "a real suture may break there; the model's thread does not",
     ),
     Kind(
         "thread-strain",
-        "unsupported",
         f"axial strain of the thread above {THREAD_STRAIN:g}",
         "the model is linear; sutures are linear at small strain only",
     ),
     Kind(
         "channel",
-        "note",
         f"rough, directed hole without a given `channel`, at the end: normal force above {RULES:g} of the "
         f"force across, and friction that differs by {UNSURE:.0%} of the tension between half and twice the "
         "channel",
         "the couple presses with m/ℓ, and the path does not say over which length ℓ the tissue guides the thread",
+        "note",
     ),
     Kind(
         "spans",
-        "unsupported",
         "`thread.span_ratio` above 0.5 at the end",
         "forces along the thread are several per cent off; momentary friction in a directed hole 10 to 40 %, "
         "or 20 to 150 % if the thread bends back",
     ),
-    Kind(
-        "spans-between",
-        "unsupported",
-        "`thread.spans_between` below 2 at the end",
-        "so few spans cannot bend as the thread would",
-    ),
+    Kind("spans-between", "`thread.spans_between` below 2 at the end", "so few spans cannot bend as the thread would"),
     Kind(
         "energy-created",
-        "unsupported",
         f"numerical dissipation below −{CREATED:g} of the run's energy at any time",
         "created energy drives the motion",
     ),
     Kind(
         "numerical-dissipation",
-        "note",
         f"numerical dissipation at the end above {DISSIPATED:.0%} of the run's energy, with friction or "
         "`forces-swing`; or above the dissipation of friction, if the thread slid by more than its diameter",
         "the time steps damped the motion, and with friction the final state depends on the motion",
+        "note",
     ),
     Kind(
         "slides-freely",
-        "unsupported",
         "static run of a thread without friction in its holes and without a held end",
         "the thread can slide as a whole: `slip` depends on the load steps; forces, places and lengths "
         "between holes do not",
     ),
     Kind(
         "not-held",
-        "note",
         "dynamic run of an organ without clamp, roller or contact",
         "thread and loads accelerate the whole organ",
+        "note",
     ),
     Kind(
         "would-not-stay",
-        "unsupported",
         "unstable equilibrium at the end: a motion of the thread lowers its potential",
         "Newton's method can follow equilibria beyond buckling; no stable one was found from here",
     ),
     Kind(
         "branch",
-        "note",
         "load steps failed, and the branch was followed by arc length",
         "the stability of equilibria along the branch is not checked",
+        "note",
     ),
     Kind(
         "limit-point",
-        "unsupported",
         f"loads fell along the branch by more than {FALLEN:g} of the full loads",
         "under rising loads thread or tissue jump at a limit point, perhaps to another branch",
     ),
     Kind(
         "not-at-rest",
-        "note",
         "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or a thread that would slide "
         "by more than its diameter in another such run",
         "the final numbers are momentary, not of an equilibrium",
+        "note",
     ),
     Kind(
         "forces-swing",
-        "note",
         f"at the end of a dynamic run, the force of a hole deviates from a straight line over {SEEN} steps by "
         f"more than {SWUNG:.0%} of the largest",
         "so few steps delay and damp the oscillation; use a smaller `solve.dt`",
+        "note",
     ),
     Kind(
         "chatter",
-        "note",
         f"in a dynamic run, {SWITCHES} changes between stick and slip at a hole within {SEEN} steps",
         "the number and times of these events depend on the time step",
+        "note",
     ),
     Kind(
         "cells",
-        "unsupported",
         f'with `tissue.mesh.accuracy = "given"`, cells above {COARSE["P1"]:g} (P1) or {COARSE["P2"]:g} (P2) of the '
         "footprint",
         "the mesh is more than about 8 % too stiff at the hole",
     ),
     Kind(
         "accuracy",
-        "unsupported",
         "estimated error of a hole's compliance above `tissue.mesh.accuracy`",
         "the refinement ended after its last round, or for want of memory",
     ),
-    Kind(
-        "bare-point",
-        "unsupported",
-        "footprint of zero in an organ",
-        "the displacement of a point has no limit under refinement",
-    ),
+    Kind("bare-point", "footprint of zero in an organ", "the displacement of a point has no limit under refinement"),
     Kind(
         "holes-near",
-        "note",
         f"distance of two holes below {NEAR:g} times the sum of their footprints",
         "each hole moves the other by a quarter of its displacement or more",
+        "note",
     ),
     Kind(
         "off-path",
-        "note",
         f"piercing more than {OFF_PATH:g} diameters from `thread.path`",
         "the thread is bent to it at the start, and that energy sets it in motion",
+        "note",
     ),
     Kind(
         "kinked",
-        "note",
         f"bend radius of the path below {KINKED:g} thread diameter",
         "no suture stays elastic there; it springs back at the start",
+        "note",
     ),
     Kind(
         "after-end",
-        "note",
         "cut, tie or beginning piercing after `solve.duration`",
         "the event does not happen in this run",
+        "note",
     ),
     Kind(
         "rest-unloaded",
-        "note",
         '`solve.start = "rest"` and a dead load with its own `ramp`',
         "the load is zero at t = 0, so its slack is taken up during the run",
+        "note",
     ),
     Kind(
         "moved",
-        "note",
         f"piercing farther from `near` than {MOVED:g} footprints",
         "a path or box placed by `near` may no longer fit the hole",
+        "note",
     ),
     Kind(
         "no-tract",
-        "note",
         "thread in tissue, deeper than its diameter, between two holes without a `[[tract]]`",
         "the thread bears on the tissue at the holes only, so the depth of a bite has no effect",
+        "note",
     ),
     Kind(
         "no-hole",
-        "unsupported",
         "thread in tissue, deeper than its diameter, on a strand that crosses the surface without a hole; "
         "except the free tail of an anchored hole",
         "the thread passes through tissue without a force",
     ),
     Kind(
         "tract-bare",
-        "note",
         f"more than {BARE:g} radii of a tract's path outside the organ or within a radius of its surface, "
         "except across wounds and contacts",
         "no tissue ball fits there, so the thread does not bear there",
+        "note",
     ),
     Kind(
         "tract-stiff",
-        "note",
         f"EI times the turn of the thread per ball above {STIFF:g} T r² at the end, and that turn above "
         f"{SLIGHT:g} rad; T is the tension, r the radius",
         "half the spacing changes the closing effect by more than 2 %, and the force on a ball at a sharp "
         "bend has no limit",
+        "note",
     ),
     Kind(
         "contact-rough",
-        "note",
         f"coefficient of friction of a `[[contact]]` above {STEEP:g}",
         "high friction may allow several solutions or none (Klarbring, Ingenieur-Archiv 60, 1990); the one "
         "found depends on the steps",
+        "note",
     ),
     Kind(
         "handed-over",
-        "note",
         "stiffness, law of friction or strain energy from Python",
         "the scenario in the folder does not contain it, so it does not reproduce the run",
+        "note",
     ),
     Kind(
         "stress-of-e-nu",
-        "unsupported",
         "stiffness from Python",
         "stress and energy of cells are computed with E and ν, which may not match",
     ),
-    Kind(
-        "units",
-        "unsupported",
-        "implausible length, modulus or density",
-        "the number may be in mm, kPa or g/cm³",
-    ),
+    Kind("units", "implausible length, modulus or density", "the number may be in mm, kPa or g/cm³"),
     Kind(
         "reduction",
-        "unsupported",
         f"in a small basis, `difference` of a hole above {REDUCED:.0%} of the largest displacement of a hole",
         "the difference is nearly the error: the motion is too fast for the basis",
     ),
     Kind(
         "reduction-bound",
-        "note",
         f"in a small basis, `bound` above {REDUCED:.0%} of that displacement",
         "the bound grows over the run; the error is usually far smaller and near the difference",
-    ),
-    Kind(
-        "frames-missing",
         "note",
-        "at a resume, missing frames of `results.pvd`",
-        "they are removed from the list",
     ),
+    Kind("frames-missing", "at a resume, missing frames of `results.pvd`", "they are removed from the list", "note"),
     Kind(
         "remedy",
-        "note",
         "failed run: the remedy that helped on a copy, or none",
         "remedies are tried before they are named; `--no-remedies` omits the search",
+        "note",
     ),
-    Kind("no-picture", "note", "picture that could not be drawn", "the message has the cause"),
+    Kind("no-picture", "picture that could not be drawn", "the message has the cause", "note"),
 )
 CATALOGUE = {kind.code: kind for kind in KINDS}
 
@@ -380,6 +336,11 @@ CATALOGUE = {kind.code: kind for kind in KINDS}
 def remark(code: str, where: str, message: str) -> Remark:
     """Make a remark of a kind of the catalogue."""
     return Remark(code, CATALOGUE[code].severity, message, where)
+
+
+def judged(deserved: bool, code: str, where: str, message: str) -> list[Remark]:
+    """Return a remark of a kind of the catalogue if it is deserved, else none."""
+    return [remark(code, where, message)] if deserved else []
 
 
 def any_unsupported(remarks: Iterable[Remark]) -> bool:

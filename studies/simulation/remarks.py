@@ -52,6 +52,7 @@ from studies.output.remarks import (
     THREAD_STRAIN,
     UNSURE,
     Remark,
+    judged,
     remark,
 )
 from studies.scenario import Scenario
@@ -138,13 +139,11 @@ def ramps_of(scenario: Scenario) -> dict[str, float]:
 def unloaded_rest(key: str, ramp: float) -> list[Remark]:
     """Judge whether the dead load on the end `key` of a thread, which grows within a `ramp` [s], is there at the rest
     that a run starts from."""
-    if ramp == 0.0:
-        return []
     text = (
         f"the dead load on {key} grows within {ramp:.3g} s and is zero at t = 0, so the run starts at rest "
         f"without it; remove {key}.ramp to start under the full load"
     )
-    return [remark("rest-unloaded", key, text)]
+    return judged(ramp != 0.0, "rest-unloaded", key, text)
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
@@ -217,51 +216,37 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     """Judge strain and turn of the tissue at the holes."""
     out = []
     for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
-        if strain > SMALL_STRAIN:
-            out.append(
-                remark(
-                    "hole-strain",
-                    name,
-                    f"the tissue strain at {name!r} is {strain:.2g}, above the limit of linear elasticity (about "
-                    f"{SMALL_STRAIN:g}); use a smaller load, stiffer tissue or a wider footprint",
-                )
-            )
-        if turn > SMALL_ROTATION:
-            out.append(
-                remark(
-                    "hole-rotation",
-                    name,
-                    f"the hole {name!r} turned by {turn:.2g} rad, above the limit of linear elasticity (about "
-                    f"{SMALL_ROTATION:g}); use a smaller load, a softer suture, stiffer tissue or a wider footprint",
-                )
-            )
+        strained = (
+            f"the tissue strain at {name!r} is {strain:.2g}, above the limit of linear elasticity (about "
+            f"{SMALL_STRAIN:g}); use a smaller load, stiffer tissue or a wider footprint"
+        )
+        turned = (
+            f"the hole {name!r} turned by {turn:.2g} rad, above the limit of linear elasticity (about "
+            f"{SMALL_ROTATION:g}); use a smaller load, a softer suture, stiffer tissue or a wider footprint"
+        )
+        out += judged(strain > SMALL_STRAIN, "hole-strain", name, strained)
+        out += judged(turn > SMALL_ROTATION, "hole-rotation", name, turned)
     return out
 
 
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     """Judge strain and rotation of the organ's cells."""
-    out = []
-    if extremes.strain > SMALL_STRAIN:
-        wide = extremes.strained > SHARE
-        which = "affect the forces" if wide else "do not affect the forces; local stress there is not supported"
-        out.append(
-            remark(
-                "tissue-strain" if wide else "local-strain",
-                "tissue",
-                f"the largest tissue strain is {extremes.strain:.2g}, above the limit of linear elasticity (about "
-                f"{SMALL_STRAIN:g}); the cells above it have {extremes.strained:.1%} of the strain energy and {which}",
-            )
-        )
-    if extremes.rotation > SMALL_ROTATION and extremes.rotated > SHARE:
-        out.append(
-            remark(
-                "tissue-rotation",
-                "tissue",
-                f"the largest tissue rotation is {extremes.rotation:.2g} rad, above the limit of linear elasticity "
-                f"(about {SMALL_ROTATION:g}); the cells above it have {extremes.rotated:.1%} of the strain energy",
-            )
-        )
-    return out
+    wide = extremes.strained > SHARE
+    code = "tissue-strain" if wide else "local-strain"
+    which = "affect the forces" if wide else "do not affect the forces; local stress there is not supported"
+    strained = (
+        f"the largest tissue strain is {extremes.strain:.2g}, above the limit of linear elasticity (about "
+        f"{SMALL_STRAIN:g}); the cells above it have {extremes.strained:.1%} of the strain energy and {which}"
+    )
+    turned = (
+        f"the largest tissue rotation is {extremes.rotation:.2g} rad, above the limit of linear elasticity "
+        f"(about {SMALL_ROTATION:g}); the cells above it have {extremes.rotated:.1%} of the strain energy"
+    )
+    turns = extremes.rotation > SMALL_ROTATION and extremes.rotated > SHARE
+    return [
+        *judged(extremes.strain > SMALL_STRAIN, code, "tissue", strained),
+        *judged(turns, "tissue-rotation", "tissue", turned),
+    ]
 
 
 def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
@@ -321,59 +306,46 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRe
 
 def turned_pressure(extremes: Extremes) -> list[Remark]:
     """Judge how far the surfaces under a pressure turned."""
-    if extremes.pressed_turn <= SMALL_ROTATION:
-        return []
     text = (
         f"a surface under pressure turned by up to {extremes.pressed_turn:.2g} rad, but the pressure keeps its "
         f"direction (limit about {SMALL_ROTATION:g} rad); use a smaller pressure, or stiffer tissue"
     )
-    return [remark("pressure-turn", "tissue.load", text)]
+    return judged(extremes.pressed_turn > SMALL_ROTATION, "pressure-turn", "tissue.load", text)
 
 
 def crossed_lips(extremes: Extremes) -> list[Remark]:
     """Judge how far lips that do not press on one another went through one another."""
-    if extremes.crossed <= CROSSED:
-        return []
     text = (
         f"the lips of the wound overlap by {extremes.crossed:.2g} of their extent, because contact is off; set "
         "tissue.contact = true"
     )
-    return [remark("lips-cross", "tissue.mesh", text)]
+    return judged(extremes.crossed > CROSSED, "lips-cross", "tissue.mesh", text)
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
     """Return remarks on the thread's strength [N], None if unknown, and on its strain."""
-    out = []
-    if strength is not None and extremes.tension > strength:
-        out.append(
-            remark(
-                "thread-strength",
-                "thread",
-                f"the largest tension of the thread is {extremes.tension:.3g} N, above its knot-pull strength of "
-                f"{strength:.3g} N (minimum average); use a stronger suture, or a smaller load",
-            )
-        )
-    if extremes.thread_strain > THREAD_STRAIN:
-        out.append(
-            remark(
-                "thread-strain",
-                "thread",
-                f"the largest strain of the thread is {extremes.thread_strain:.2g}, above the limit of its linear law "
-                f"(about {THREAD_STRAIN:g}); use a stiffer suture, more control points, or a smaller load",
-            )
-        )
-    return out
+    allowed = np.inf if strength is None else strength
+    pulled = (
+        f"the largest tension of the thread is {extremes.tension:.3g} N, above its knot-pull strength of "
+        f"{allowed:.3g} N (minimum average); use a stronger suture, or a smaller load"
+    )
+    stretched = (
+        f"the largest strain of the thread is {extremes.thread_strain:.2g}, above the limit of its linear law "
+        f"(about {THREAD_STRAIN:g}); use a stiffer suture, more control points, or a smaller load"
+    )
+    return [
+        *judged(extremes.tension > allowed, "thread-strength", "thread", pulled),
+        *judged(extremes.thread_strain > THREAD_STRAIN, "thread-strain", "thread", stretched),
+    ]
 
 
 def coarse_spans(ratio: float) -> list[Remark]:
     """Judge whether the spline can follow the bends at the holes; `ratio` is a step's `span_ratio`."""
-    if ratio <= RESOLVED:
-        return []
     text = (
         f"the spans at the holes are {ratio:.2g} of the bending length of the thread (limit {RESOLVED:g}); "
         'remove thread.knots = "fixed", or raise thread.control_points'
     )
-    return [remark("spans", "thread.control_points", text)]
+    return judged(ratio > RESOLVED, "spans", "thread.control_points", text)
 
 
 def few_spans(number: float | None) -> list[Remark]:
@@ -389,35 +361,29 @@ def few_spans(number: float | None) -> list[Remark]:
 
 def followed(branches: float) -> list[Remark]:
     """Judge in how many load steps an equilibrium was followed along its branch by arc length."""
-    if branches < 1.0:
-        return []
     text = (
         f"{branches:.0f} load steps failed and were continued along the branch by arc length, without a check "
         "of stability; raise solve.load_steps to resolve the branch"
     )
-    return [remark("branch", "solve", text)]
+    return judged(branches >= 1.0, "branch", "solve", text)
 
 
 def past_limit(fallen: float) -> list[Remark]:
     """Return a remark if the loads have `fallen` along a branch, as a part of the full loads."""
-    if fallen <= FALLEN:
-        return []
     text = (
         f"the loads fell along a branch by {fallen:.2g} of the full loads: under rising loads thread or tissue "
         'would jump there, perhaps to another branch; use solve.kind = "dynamic" to follow the jump'
     )
-    return [remark("limit-point", "solve", text)]
+    return judged(fallen > FALLEN, "limit-point", "solve", text)
 
 
 def unstable(would_stay: bool) -> list[Remark]:
     """Judge whether a thread at rest would stay there."""
-    if would_stay:
-        return []
     text = (
         "this equilibrium of the thread is unstable (it would buckle, snap or roll over), and no stable one "
         'was found; use solve.kind = "dynamic", or lay the path out of its plane'
     )
-    return [remark("would-not-stay", "solve", text)]
+    return judged(not would_stay, "would-not-stay", "solve", text)
 
 
 def rubs(assembly: Assembly) -> bool:
@@ -437,33 +403,24 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
     thread slid far."""
     out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
     if extremes.created > CREATED * scale:
-        out.append(
-            remark(
-                "energy-created",
-                "solve",
-                f"the time steps created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's energy "
-                f"({scale:.2g} J); use a smaller solve.dt",
-            )
+        text = (
+            f"the time steps created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's energy "
+            f"({scale:.2g} J); use a smaller solve.dt"
         )
+        out.append(remark("energy-created", "solve", text))
     if numerical > DISSIPATED * scale and (rough or extremes.swing > SWUNG):
-        out.append(
-            remark(
-                "numerical-dissipation",
-                "solve.dt",
-                f"the time steps dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's largest energy "
-                f"({scale:.2g} J), and damped its oscillations; use a smaller solve.dt if they matter",
-            )
+        text = (
+            f"the time steps dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's largest energy "
+            f"({scale:.2g} J), and damped its oscillations; use a smaller solve.dt if they matter"
         )
+        out.append(remark("numerical-dissipation", "solve.dt", text))
     elif slid and numerical > OUTDONE * energy.friction_dissipation:
-        out.append(
-            remark(
-                "numerical-dissipation",
-                "solve.dt",
-                f"the time steps dissipated {numerical:.2g} J, friction only {energy.friction_dissipation:.2g} J, so "
-                "the length that the thread slid depends on the steps; compare with a smaller solve.dt, or set "
-                "solve.tolerance",
-            )
+        text = (
+            f"the time steps dissipated {numerical:.2g} J, friction only {energy.friction_dissipation:.2g} J, so "
+            "the length that the thread slid depends on the steps; compare with a smaller solve.dt, or set "
+            "solve.tolerance"
         )
+        out.append(remark("numerical-dissipation", "solve.dt", text))
     return out
 
 
@@ -476,25 +433,21 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
     """Return a remark if a run did not come to rest, by its kinetic energy and by the length `slide` [m] that a thread
     of a `diameter` [m] would slide in the same time again."""
     share = unrest(energy.kinetic, energy.of_deformation)
-    if not moves(energy) and slide <= SLID * diameter:
-        return []
     text = (
         f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g}), "
         f"and at its final speed the thread would slide by {slide / MILLI:.2g} mm in the same time again "
         f"(limit {SLID * diameter / MILLI:.2g} mm)"
     )
-    return [remark("not-at-rest", "solve.duration", text)]
+    return judged(moves(energy) or slide > SLID * diameter, "not-at-rest", "solve.duration", text)
 
 
 def swinging(swing: float) -> list[Remark]:
     """Judge how far the force of a hole was off a straight course over the last steps, over the largest of them."""
-    if swing <= SWUNG:
-        return []
     text = (
         f"the force of a hole oscillates over the last {SEEN} steps by {swing:.2g} of the largest (limit "
         f"{SWUNG:g}): use a smaller solve.dt, or a longer run"
     )
-    return [remark("forces-swing", "solve.dt", text)]
+    return judged(swing > SWUNG, "forces-swing", "solve.dt", text)
 
 
 def chattering(names: Sequence[str], times: Array) -> list[Remark]:
@@ -544,13 +497,11 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
         text = f"{hole.name!r} is a bare point, whose displacement depends on the cell size; set {key}"
         return [remark("bare-point", hole.name, text)]
     bound = COARSE[element] * hole.footprint
-    if refined or size <= bound:
-        return []
     text = (
         f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for its footprint (limit "
         f"{bound / MILLI:.2g} mm, {element}); use a smaller tissue.mesh.h_site, or remove tissue.mesh.accuracy"
     )
-    return [remark("cells", hole.name, text)]
+    return judged(not refined and size > bound, "cells", hole.name, text)
 
 
 def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
@@ -597,25 +548,22 @@ def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
 
 def undetermined_slip(free: bool) -> list[Remark]:
     """Judge whether how far a thread slides is determined: not where it slides as a whole at no cost, `free`."""
-    if not free:
-        return []
     text = (
         "nothing holds the thread along itself, so the slip of each hole depends on the load steps (forces, "
         "places and differences of slips do not); hold an end, anchor a hole, or set friction"
     )
-    return [remark("slides-freely", "piercing", text)]
+    return judged(free, "slides-freely", "piercing", text)
 
 
 def unheld(scenario: Scenario) -> list[Remark]:
     """Judge whether something holds the organ of a run in time."""
     organ = scenario.tissue
-    if organ is None or organ.clamp or organ.roller or scenario.touching:
-        return []
+    free = not (organ is None or organ.clamp or organ.roller or scenario.touching)
     text = (
         "nothing holds the organ, so thread and loads move it as a whole; set a boundary, for example clamp = "
         '["bottom"], unless it is meant to be free'
     )
-    return [remark("not-held", "tissue.clamp", text)]
+    return judged(free, "not-held", "tissue.clamp", text)
 
 
 def off_path(assembly: Assembly) -> list[Remark]:
@@ -648,14 +596,12 @@ def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
 
 def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
     """Judge the smallest `radius` [m] in which a thread of a `diameter` [m] is laid, at the abscissa `at` [m]."""
-    if radius >= KINKED * diameter:
-        return []
     text = (
         f"the path bends the thread to a radius of {radius / MILLI:.2g} mm at s = {at:.4g} m, below its "
         f"diameter of {diameter / MILLI:.2g} mm: its fibres are strained by {0.5 * diameter / radius:.0%}, and "
         "it springs back; use a wider bend"
     )
-    return [remark("kinked", "thread.path", text)]
+    return judged(radius < KINKED * diameter, "kinked", "thread.path", text)
 
 
 def along_path(assembly: Assembly) -> list[Remark]:
@@ -703,14 +649,12 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
     """Judge how deep [m] a strand that has to cross the surface without a hole lies in the tissue."""
-    if depth <= IN_TISSUE * diameter:
-        return []
     text = (
         f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue and crosses its surface "
         "without a hole, so it meets no resistance there; add a [[piercing]], or lead thread.path around the "
         "organ"
     )
-    return [remark("no-hole", hole, text)]
+    return judged(depth > IN_TISSUE * diameter, "no-hole", hole, text)
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
@@ -731,14 +675,12 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> l
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
     """Judge how much of the path of a tract, `bare` of its `length` [m] and no part of the way across a wound, has no
     room for balls of a `radius` [m]."""
-    if bare <= BARE * radius:
-        return []
     text = (
         f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or "
         f"within its radius of {radius / MILLI:.2g} mm of a surface, so the thread does not bear on tissue "
         "there; lead the path deeper or use a smaller radius"
     )
-    return [remark("tract-bare", name, text)]
+    return judged(bare > BARE * radius, "tract-bare", name, text)
 
 
 def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
@@ -751,15 +693,13 @@ def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
 def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
     """Judge the force `push` [N] by which a thread that makes a `turn` [rad] from one ball of a tract to the next, a
     `spacing` [m] on, presses on them against its `tension` [N]."""
-    if not (turn > SLIGHT and push > STIFF * tension):
-        return []
     text = (
         f"along the tract {name!r} the stiffness of the thread presses on each ball with {push:.2g} N (turn "
         f"{turn:.2g} rad) under a tension of {tension:.2g} N, so results depend on the spacing of "
         f"{spacing / MILLI:.2g} mm by more than 2 %; use a thread.path with a wider bend, or a thinner or "
         "softer suture, or compare half the spacing"
     )
-    return [remark("tract-stiff", name, text)]
+    return judged(turn > SLIGHT and push > STIFF * tension, "tract-stiff", name, text)
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:
