@@ -2,6 +2,7 @@
 
 A study is a package whose module `study` ends in `STUDY`. It is made of
 
+- `study.toml`: its question, its checks, and the arguments of the preset "quick" (`described`),
 - a `scene`: a scenario in TOML, of which the runs change some keys,
 - `main`: the cases that are run. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
 - a row: a frozen dataclass. A field has its unit, and the function that measures it on the end of a run (`measured`),
@@ -98,6 +99,18 @@ class Study:
     figure: Callable[[Sequence[Any]], "Figure"]
     remarks: Callable[[Sequence[Any]], list[str]]
     quick: Mapping[str, Any]
+
+
+def described(
+    name: str,
+    main: Callable[..., Iterator[Any]],
+    table: Callable[[Sequence[Any]], Table],
+    figure: Callable[[Sequence[Any]], "Figure"],
+    remarks: Callable[[Sequence[Any]], list[str]],
+) -> Study:
+    """Return the study of a name, which `study.toml` in its folder describes."""
+    told = tomllib.loads((Path(__file__).parent / name / "study.toml").read_text(encoding="utf-8"))
+    return Study(main=main, table=table, figure=figure, remarks=remarks, **told)
 
 
 def unit_field(text: str, **default: Any) -> Any:
@@ -200,7 +213,8 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
     Raises `StudyError`.
     """
     kinds = {name: kind for name, kind in get_type_hints(found.main).items() if name != "return"}
-    given = dict(found.quick) if preset == "quick" else {}
+    quick = found.quick if preset == "quick" else {}
+    given = {name: convert(f"{name}=…", kinds[name], value) for name, value in quick.items()}
     for setting in settings:
         name, equals, text = setting.partition("=")
         if name not in kinds or not equals:

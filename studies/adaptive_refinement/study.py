@@ -29,7 +29,7 @@ from matplotlib.figure import Figure
 import tissue
 from studies.figure import Item, draw, level, panel, series, unnamed
 from studies.simulation.assembly import assemble, site_of
-from studies.study import Columns, Job, Study, Table, each, grouped, require, require_known, scene, unit_field
+from studies.study import Job, Table, described, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
 MILLI = 1e-3
@@ -161,7 +161,7 @@ def needed(rows: Sequence[Row], field: str) -> float:
     return float(np.exp(-np.interp(-np.log(ASKED), -np.log(errors), -np.log(values))))
 
 
-COLUMNS: Columns = (  # of the meshes of a kind
+COLUMNS = (  # of the meshes of a kind
     ("case", lambda rows: rows[0].case),
     ("cells", lambda rows: rows[0].kind),
     ("unknowns for 3 %", lambda rows: shown(needed(rows, "unknowns"))),
@@ -173,6 +173,11 @@ COLUMNS: Columns = (  # of the meshes of a kind
         lambda rows: "{:.2f} to {:.2f}".format(*np.sort([row.effectivity for row in rows])[[0, -1]]),
     ),
 )
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Make a line a kind of mesh on a case."""
+    return Table.of(COLUMNS, kinds(rows))
 
 
 def shown(number: float) -> str:
@@ -229,21 +234,4 @@ def figure(rows: Sequence[Row]) -> Figure:
     return draw(*(places[k : k + 2] for k in range(0, len(places), 2)))
 
 
-STUDY = Study(
-    main=main,
-    question="How many unknowns and seconds does a hole's compliance take on uniform, graded and adaptive meshes?",
-    independent="a small footprint has the compliance of a half-space; the error of adaptive meshes falls like "
-    "N^(-4/3) (P2) and N^(-2/3) (P1); every mesh is stiffer than the exact body",
-    consistency="the error that is estimated against the one to a finer mesh",
-    table=lambda rows: Table.of(COLUMNS, kinds(rows)),
-    figure=figure,
-    remarks=remarks,
-    quick={
-        "footprints": (1e-3,),
-        "cases": ("edge", "soft skin"),
-        "uniform": (4e-3, 2.5e-3),
-        "graded": (1.0, 0.5),
-        "accuracies": (0.2, 0.1, 0.03),
-        "reference": 0.01,
-    },
-)
+STUDY = described("adaptive_refinement", main, table, figure, remarks)

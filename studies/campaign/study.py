@@ -39,7 +39,7 @@ from studies.scenario import ScenarioError, parse
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Columns, Study, Table, each, measure, measured, unit_field
+from studies.study import Columns, Table, described, each, measure, measured, unit_field
 
 ASKED = 0.97  # of the gentle cases to complete
 ASKED_SUDDEN = 0.9  # of the sudden dead loads
@@ -341,13 +341,4 @@ def bar(k: int, rows: Sequence[Row]) -> Item:
     return lambda axes: size.any() and axes.bar(KINDS, size, bottom=before, **looks)
 
 
-STUDY = Study(
-    main=main,
-    question="How many realistic scenarios arrive at default settings, and what ends the others?",
-    independent="no step of a passive system makes energy; what is gentle should arrive",
-    consistency="the same seed gives the same cases",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"first": 19, "count": 4, "most": 3000, "quarter": 1},
-)
+STUDY = described("campaign", main, table, figure, remarks)

@@ -13,7 +13,7 @@ against (`coupling.paper.staggered`), and that every error falls with the step.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
+from itertools import product, takewhile
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +24,7 @@ from coupling.errors import CouplingError
 from coupling.kernels.steps.audit import REMAINDER
 from coupling.paper import staggered
 from coupling.paper.linear_step import linear_step
-from coupling.reports.audit import Energies, turned_over
+from coupling.reports.audit import turned_over
 from coupling.reports.observation import largest_gap
 from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
@@ -33,7 +33,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Columns, Study, Table, each, grouped, measure, measured, require, scene
+from studies.study import Table, described, each, grouped, measure, measured, require, scene
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -108,10 +108,10 @@ def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
     """Run one organ in all ways with all steps; the linear step has its own start and reference."""
     coarsest = step_counts[0]
     with_it = settle(assemble(scenario))
-    without = settle(assemble(scenario.model_copy(update={"solve": scenario.solve.model_copy(update=LINEAR)})))
-    references = [
-        pull_and_release(*case, WAYS["monolithic"], 2 * step_counts[-1], coarsest) for case in (with_it, without)
-    ]
+    linear = scenario.solve.model_copy(update={"scheme": "linear"})
+    without = settle(assemble(scenario.model_copy(update={"solve": linear})))
+    most, whole_way = 2 * step_counts[-1], WAYS["monolithic"]
+    references = [pull_and_release(*case, whole_way, most, coarsest) for case in (with_it, without)]
     for way, n in product(WAYS, step_counts):
         (system, state), whole = (without, references[1]) if way == "linear" else (with_it, references[0])
         run = pull_and_release(system, state, WAYS[way], n, coarsest)
@@ -145,7 +145,6 @@ WAYS = {
     "staggered": Way(staggered.staggered_step, staggered.work_of_the_lag),
     "linear": Way(linear_step, constraint_energy),
 }
-LINEAR = {"scheme": "linear"}
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
         met = step.solution.iterate.y
         drift = max(drift, largest_gap(system, now.state, now.configuration.at))
         moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
-        work += hand_work(before, now.energies)
+        work += max(0.0, now.energies.external_work - before.external_work)  # of the hand, nothing while it takes
         solves += now.iterations
         if number % (n // shared) == 0:
             places.append(now.state.y[1, :3])
@@ -193,11 +192,6 @@ def error_of(run: Outcome, whole: Outcome) -> float:
     """Return how far the exit is at most from where another run has it, over its way; NaN if the run broke off."""
     away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
     return float(away.max()) / whole.moved if run.completed else float("nan")
-
-
-def hand_work(before: Energies, after: Energies) -> float:
-    """Return the work that the hand puts in during a step, nothing while it takes [J]."""
-    return max(0.0, after.external_work - before.external_work)
 
 
 def runs_of(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[Row]:
@@ -213,12 +207,7 @@ def organs(rows: Sequence[Row]) -> list[tuple[bool, float]]:
 
 def largest_stable(runs: Sequence[Row]) -> float:
     """Return the largest step below which every one is stable [s], zero if the finest is not; `runs` finest first."""
-    stable = 0.0
-    for run in runs:
-        if not run.stable:
-            break
-        stable = run.dt
-    return stable
+    return max((run.dt for run in takewhile(lambda run: run.stable, runs)), default=0.0)
 
 
 # --- table and figure -------------------------------------------------------------------------------------
@@ -236,7 +225,7 @@ def table(rows: Sequence[Row]) -> Table:
         whole = runs_of(rows, "monolithic", runs[0].inertia, runs[0].youngs_modulus)
         return max(run.moved for run in whole) / MILLI
 
-    columns: Columns = (
+    columns = (
         ("organ", lambda runs: "with inertia" if runs[0].inertia else "quasi-static"),
         ("E [kPa]", lambda runs: f"{runs[0].youngs_modulus / KILO:g}"),
         ("hole moves [mm]", lambda runs: f"{moved(runs):.2g}"),
@@ -348,14 +337,4 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
     ]  # fmt: skip
 
 
-STUDY = Study(
-    main=main,
-    question="What does one system of thread and organ buy over the staggered variant of §4.4 and the linear step?",
-    independent="a stable exchange destroys energy, and it diverges where the thread's stiffness times the organ's "
-    "compliance is above one; every error falls with the step",
-    consistency="the same scenario from the same state all ways, over stiffness, step and inertia",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"stiffnesses": (2e3, 2.5e5), "step_counts": (10, 40, 320), "size": 5e-3},
-)
+STUDY = described("coupling_variants", main, table, figure, remarks)

@@ -25,7 +25,7 @@ from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import curve, draw, laws, panel, series
-from studies.study import Job, Study, StudyError, Table, each, grouped, unit_field
+from studies.study import Job, StudyError, Table, described, each, grouped, unit_field
 from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
@@ -351,14 +351,4 @@ def above(row: Row, law: float) -> float:
     return 100 * (row.ratio / law - 1.0)
 
 
-STUDY = Study(
-    main=main,
-    question="Which pull draws a thread through rough holes, and how far are the capstan and two passes from it?",
-    independent="the balance at one hole, its product over holes in a row and its limit exp(μθ), the lag of two passes "
-    "in closed form, and the elastica of a thread that bends",
-    consistency="two passes against the exact law",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"mus": (0.1, 0.3), "turns": (30.0, 60.0, 90.0), "rows_of_holes": (2, 4, 8), "loop_holes": (1, 2)},
-)
+STUDY = described("friction", main, table, figure, remarks)

@@ -36,7 +36,7 @@ from matplotlib.figure import Figure
 from coupling.reports.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
 from studies.simulation import prepare
-from studies.study import Columns, Job, Study, Table, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import Columns, Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH = 0.012  # of the block [m]
@@ -328,20 +328,4 @@ def runs_of_ladder(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
     return next(runs for *names, runs in ladders(rows) if names == [ladder, variant])
 
 
-STUDY = Study(
-    main=main,
-    question="Which numbers of a pulled suture converge when cells, element, control points, step or footprint change?",
-    independent="a bare point's compliance grows like 1/h, a footprint's like 1/a; a footprint's error falls like h² "
-    "(P1) and h⁴ ln(a/h) (P2); backward Euler is of order one; with steps like h², all together is of order two",
-    consistency="footprint on P2 against P1, and each number against its own refinement",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={
-        "p1_cells": (16, 24, 32),
-        "footprint_cells": (16, 24, 32, 48),
-        "p2_cells": (16, 24, 32),
-        "coupled_cells": (24, 32, 40),
-        "steps": (2e-3, 1e-3, 5e-4),
-    },
-)
+STUDY = described("mesh_refinement", main, table, figure, remarks)

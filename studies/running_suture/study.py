@@ -35,7 +35,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, Item, band, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import assemble
-from studies.study import Study, StudyError, Table, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import StudyError, Table, described, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import bent_ratio, second_stitch_by_law, tensions_by_law
 from studies.verdicts import beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
@@ -595,14 +595,4 @@ def published(x: Sequence[float], mean: Sequence[float], deviation: Sequence[flo
     return lambda axes: axes.errorbar(x, mean, deviation, label="Horeman et al. 2013, mean and SD", **looks)
 
 
-STUDY = Study(
-    main=main,
-    question="How far along a running suture is a pull at its loose end felt, and is that what was measured on fascia?",
-    independent="the law of a ring with the turns measured in each run; Horeman et al. (PLoS ONE 2013;8:e84466): one "
-    "number (1 N two stitches back) calibrates μ, the hold is varied, the others are predicted",
-    consistency="fixed points against an elastic sheet, half the time step, a finer thread or mesh, another suture",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"mus": (0.1, 0.2), "stitches": 5, "holds": (0.4,), "unchecked": True},
-)
+STUDY = described("running_suture", main, table, figure, remarks)

@@ -34,7 +34,7 @@ from coupling.run.run import Run, begin
 from studies.arrays import Array
 from studies.figure import curve, draw, laws, level, panel, series, unnamed
 from studies.friction.study import fixed_holes
-from studies.study import Study, Table, each, grouped, require, require_known, unit_field
+from studies.study import Table, described, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
@@ -421,19 +421,4 @@ def figure(rows: Sequence[Row]) -> Figure:
     )  # fmt: skip
 
 
-STUDY = Study(
-    main=main,
-    question="Which pull on the first throw closes a wound under 5 N with a single, pulley or mattress stitch, and is "
-    "it what was measured?",
-    independent="pulls that were measured, one coefficient fitted to the first; the capstan",
-    consistency="load steps, rings a corner, and the product over rings of a thread that bends",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={
-        "throws": (270.0,),
-        "patterns": (FITTED, "pulley"),
-        "load_steps": 2,
-        "control_points": 12,
-    },
-)
+STUDY = described("stitch_patterns", main, table, figure, remarks)

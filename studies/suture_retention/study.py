@@ -24,7 +24,7 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Study, Table, each, grouped, measure, measured, require, require_known, scene, unit_field
+from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
 from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
@@ -325,15 +325,4 @@ def uniaxial(name: str, rows: Sequence[Row]) -> list[Item]:
     ]
 
 
-STUDY = Study(
-    main=main,
-    question="At which force and draw does a suture 2 mm from the edge of a strip stretch the tissue as far as strips "
-    "that break, and is that where sutures tear out?",
-    independent="the middle of the strip against the closed form of a uniaxial test, the force that published sutures "
-    "gave way at; the clamp bears the force on the hole",
-    consistency="a linear organ of the same E; coarser cells; two footprints",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"tissues": ("skin",), "footprints": (0.9e-3,), "size": 2e-3, "variants": (LINEAR,)},
-)
+STUDY = described("suture_retention", main, table, figure, remarks)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from studies.arrays import Array
 from studies.figure import COLOURS, Item, curve, draw, laws, level, panel, series, several
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Study, Table, each, grouped, require, require_known
+from studies.study import Job, Table, described, each, grouped, require, require_known
 from studies.suture_tension.runs import KINDS, REFERENCE, SIZE, STRESSES, Row, last_step, run_tensions
 from studies.verdicts import LINEAR, Verdict, not_settled, verdict
 
@@ -487,30 +487,4 @@ def over_departure(materials: Mapping[str, Sequence[Row]], small: Mapping[str, A
     )  # fmt: skip
 
 
-STUDY = Study(
-    main=main,
-    question="How far does a suture under tension draw two holes together, what stress is around them, and up to which "
-    "tension may a linear organ say so?",
-    independent="displacement, approach and stress of two holes in a half-space (Cerruti, Boussinesq, Mindlin, and a "
-    "footprint's own by Fourier transform), length drawn through and fall of tension of an elastica, u ∝ T/E",
-    consistency="compliance times reported force is the reported displacement; the linear organ against those at "
-    "finite strain, on the same P2 cells",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={
-        "tissues": ("liver", "skin"),
-        "tensions": (0.02, 0.2),
-        "moduli": (1e5, 1e6),
-        "bites": (0.005, 0.01, 0.02),
-        "depths": (0.0, 4e-3),
-        "footprints": (0.5e-3, 1e-3),
-        "mus": (0.0, 0.2, 0.4),
-        "distances": (1.5, 3.0),
-        "refinements": (1.0,),
-        "soft_ways": ("10 load steps",),
-        "materials": ("linear", "exponential, b = 5"),
-        "scaled_tensions": (1.0,),
-        "refinement": 1.0,
-    },
-)
+STUDY = described("suture_tension", main, table, figure, remarks)

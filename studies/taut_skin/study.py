@@ -32,7 +32,7 @@ from scipy.optimize import brentq
 from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
-from studies.study import Columns, Study, Table, each, grouped, measure, measured, require
+from studies.study import Columns, Table, described, each, grouped, measure, measured, require
 from studies.theory import Fibrous
 from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
@@ -305,13 +305,4 @@ def figure(rows: Sequence[Row]) -> Figure:
     )  # fmt: skip
 
 
-STUDY = Study(
-    main=main,
-    question="How far does a wound in stretched, stiffening skin gape, and which forces close it?",
-    independent="a slit's stitches bear what the uncut sheet bore, σ₀ t L; ratios of published forces",
-    consistency="the linear sheet on the same cells",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"wounds": (SLIT,), "tensions": (90.0,)},
-)
+STUDY = described("taut_skin", main, table, figure, remarks)

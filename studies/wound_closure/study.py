@@ -29,7 +29,7 @@ from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
 from studies.arrays import Array
 from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
-from studies.study import Columns, Job, Study, Table, each, measure, measured, require, require_known
+from studies.study import Columns, Job, Table, described, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 
@@ -331,14 +331,4 @@ def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: st
     )  # fmt: skip
 
 
-STUDY = Study(
-    main=main,
-    question="Which force closes a wound of a given length and width, stitch by stitch?",
-    independent="the closed form of a large sheet, tEW/2 in all; the second of each published pair of wounds, "
-    "predicted from a stiffness fitted to the first",
-    consistency="a uniform traction on the same mesh, a finer mesh, a larger sheet, lips that neither cross nor pull",
-    table=table,
-    figure=figure,
-    remarks=remarks,
-    quick={"wounds": ((0.030, 0.005), (0.030, 0.015)), "size": 2e-3, "checks": (LARGER,)},
-)
+STUDY = described("wound_closure", main, table, figure, remarks)
