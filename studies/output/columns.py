@@ -581,6 +581,36 @@ def krylov_summary(extremes: Extremes, now: KrylovRecord) -> dict[str, Value]:
     return values(KRYLOV, (now.vectors, extremes.residual))
 
 
+def end_columns(end: str) -> tuple[Column[Any], ...]:
+    """Return the columns of an end of the thread by the names that the summary gives them."""
+    start = f"{end}_"
+    return *(
+        replace(
+            column, name=column.name.removeprefix(start), parts=tuple(part.removeprefix(start) for part in column.parts)
+        )
+        for column in ENDS[end]
+    ), GROWS
+
+
+ANY = "*"  # for the name of a piercing, a pair, a tie …
+SUMMARY: dict[tuple[str, ...], tuple[Column[Any], ...]] = {  # by the place in ``summary.json``
+    (): RUN,
+    ("energy",): ENERGY,
+    **{("thread", end): end_columns(end) for end in ENDS},
+    ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
+    ("piercings", ANY): (*HOLE_SUMMARY, MOVED, *ACCURACY),
+    ("contact", ANY): CONTACT,
+    ("contact", ANY, "stitches", ANY): STITCH,
+    ("ties", ANY): TIE,
+    ("loads", ANY): LOAD,
+    ("range",): RANGE,
+    ("range", "piercings", ANY): HOLE_RANGE,
+    ("reduction",): (REDUCTION,),
+    ("reduction", "piercings", ANY): HOLE_REDUCTION,
+    ("krylov",): KRYLOV,
+}
+
+
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Take the reaction at an end of the thread from a step, and the torque where there is one."""
     found = values(ENDS[end], step)
@@ -606,22 +636,15 @@ def markdown(columns: Iterable[Column[Any]], what: str) -> str:
 
 def manual_tables() -> dict[str, str]:
     """Make the tables of the manual, by the name of their file."""
-    ends: list[Column[Any]] = [
-        replace(column, name=f"thread.{end}.{column.name.removeprefix(f'{end}_')}")
-        for end, pair in ENDS.items()
-        for column in pair
+    tables = {*HOLE, *ENERGY, *CONTACT, *STITCH, *TIE, *LOAD}  # have a table of their own
+    keys = [
+        replace(column, name=".".join(["NAME" if part == ANY else part for part in place] + [column.name]))
+        for place, columns in SUMMARY.items()
+        for column in columns
+        if column not in tables
     ]
-    ends += [replace(GROWS, name=f"thread.{end}.{GROWS.name}") for end in ENDS]
-    sums = [replace(column, name=f"thread.{column.name}") for column in (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN)]
-    ranges: list[Column[Any]] = [replace(column, name=f"range.{column.name}") for column in RANGE]
-    ranges += [replace(column, name=f"range.piercings.NAME.{column.name}") for column in HOLE_RANGE]
-    told: tuple[Column[Any], ...] = (CHANNEL, MOVED, *ACCURACY)
-    holes = [replace(column, name=f"piercings.NAME.{column.name}") for column in told]
-    small: list[Column[Any]] = [replace(REDUCTION, name=f"reduction.{REDUCTION.name}")]
-    small += [replace(column, name=f"reduction.piercings.NAME.{column.name}") for column in HOLE_REDUCTION]
-    spaces: list[Column[Any]] = [replace(column, name=f"krylov.{column.name}") for column in KRYLOV]
     return {
-        "summary.json": markdown([*RUN, *ends, *sums, *holes, *ranges, *small, *spaces], "key"),
+        "summary.json": markdown(keys, "key"),
         "remarks": remarks.markdown(),
         **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
         "gap_profile.csv": markdown(GAP_PROFILE, "column"),

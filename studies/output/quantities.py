@@ -5,35 +5,13 @@
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from studies.output.columns import (
-    ACCURACY,
-    CONTACT,
-    ENDS,
-    ENERGY,
-    GROWS,
-    HOLE_RANGE,
-    HOLE_REDUCTION,
-    HOLE_SUMMARY,
-    KRYLOV,
-    LOAD,
-    MAX_STRAIN,
-    MOVED,
-    RANGE,
-    REDUCTION,
-    RUN,
-    SPAN_RATIO,
-    SPANS_BETWEEN,
-    STITCH,
-    TIE,
-    Column,
-)
+from studies.output.columns import ANY, SUMMARY, Column
 
 NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and where a run was made
 TOLD_APART = ("remarks",)  # a list of sentences
-ANY = "*"
 
 
 @dataclass(frozen=True)
@@ -83,39 +61,9 @@ def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
 
 def column_at(place: tuple[str, ...]) -> Column[Any] | None:
     """Return the column that a key of a summary is made of, None for one that is none."""
-    for above, columns in COLUMNS.items():
+    for above, columns in SUMMARY.items():
         fits = len(above) + 1 == len(place) and all(a in (ANY, b) for a, b in zip(above, place, strict=False))
         found = next((column for column in columns if fits and column.name == place[-1]), None)
         if found is not None:
             return found
     return None
-
-
-def at_end(end: str) -> tuple[Column[Any], ...]:
-    """Return the columns of an end of the thread by the names that the summary gives them."""
-    start = f"{end}_"
-    told = (
-        replace(
-            column, name=column.name.removeprefix(start), parts=tuple(part.removeprefix(start) for part in column.parts)
-        )
-        for column in ENDS[end]
-    )
-    return *told, GROWS
-
-
-COLUMNS: dict[tuple[str, ...], tuple[Column[Any], ...]] = {
-    (): RUN,
-    ("energy",): ENERGY,
-    ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
-    **{("thread", end): at_end(end) for end in ENDS},
-    ("piercings", ANY): (*HOLE_SUMMARY, MOVED, *ACCURACY),
-    ("contact", ANY): CONTACT,
-    ("contact", ANY, "stitches", ANY): STITCH,
-    ("ties", ANY): TIE,
-    ("loads", ANY): LOAD,
-    ("range",): RANGE,
-    ("range", "piercings", ANY): HOLE_RANGE,
-    ("krylov",): KRYLOV,
-    ("reduction",): (REDUCTION,),
-    ("reduction", "piercings", ANY): HOLE_REDUCTION,
-}
