@@ -25,7 +25,7 @@ from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import keep, printed
+from studies.bench.rows import keep, printed, time_call
 from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -157,13 +157,9 @@ def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
             times[k].append(process_time() - began)
         pairs.append((runs[0].state.organ, runs[1].state.organ))
     step, whole_step = (median(each[STEPS // 2 :]) / MILLI for each in times[::-1])
-    at_once = []
-    for _ in range(REPEATED):
-        began = process_time()
-        runs[1].steps(dt, STEPS)
-        at_once.append((process_time() - began) / STEPS / MILLI)
+    at_once = median(time_call(lambda: runs[1].steps(dt, STEPS)) for _ in range(REPEATED)) / STEPS / MILLI
     parts = time_organ(organ, runs[1].state.organ, dt), time_organ(full, runs[0].state.organ, dt)
-    times_of = step, whole_step, median(at_once)
+    times_of = step, whole_step, at_once
     return Reduced(case, full.size, organ.reduction.size, taken, *times_of, *parts, *errors(full, organ, pairs))
 
 
@@ -192,12 +188,10 @@ def pulled(organ: Organ) -> list[tissue.OrganState]:
 
 def time_organ(organ: Organ, state: tissue.OrganState, dt: float) -> float:
     """Measure the processor time of an organ's part of a step [ms]."""
-    scheme, times = BDF2(dt, dt), []
-    for _ in range(REPEATED):
-        began = process_time()
-        organ.answer(scheme, [state, state]).accept(state.f_y)
-        times.append(process_time() - began)
-    return median(times) / MILLI
+    step = BDF2(dt, dt)
+    return (
+        median(time_call(lambda: organ.answer(step, [state, state]).accept(state.f_y)) for _ in range(REPEATED)) / MILLI
+    )
 
 
 def errors(

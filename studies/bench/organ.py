@@ -9,7 +9,7 @@ scikit-fem's forms. Times are those of the processor, on one thread: other work 
 """
 
 import mmap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import keep
+from studies.bench.rows import keep, time_call
 from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.organs.meshed import compliance
 from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, solver
@@ -170,13 +170,6 @@ def time_compliance(organ: tissue.QuasiStaticOrgan, made: Solver, rough: bool) -
     began = process_time()
     _, C = compliance(made, organ.Y, rough)
     return process_time() - began, C
-
-
-def time_call(call: Callable[[], object]) -> float:
-    """Measure the processor time of a call [s]."""
-    began = process_time()
-    call()
-    return process_time() - began
 
 
 def resident_memory() -> float:

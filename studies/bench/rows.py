@@ -1,7 +1,8 @@
-"""Printing and storage of the benchmarks' measurements, row by row."""
+"""Printing and storage of the benchmarks' measurements, row by row, and the clock."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from time import process_time
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -34,6 +35,13 @@ def cell(row: Any, of: str) -> str:
     name, _, style = of.partition(":")
     value = getattr(row, name)
     return "" if value is None else format(value, style)
+
+
+def time_call(call: Callable[[], object]) -> float:
+    """Measure the processor time of a call [s]."""
+    began = process_time()
+    call()
+    return process_time() - began
 
 
 def keep(path: Path | None, found: Mapping[str, Any]) -> int:

@@ -9,6 +9,7 @@ Times are those of the processor, on one thread. The loops are loaded or compile
 many` measures.
 """
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,7 +20,7 @@ import numpy as np
 
 import tissue
 from coupling.integrators import BDF2
-from studies.bench.rows import keep, printed
+from studies.bench.rows import keep, printed, time_call
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
@@ -88,15 +89,9 @@ def measure_case(case: str, scenario: Scenario) -> Row:
     while not alone or (len(alone) + ready.steps <= MOST and process_time() - began < LONGEST):
         times, corrections = each_alone(ready.beginning(), dt, ready.steps)
         alone, iterations = [*alone, *times], iterations + corrections
-    at_once, recorded = [], []
-    for _ in range(REPEATED):
-        run, began = ready.beginning(), process_time()
-        run.steps(dt, ready.steps)
-        at_once.append(process_time() - began)
-        began = process_time()
-        for _ in ready.advance():
-            pass
-        recorded.append(process_time() - began)
+    begun = ready.beginning()
+    at_once = [time_call(lambda: begun.steps(dt, ready.steps)) for _ in range(REPEATED)]
+    recorded = [time_call(lambda: deque(ready.advance(), maxlen=0)) for _ in range(REPEATED)]
     middle, late = np.percentile(alone, [50.0, LATE]).tolist()
     return Row(
         case=case,
@@ -129,12 +124,7 @@ def floor_of(organ: object, scheme: BDF2) -> float | None:
     if not isinstance(full, tissue.DynamicOrgan | tissue.QuasiStaticOrgan):
         return None
     factor, right = full.operator(scheme.a, scheme.d).factor, np.random.default_rng(0).standard_normal(full.size)
-    times = []
-    for _ in range(REPEATED):
-        began = process_time()
-        factor.solve(right)
-        times.append(process_time() - began)
-    return median(times) / MILLI
+    return median(time_call(lambda: factor.solve(right)) for _ in range(REPEATED)) / MILLI
 
 
 COLUMNS = (
