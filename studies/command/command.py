@@ -85,7 +85,7 @@ def _carry_out(options: argparse.Namespace) -> int:
         status: int = options.command(options)
     except REFUSALS as error:
         return complain(error, REFUSED)
-    except FactorError as error:
+    except (FactorError, WorkersError) as error:
         return complain(error, FAILED)
     except ModuleNotFoundError as error:
         if not (sentence := missing(error)):

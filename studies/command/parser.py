@@ -20,8 +20,8 @@ class Command(NamedTuple):
 
     text: str
     add: Adder
-    module: str
     function: str
+    module: str = COMMANDS
 
 
 def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -287,33 +287,29 @@ def _add_completion(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _named(text: str, add: Adder, function: str, module: str = COMMANDS) -> Command:
-    return Command(text, add, module, function)
-
-
 SWEEPS, LOOKING, HELP = "studies.command.sweeps", "studies.command.looking", "studies.command.help"
 TABLE = {
-    "new": _named("write a commented scenario to begin with", _add_new, "new", HELP),
-    "scenes": _named("list the scenarios that are shipped", _add_json, "list_scenes", HELP),
-    "check": _named("check whether a scenario can be run, and its cost", _add_check, "check"),
-    "run": _named("simulate a scenario into a folder", _add_run, "run"),
-    "sweep": _named("run a scenario for many values of its keys, into one table", _add_sweep, "run_sweep", SWEEPS),
-    "refine": _named("check whether a number of a scenario converges", _add_refine, "run_refinement", SWEEPS),
-    "report": _named("write runs, studies and sweeps into one offline page", _add_report, "report_results", LOOKING),
-    "view": _named(
+    "new": Command("write a commented scenario to begin with", _add_new, "new", HELP),
+    "scenes": Command("list the scenarios that are shipped", _add_json, "list_scenes", HELP),
+    "check": Command("check whether a scenario can be run, and its cost", _add_check, "check"),
+    "run": Command("simulate a scenario into a folder", _add_run, "run"),
+    "sweep": Command("run a scenario for many values of its keys, into one table", _add_sweep, "run_sweep", SWEEPS),
+    "refine": Command("check whether a number of a scenario converges", _add_refine, "run_refinement", SWEEPS),
+    "report": Command("write runs, studies and sweeps into one offline page", _add_report, "report_results", LOOKING),
+    "view": Command(
         "show a run in a window, or draw a picture and an animation without a screen",
         _add_view,
         "view_results",
         LOOKING,
     ),
-    "plot": _named("draw columns of a run over time", _add_plot, "plot_results", LOOKING),
-    "mesh": _named("make a scenario's mesh, write it and report its quality", _add_mesh, "make_mesh"),
-    "study": _named("run a study into a table and a figure", _add_study, "run_study"),
-    "schema": _named("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),
-    "catalogue": _named("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
-    "bench": _named("measure the speed of steps and of the organ's solvers", _add_bench, "run_bench"),
-    "doctor": _named("list optional software, and how to install it", _add_json, "examine", HELP),
-    "completion": _named(
+    "plot": Command("draw columns of a run over time", _add_plot, "plot_results", LOOKING),
+    "mesh": Command("make a scenario's mesh, write it and report its quality", _add_mesh, "make_mesh"),
+    "study": Command("run a study into a table and a figure", _add_study, "run_study"),
+    "schema": Command("print the JSON schema of the scenario file, or its keys as tables", _add_schema, "print_schema"),
+    "catalogue": Command("list the sutures that a scenario can name", _add_nothing, "print_catalogue"),
+    "bench": Command("measure the speed of steps and of the organ's solvers", _add_bench, "run_bench"),
+    "doctor": Command("list optional software, and how to install it", _add_json, "examine", HELP),
+    "completion": Command(
         'print the shell completion: eval "$(suture completion)"',
         _add_completion,
         "print_completion",

@@ -18,7 +18,7 @@ from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
 from studies.sweeps.sweep import Told, sweep
 from studies.sweeps.table import SweepTable, counted, drawn_columns, plain
-from studies.workers import WorkersError, workers_of
+from studies.workers import workers_of
 
 STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
 
@@ -38,8 +38,6 @@ def run_sweep(options: argparse.Namespace) -> int:
             table = sweep(base, cases, options.out, workers, told.tell, check=check)
         if wanted:
             write_figure(table, wanted, options.out)
-    except WorkersError as error:
-        return complain(error, FAILED)
     except KeyboardInterrupt:
         return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:
@@ -137,8 +135,6 @@ def run_refinement(options: argparse.Namespace) -> int:
                 told.tell,
                 options.adaptive,
             )
-    except WorkersError as error:
-        return complain(error, FAILED)
     except KeyboardInterrupt:
         return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:
