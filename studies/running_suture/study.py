@@ -61,6 +61,7 @@ COEFFICIENTS = 0.05, 0.3  # of sutures on wet tissue [-]: assumed, after Zhang e
 SLACK = 0.1  # tension in which a thread is laid without friction [N]
 FREE = 6e-3  # of the thread before its knot [m]
 TAIL = 0.03  # beyond the last hole [m]
+LED = 1e9  # of a stitch that begins where the hand has led the thread, not at a time of its own [s]
 LOOP = 1e-3  # by which it is laid beyond each hole, up and down [m]
 LAYING, PULLING, LETTING, SWING, REST = 0.04, 0.15, 0.08, 0.06, 0.02  # [s]
 STAGES = (1.5, 0.8, 0.4, 0.2)  # of the hand on its way back [N]
@@ -246,7 +247,7 @@ def scenario(case: Case, laid: int) -> Scenario:
                 "at": hole,
                 "direction": "free",
                 "footprint": 0.0 if fixed else FOOTPRINT,
-                "from": 0.0 if number < 2 * laid else 1.0,
+                "from": 0.0 if number < 2 * laid else LED,
                 **({"kind": "anchored"} if number == 0 else rough),
             }
             for number, hole in enumerate(holes)
@@ -279,12 +280,6 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
     system, now = line.system, line.state.time
     hand = Hand((now, now + seconds), system.ends[1].force(now), force)
     system = replace(system, ends=(system.ends[0], hand))
-    # A stitch begins where the hand has led the thread, not at a time of its own.
-    waiting = (
-        hole if here else replace(hole, begins=np.inf)
-        for hole, here in zip(system.piercings, line.state.present, strict=False)
-    )
-    system = replace(system, piercings=tuple(waiting))
     run = replace(begin(system, line.state, try_step), fresh=False)
     count = int(np.ceil(seconds / line.step - 1e-9))
     for _ in range(count):
