@@ -41,12 +41,10 @@ class Camera:
         return 0.5 * self.size[1] / self.scale
 
 
-def camera_on(
-    points: Array, size: tuple[int, int], margins: tuple[float, float, float, float], towards: Sequence[float] = TOWARDS
-) -> Camera:
+def camera_on(points: Array, size: tuple[int, int], margins: tuple[float, float, float, float]) -> Camera:
     """Return the camera that sees points `(n, 3)` [m] as large as they go between margins left, right, below and above
     [pixels]."""
-    away = np.asarray(towards) / np.linalg.norm(towards)
+    away = np.asarray(TOWARDS) / np.linalg.norm(TOWARDS)
     right = np.cross(UP, away)
     right /= np.linalg.norm(right)
     up = np.cross(away, right)

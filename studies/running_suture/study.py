@@ -366,11 +366,11 @@ def placings(rows: Sequence[Row]) -> list[list[Row]]:
     return [run for run in runs(rows) if run[0].kind == "placing"]
 
 
-def rows_at(run: Sequence[Row], moment: str = "pulled") -> dict[int, Row]:
-    """Return the rows of a moment by stitches back from the pull: one pull along the line, or, of stitches placed one
+def rows_at(run: Sequence[Row]) -> dict[int, Row]:
+    """Return the rows under the full pull by stitches back from it: one pull along the line, or, of stitches placed one
     after the other, the second under one pull after the other."""
     followed = run[0].kind == "placing"
-    return {row.stitches_back: row for row in run if row.moment == moment and (row.stitch == 2 or not followed)}
+    return {row.stitches_back: row for row in run if row.moment == "pulled" and (row.stitch == 2 or not followed)}
 
 
 def reference(rows: Sequence[Row]) -> list[Row]:

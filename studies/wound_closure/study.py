@@ -143,9 +143,9 @@ def turns(n: int, way: str) -> list[tuple[Flags, Flags]]:
 # --- what the rows say ------------------------------------------------------------------------------------
 
 
-def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str, variant: str = "") -> Row | None:
-    """Return one of the rows, or None."""
-    return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, variant)), None)
+def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str) -> Row | None:
+    """Return the row of a wound without a variant, or None."""
+    return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, "")), None)
 
 
 @dataclass(frozen=True)
