@@ -4,16 +4,18 @@ import codecs
 import json
 import tomllib
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
-from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS
+from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS, ScenarioTable
 from studies.scenario.toml import scenario_file, with_mesh_file
 from tests.studies.samples import CONTRACT
 
@@ -612,6 +614,34 @@ def test_control_points_and_clamps() -> None:
 def test_a_driven_end_rests_before_and_after() -> None:
     end = DrivenEnd(kind="driven", waypoints=((1.0, 0.0, 0.0, 0.0), (3.0, 2.0, 4.0, 8.0)))
     assert [end.position(time) for time in (0.0, 2.0, 9.0)] == [(0, 0, 0), (1, 2, 4), (2, 4, 8)]
+
+
+class Above(ScenarioTable):
+    """A table with a check and a key of an earlier version."""
+
+    FORMER: ClassVar[dict[str, str]] = {"old": "write x"}
+    x: float
+
+    def _check_x(self) -> None:
+        if self.x < 0.0:
+            raise ValueError("above")
+
+
+class Below(Above):
+    """A table with a check more."""
+
+    def _check_more(self) -> None:
+        raise ValueError("below")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"), [({"x": -1.0}, "above"), ({"x": 1.0}, "below"), ({"x": 1.0, "old": 2}, r".old = 2 .* write x")]
+)
+def test_a_table_is_checked_once_it_is_made(given: dict[str, float], words: str) -> None:
+    """Independent check: the checks of the classes above come first, and former keys before all of them."""
+    with pytest.raises(ValidationError, match=words):
+        Below(**given)
+    assert Above(x=1.0).x == 1.0
 
 
 def test_a_scenario_is_frozen(contract: Path) -> None:
