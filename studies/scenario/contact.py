@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
+from studies.scenario.table import NotNegative, ScenarioTable, Text, by_default, one_sentence
 
 
 class Contact(ScenarioTable):
@@ -21,10 +21,7 @@ class Contact(ScenarioTable):
             "one number, zero or more: two surfaces have one coefficient, to stick by and to slip by, and no grip, for "
             "example friction = 0.2"
         ),
-    ] = Field(
-        default=0.0,
-        description="coefficient of Coulomb friction between the surfaces [-]",
-    )
+    ] = by_default(0.0, "coefficient of Coulomb friction between the surfaces [-]")
 
     def _check(self) -> None:
         if self.between[0] == self.between[1]:

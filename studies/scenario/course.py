@@ -16,6 +16,7 @@ from studies.scenario.table import (
     Positive,
     ScenarioTable,
     Turn,
+    by_default,
     check_ending,
     check_rising,
     one_sentence,
@@ -58,7 +59,7 @@ class Cycle(ScenarioTable):
 
     kind: Literal["cycle"]
     period: Positive = Field(description="period of the wave [s]", examples=[0.8])
-    low: Number = Field(default=0.0, description="lowest factor [-]")
+    low: Number = by_default(0.0, "lowest factor [-]")
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""
@@ -70,8 +71,8 @@ class Cough(ScenarioTable):
     """One wave from zero to the whole load and back: a cosine."""
 
     kind: Literal["cough"]
-    at: NotNegative = Field(default=0.0, description="beginning of the cough [s]", examples=[0.3])
-    duration: Positive = Field(default=COUGH, description="duration of the cough [s]")
+    at: NotNegative = by_default(0.0, "beginning of the cough [s]", 0.3)
+    duration: Positive = by_default(COUGH, "duration of the cough [s]")
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""

@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from studies.scenario.course import Timed
-from studies.scenario.table import NotNegative, Number, Text, Vector, optional
+from studies.scenario.table import NotNegative, Number, Text, Vector, by_default, optional
 
 
 class Load(Timed):
@@ -18,8 +18,8 @@ class Load(Timed):
         "along the reference normals in a linear material",
         2.0e3,
     )
-    ramp: NotNegative = Field(
-        default=0.0, description="time in which the load grows linearly from zero [s]; in statics over the load steps"
+    ramp: NotNegative = by_default(
+        0.0, "time in which the load grows linearly from zero [s]; in statics over the load steps"
     )
 
     def _check_kind(self) -> None:

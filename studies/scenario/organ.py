@@ -20,6 +20,7 @@ from studies.scenario.table import (
     Series,
     Text,
     Vector,
+    by_default,
     one_sentence,
     optional,
     repetition,
@@ -54,16 +55,14 @@ class _Mesh(ScenarioTable):
     accuracy: Annotated[
         Literal["given"] | Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)],
         one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
-    ] = Field(
-        default=ACCURACY,
-        description="accepted relative error of the holes' compliance to forces [-], by refinement of the cells around "
+    ] = by_default(
+        ACCURACY,
+        "accepted relative error of the holes' compliance to forces [-], by refinement of the cells around "
         'them; "given": no refinement',
-        examples=["given"],
+        "given",
     )
-    bound: Annotated[bool, Field(strict=True)] = Field(
-        default=False,
-        description="whether lower and upper bounds of the holes' compliance are computed, for a linear organ",
-        examples=[True],
+    bound: Annotated[bool, Field(strict=True)] = by_default(
+        False, "whether lower and upper bounds of the holes' compliance are computed, for a linear organ", True
     )
 
 
@@ -72,7 +71,7 @@ class _Sized(_Mesh):
 
     h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
     h_site: Positive | None = optional("mesh size at the piercings [m]; default: uniform", 0.5e-3)
-    growth: Growth = Field(default=1.3, description=GROWTH)
+    growth: Growth = by_default(1.3, GROWTH)
 
     @property
     @abstractmethod
@@ -95,9 +94,8 @@ class _Block(_Sized):
     size: tuple[Positive, Positive, Positive] = Field(
         description="lengths of the block along x, y, z [m]", examples=[[0.06, 0.04, 0.02]]
     )
-    generator: Literal["structured", "gmsh"] = Field(
-        default="structured",
-        description='mesh generator; default "gmsh" when h_site is given, else "structured"',
+    generator: Literal["structured", "gmsh"] = by_default(
+        "structured", 'mesh generator; default "gmsh" when h_site is given, else "structured"'
     )
 
     @property
@@ -124,14 +122,10 @@ class WoundMesh(_Block):
     """
 
     kind: Literal["wound"]
-    shape: Literal["slit", "ellipse"] = Field(
-        default="slit", description='"slit": closed; "ellipse": open, with upright walls'
-    )
-    along: Literal["x", "y"] = Field(
-        default="y", description="axis of the wound; the left lip is at lower x, or lower y"
-    )
+    shape: Literal["slit", "ellipse"] = by_default("slit", '"slit": closed; "ellipse": open, with upright walls')
+    along: Literal["x", "y"] = by_default("y", "axis of the wound; the left lip is at lower x, or lower y")
     length: Positive = Field(description="length of the wound [m]", examples=[0.02])
-    width: NotNegative = Field(default=0.0, description="widest opening of an ellipse [m]; 0 for a slit")
+    width: NotNegative = by_default(0.0, "widest opening of an ellipse [m]; 0 for a slit")
     depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
 
     @model_validator(mode="before")
@@ -207,10 +201,10 @@ class FileMesh(_Mesh):
     unit: Annotated[
         Literal["m", "dm", "cm", "mm", "um"] | Positive,
         one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
-    ] = Field(default="m", description="length unit of the file: a name, or metres per file unit")
+    ] = by_default("m", "length unit of the file: a name, or metres per file unit")
     h: Positive | None = optional("mesh size far from the piercings, of a surface to be filled [m]", 4.0e-3)
     h_site: Positive | None = optional("mesh size at the piercings, of a surface to be filled [m]; default: uniform")
-    growth: Growth = Field(default=1.3, description=GROWTH)
+    growth: Growth = by_default(1.3, GROWTH)
 
     @property
     def is_surface(self) -> bool:
@@ -296,13 +290,10 @@ class Region(MaterialKeys):
 class Reduction(ScenarioTable):
     """Small basis in which the organ moves: static answers to the piercings, weight and loads, and more."""
 
-    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = Field(
-        default=2,
-        description="Krylov blocks [-] in addition to the static responses; more of them follow faster motion",
+    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = by_default(
+        2, "Krylov blocks [-] in addition to the static responses; more of them follow faster motion"
     )
-    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="lowest vibration modes [-] in addition"
-    )
+    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = by_default(0, "lowest vibration modes [-] in addition")
     keep: Annotated[str, Field(strict=True, min_length=1)] | None = optional(
         "folder, relative to the scenario file, that stores bases for later runs with the same mesh, "
         "material, holes and loads; default: none is kept",
@@ -319,61 +310,58 @@ class Tissue(MaterialKeys):
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     strength: Positive | None = optional(f"{STRENGTH}; default: none", 2.0e6)
-    material: Law = Field(
-        default="linear",
-        description='"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to '
-        '"linear" at small strain',
+    material: Law = by_default(
+        "linear",
+        '"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to "linear" at small strain',
     )
-    relaxation: Series = Field(
-        default=(),
-        description="stress relaxation as a Prony series of the distortion (not of the change of volume): rows of the "
+    relaxation: Series = by_default(
+        (),
+        "stress relaxation as a Prony series of the distortion (not of the change of volume): rows of the "
         "share of the stress [-] and its relaxation time [s]; youngs_modulus is that of a sudden pull; default: none",
-        examples=[[[0.3, 5.0], [0.2, 100.0]]],
+        [[0.3, 5.0], [0.2, 100.0]],
     )
-    element: Literal["P1", "P2"] = Field(
-        default="P2",
-        description="tetrahedral element, linear or quadratic, which needs a fifth of the unknowns for an accuracy; "
+    element: Literal["P1", "P2"] = by_default(
+        "P2",
+        "tetrahedral element, linear or quadratic, which needs a fifth of the unknowns for an accuracy; "
         'default "P1" if mesh.accuracy is "given"',
     )
-    dilatation: Literal["auto", "cell", "nodal"] = Field(
-        default="auto",
-        description='dilatation per "cell", which locks near ν = 0.5, or "nodal", averaged at the '
+    dilatation: Literal["auto", "cell", "nodal"] = by_default(
+        "auto",
+        'dilatation per "cell", which locks near ν = 0.5, or "nodal", averaged at the '
         'vertices; "auto": nodal above ν = 0.45',
     )
-    inertia: Annotated[bool, Field(strict=True)] = Field(
-        default=True, description="whether the organ has inertia; false: quasi-static organ"
+    inertia: Annotated[bool, Field(strict=True)] = by_default(
+        True, "whether the organ has inertia; false: quasi-static organ"
     )
-    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = Field(
-        default="auto",
-        description='solver of the organ: "auto" (by size, memory and installed packages), "superlu", "cholmod" (needs '
+    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = by_default(
+        "auto",
+        'solver of the organ: "auto" (by size, memory and installed packages), "superlu", "cholmod" (needs '
         'cvxopt), "pardiso" (needs pypardiso) or "multigrid"',
     )
-    rayleigh: tuple[NotNegative, NotNegative] = Field(
-        default=(0.0, 0.0), description="Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
+    rayleigh: tuple[NotNegative, NotNegative] = by_default(
+        (0.0, 0.0), "Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
     reduction: Reduction | None = optional(
         "small basis for a linear organ with inertia: the cost of a step does not depend on "
         "the mesh, and the error is estimated; default: none",
         {"blocks": 2, "modes": 0},
     )
-    clamp: tuple[Text, ...] = Field(default=(), description="names of the boundaries held fixed", examples=[["bottom"]])
-    roller: tuple[Text, ...] = Field(
-        default=(),
-        description="names of plane boundaries, normal to x, y or z, that are held in their normal "
+    clamp: tuple[Text, ...] = by_default((), "names of the boundaries held fixed", ["bottom"])
+    roller: tuple[Text, ...] = by_default(
+        (),
+        "names of plane boundaries, normal to x, y or z, that are held in their normal "
         "direction: a sliding bed, or a plane of symmetry",
-        examples=[["bottom"]],
+        ["bottom"],
     )
-    contact: Annotated[bool, Field(strict=True)] = Field(
-        default=False, description="whether the lips of a wound press on each other; otherwise they overlap"
+    contact: Annotated[bool, Field(strict=True)] = by_default(
+        False, "whether the lips of a wound press on each other; otherwise they overlap"
     )
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
-    boundary: tuple[Boundary, ...] = Field(
-        default=(), description="boundaries in addition to those that the mesh names", examples=[[]]
-    )
-    region: tuple[Region, ...] = Field(default=(), description="parts of another material", examples=[[]])
-    load: tuple[Load, ...] = Field(default=(), description="loads on boundaries", examples=[[]])
+    boundary: tuple[Boundary, ...] = by_default((), "boundaries in addition to those that the mesh names", [])
+    region: tuple[Region, ...] = by_default((), "parts of another material", [])
+    load: tuple[Load, ...] = by_default((), "loads on boundaries", [])
 
     @model_validator(mode="before")
     @classmethod

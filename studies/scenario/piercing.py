@@ -16,6 +16,7 @@ from studies.scenario.table import (
     Text,
     Turn,
     Vector,
+    by_default,
     check_ending,
     check_rising,
     one_sentence,
@@ -43,9 +44,9 @@ class Friction(ScenarioTable):
     grip: Annotated[
         NotNegative | tuple[NotNegative, NotNegative],
         one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
-    ] = Field(
-        default=0.0,
-        description="friction force without any tension [N]; of a barbed thread two: where the abscissa at the hole "
+    ] = by_default(
+        0.0,
+        "friction force without any tension [N]; of a barbed thread two: where the abscissa at the hole "
         "rises, and where it falls",
     )
 
@@ -83,22 +84,21 @@ class Piercing(ScenarioTable):
         "default: direction if it is three numbers, else none: the surface point nearest to near",
         [0.0, 0.0, -1.0],
     )
-    kind: Literal["sliding", "anchored"] = Field(
-        default="sliding", description='"sliding", or "anchored": one point of the thread is held'
+    kind: Literal["sliding", "anchored"] = by_default(
+        "sliding", '"sliding", or "anchored": one point of the thread is held'
     )
     direction: Annotated[
         Literal["free", "normal"] | Vector,
         one_sentence('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
-    ] = Field(
-        default="free",
-        description='direction of the thread in the hole: "free", "normal" to the surface, or [x, y, z] '
+    ] = by_default(
+        "free",
+        'direction of the thread in the hole: "free", "normal" to the surface, or [x, y, z] '
         "of the needle's channel [-]",
     )
-    footprint: NotNegative = Field(
-        default=1.0e-3,
-        description="radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point",
+    footprint: NotNegative = by_default(
+        1.0e-3, "radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point"
     )
-    weight: Literal["uniform", "parabolic"] = Field(default="parabolic", description="weight over the footprint [-]")
+    weight: Literal["uniform", "parabolic"] = by_default("parabolic", "weight over the footprint [-]")
     s: NotNegative | None = optional(
         "initial abscissa of the piercing [m], at an end of the thread only if anchored; "
         "default: the point of the thread nearest to it",

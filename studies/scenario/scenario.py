@@ -19,7 +19,7 @@ from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.stitch import Stitch, long_form
-from studies.scenario.table import ScenarioError, ScenarioTable, optional, plain_values, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, by_default, optional, plain_values, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
@@ -42,29 +42,25 @@ MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is 
 class Scenario(ScenarioTable):
     """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
 
-    title: Annotated[str, Field(strict=True)] = Field(default="", description="title of the scenario")
+    title: Annotated[str, Field(strict=True)] = by_default("", "title of the scenario")
     tissue: Tissue | None = optional(
         "the organ; without it the piercings are points fixed in space", {"youngs_modulus": 1.0e5}
     )
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
-    piercing: tuple[Piercing, ...] = Field(
-        default=(), description="the piercings, in the order in which the thread passes them"
+    piercing: tuple[Piercing, ...] = by_default((), "the piercings, in the order in which the thread passes them")
+    tract: tuple[Tract, ...] = by_default(
+        (), "tracts between two holes, along which the thread bears on the tissue too"
     )
-    tract: tuple[Tract, ...] = Field(
-        default=(), description="tracts between two holes, along which the thread bears on the tissue too"
-    )
-    cut: tuple[Cut, ...] = Field(default=(), description="cuts of the thread during the run")
-    tie: tuple[Tie, ...] = Field(default=(), description="loops of the thread that hands draw and lock")
-    stitch: tuple[Stitch, ...] = Field(
-        default=(),
-        description="stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts, and the "
+    cut: tuple[Cut, ...] = by_default((), "cuts of the thread during the run")
+    tie: tuple[Tie, ...] = by_default((), "loops of the thread that hands draw and lock")
+    stitch: tuple[Stitch, ...] = by_default(
+        (),
+        "stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts, and the "
         "scenario that is run has those in their place",
     )
-    contact: tuple[Contact, ...] = Field(
-        default=(), description="pairs of surfaces that press on each other; others overlap"
-    )
-    solve: Solve = Field(default=Solve(), description="the solution method", examples=[{"dt": 1.0e-3}])
-    output: Output = Field(default=Output(), description="the output of the run", examples=[{"every": 10}])
+    contact: tuple[Contact, ...] = by_default((), "pairs of surfaces that press on each other; others overlap")
+    solve: Solve = by_default(Solve(), "the solution method", {"dt": 1.0e-3})
+    output: Output = by_default(Output(), "the output of the run", {"every": 10})
 
     @model_validator(mode="before")
     @classmethod

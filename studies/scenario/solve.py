@@ -3,9 +3,9 @@
 from math import ceil
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, optional
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, by_default, optional
 
 WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
 MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: more than a day
@@ -14,47 +14,47 @@ MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: mor
 class Solve(ScenarioTable):
     """The solution method."""
 
-    kind: Literal["dynamic", "static"] = Field(
-        default="dynamic", description='"dynamic", or "static": equilibrium under the final loads'
+    kind: Literal["dynamic", "static"] = by_default(
+        "dynamic", '"dynamic", or "static": equilibrium under the final loads'
     )
-    dt: Positive = Field(default=1.0e-3, description="time step [s]")
-    duration: Positive = Field(default=1.0, description="simulated time [s]")
-    start: Literal["path", "rest"] = Field(
-        default="path",
-        description='initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0, '
+    dt: Positive = by_default(1.0e-3, "time step [s]")
+    duration: Positive = by_default(1.0, "simulated time [s]")
+    start: Literal["path", "rest"] = by_default(
+        "path",
+        'initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0, '
         "with dead loads without a ramp in full",
     )
-    load_steps: Whole = Field(default=10, description="number of load steps [-] of a static solution")
-    scheme: Literal["newton", "linear"] = Field(
-        default="newton", description='time step: "newton", or "linear" (Baumgarte, one linear solve)'
+    load_steps: Whole = by_default(10, "number of load steps [-] of a static solution")
+    scheme: Literal["newton", "linear"] = by_default(
+        "newton", 'time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
-    newton: Literal["auto", "numpy", "compiled"] = Field(
-        default="auto",
-        description='iteration of a step in "numpy" or in "compiled" loops, which take a third of the '
+    newton: Literal["auto", "numpy", "compiled"] = by_default(
+        "auto",
+        'iteration of a step in "numpy" or in "compiled" loops, which take a third of the '
         'time and agree to round-off; "auto": compiled in dynamic runs if a folder can cache '
         "the loops, else numpy; provenance.json names the method used",
     )
-    organ: Literal["auto", "whole", "krylov"] = Field(
-        default="auto",
-        description='solution of a linear organ with inertia: "whole", for all unknowns, or in a "krylov" space whose '
+    organ: Literal["auto", "whole", "krylov"] = by_default(
+        "auto",
+        'solution of a linear organ with inertia: "whole", for all unknowns, or in a "krylov" space whose '
         "residual is checked at every step and which is widened or abandoned above 1e-9 of the forces; "
         '"auto": krylov if it pays by unknowns and holes, and no hole begins later',
     )
-    integrator: Literal["euler", "bdf2"] = Field(
-        default="bdf2",
-        description='time integration: "bdf2" (order 2) or "euler" (backward, order 1), which is used by the linear '
+    integrator: Literal["euler", "bdf2"] = by_default(
+        "bdf2",
+        'time integration: "bdf2" (order 2) or "euler" (backward, order 1), which is used by the linear '
         "scheme and two-pass friction unless given; constraints hold at the end of the step",
     )
     tolerance: Positive | None = optional(
         "accepted error of a step in thread and abscissae [m]; steps with a larger estimate "
         "are divided, down to dt/64; without it all steps are dt long"
     )
-    coupling: Literal["monolithic", "staggered"] = Field(
-        default="monolithic", description="thread and organ solved together, or one after the other"
+    coupling: Literal["monolithic", "staggered"] = by_default(
+        "monolithic", "thread and organ solved together, or one after the other"
     )
-    friction: Literal["implicit", "two-pass"] = Field(default="implicit", description="friction solver")
-    epsilon: NotNegative = Field(default=0.0, description="inertia of an abscissa ε (eq. 7) [kg]")
-    gravity: Vector = Field(default=(0.0, 0.0, 0.0), description="gravity on thread and organ [m/s²]")
+    friction: Literal["implicit", "two-pass"] = by_default("implicit", "friction solver")
+    epsilon: NotNegative = by_default(0.0, "inertia of an abscissa ε (eq. 7) [kg]")
+    gravity: Vector = by_default((0.0, 0.0, 0.0), "gravity on thread and organ [m/s²]")
 
     @model_validator(mode="before")
     @classmethod
@@ -134,4 +134,4 @@ class Solve(ScenarioTable):
 class Output(ScenarioTable):
     """The output of the run."""
 
-    every: Whole = Field(default=10, description="steps between frames [-]")
+    every: Whole = by_default(10, "steps between frames [-]")

@@ -25,6 +25,7 @@ from studies.scenario.table import (
     ScenarioTable,
     Text,
     Vector,
+    by_default,
     check_ending,
     one_sentence,
     optional,
@@ -50,9 +51,9 @@ class Stitch(ScenarioTable):
         '"NAME.1.right" and so on',
         examples=["first"],
     )
-    kind: Kind = Field(
-        default="single",
-        description='shape of the stitch: "single"; "running", fixed at its first hole, drawn by a hand at its last; '
+    kind: Kind = by_default(
+        "single",
+        'shape of the stitch: "single"; "running", fixed at its first hole, drawn by a hand at its last; '
         '"vertical-mattress", which goes back near the edges; "horizontal-mattress" and "figure-of-eight", two bites '
         'joined along the wound or across it; "purse-string", bites around a circle',
     )
@@ -65,7 +66,7 @@ class Stitch(ScenarioTable):
         "default: that of the mesh's wound, else y",
         [0, 1, 0],
     )
-    normal: Vector = Field(default=(0.0, 0.0, 1.0), description="direction out of the tissue at the wound [-]")
+    normal: Vector = by_default((0.0, 0.0, 1.0), "direction out of the tissue at the wound [-]")
     bite: Annotated[
         Positive | tuple[Positive, Positive],
         one_sentence("a distance [m], or those to the left and to the right, for example bite = 5e-3"),
@@ -78,8 +79,8 @@ class Stitch(ScenarioTable):
     pitch: Positive | None = optional(
         "distance of the bites along the wound [m], of a purse-string the radius; default: the bite", 5.0e-3
     )
-    count: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
-        default=6, description="number of bites [-] of a running stitch or a purse-string, from 2 to 200"
+    count: Annotated[int, Field(strict=True, ge=2, le=200)] = by_default(
+        6, "number of bites [-] of a running stitch or a purse-string, from 2 to 200"
     )
     force: Positive = Field(description="force of the hands that draw it [N]", examples=[1.0])
     from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
@@ -87,7 +88,7 @@ class Stitch(ScenarioTable):
         "time at which it is locked [s]; default: three quarters of the run, at the end of a step", 0.25
     )
     hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
-    footprint: Positive = Field(default=1.0e-3, description="radius of the averaging disc of its holes [m]")
+    footprint: Positive = by_default(1.0e-3, "radius of the averaging disc of its holes [m]")
     tract: (
         Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
     ) = optional(

@@ -1,7 +1,7 @@
 """A table of a scenario: the kinds of values it holds, and how it is refused."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
@@ -107,9 +107,12 @@ def checks_of(table: type[ScenarioTable]) -> list[str]:
     return [name for name in dict.fromkeys(name for kind in kinds for name in vars(kind)) if name.startswith("_check")]
 
 
-def optional(description: str, *examples: Any) -> Any:
-    """Declare a key that may be left out and is None then, with its description and examples of its value."""
-    return Field(default=None, description=description, examples=list(examples) or None)
+def by_default(default: Any, description: str, *examples: Any) -> Any:
+    """Declare a key that may be left out, with its default, its description and examples of its value."""
+    return Field(default=default, description=description, examples=list(examples) or None)
+
+
+optional = partial(by_default, None)  # a key that is None if it is left out
 
 
 def check_ending(begins: float, until: float | None) -> None:

@@ -20,6 +20,7 @@ from studies.scenario.table import (
     Vector,
     Waypoint,
     Whole,
+    by_default,
     check_rising,
     optional,
 )
@@ -28,7 +29,7 @@ from thread.errors import ThreadError
 
 
 class _End(ScenarioTable):
-    mass: NotNegative = Field(default=0.0, description="point mass carried by this end of the thread [kg]")
+    mass: NotNegative = by_default(0.0, "point mass carried by this end of the thread [kg]")
 
 
 class FreeEnd(_End):
@@ -140,38 +141,33 @@ class Thread(ScenarioTable):
         "suture (an assumption for braids), else 1",
         0.05,
     )
-    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = Field(
-        default=40,
-        description="number of control points of the cubic spline [-], from 4 to 5000; travelling knots "
+    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = by_default(
+        40,
+        "number of control points of the cubic spline [-], from 4 to 5000; travelling knots "
         "add those at the piercings, and at least four spans per strand",
     )
-    knots: Literal["travelling", "fixed"] = Field(
-        default="travelling",
-        description='knots of the spline: "travelling" with the holes, with short spans next to them; or '
+    knots: Literal["travelling", "fixed"] = by_default(
+        "travelling",
+        'knots of the spline: "travelling" with the holes, with short spans next to them; or '
         '"fixed", equal spans as in the paper, which is used with twist, springs, no bending '
         "and the paper's variants of solve unless given",
     )
-    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = Field(
-        default=0.01,
-        description="accepted relative error of the piercings' forces for travelling knots [-], up to 0.1",
+    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = by_default(
+        0.01, "accepted relative error of the piercings' forces for travelling knots [-], up to 0.1"
     )
     path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
         description="points along which the thread is laid at the start [m], corners rounded",
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
     )
-    cuts: tuple[Positive, ...] = Field(
-        default=(),
-        description="abscissae where the thread is cut from the start, rising [m]; the new ends are free",
-        examples=[[0.05, 0.1]],
+    cuts: tuple[Positive, ...] = by_default(
+        (), "abscissae where the thread is cut from the start, rising [m]; the new ends are free", [0.05, 0.1]
     )
     length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
-    damping: NotNegative = Field(default=0.0, description="mass-proportional damping of the thread [1/s]")
-    bending: Annotated[bool, Field(strict=True)] = Field(
-        default=True, description="whether the thread resists bending; false: EI = 0"
-    )
-    energy: Literal["continuous", "springs"] = Field(
-        default="continuous",
-        description='elastic energies: "continuous" integrals along the thread, or "springs" between '
+    damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
+    bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
+    energy: Literal["continuous", "springs"] = by_default(
+        "continuous",
+        'elastic energies: "continuous" integrals along the thread, or "springs" between '
         "points (the paper's §3), calibrated by EA, EI and GJ",
     )
     springs: Whole | None = optional(
@@ -179,9 +175,8 @@ class Thread(ScenarioTable):
         "more of them lock a stiff thread",
         39,
     )
-    twist: Annotated[bool, Field(strict=True)] = Field(
-        default=False,
-        description="whether the thread resists twist: the angle of its section becomes a fourth coordinate",
+    twist: Annotated[bool, Field(strict=True)] = by_default(
+        False, "whether the thread resists twist: the angle of its section becomes a fourth coordinate"
     )
     coil_radius: Positive | None = optional(
         "radius of the rest coil, from the packet [m]; needs thread.twist; default: straight at rest", 0.02
@@ -189,16 +184,8 @@ class Thread(ScenarioTable):
     coil_towards: Vector | None = optional(
         "side to which the start of the thread coils [-], across the path; default: one of the axes", [0, 0, 1]
     )
-    start: End = Field(
-        default=FreeEnd(kind="free"),
-        description="what holds the thread at the start of the path",
-        examples=[{"kind": "free"}],
-    )
-    end: End = Field(
-        default=FreeEnd(kind="free"),
-        description="what holds the thread at the end of the path",
-        examples=[{"kind": "free"}],
-    )
+    start: End = by_default(FreeEnd(kind="free"), "what holds the thread at the start of the path", {"kind": "free"})
+    end: End = by_default(FreeEnd(kind="free"), "what holds the thread at the end of the path", {"kind": "free"})
 
     @model_validator(mode="before")
     @classmethod

@@ -6,7 +6,16 @@ from pydantic import Field
 
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Text, check_ending, optional, repetition
+from studies.scenario.table import (
+    NotNegative,
+    Positive,
+    ScenarioTable,
+    Text,
+    by_default,
+    check_ending,
+    optional,
+    repetition,
+)
 
 
 class Tie(ScenarioTable):
@@ -32,10 +41,7 @@ class Tie(ScenarioTable):
         "half of the time from `from` to `until`",
         0.1,
     )
-    speed: Positive = Field(
-        default=0.05,
-        description="speed of a hand without resistance [m/s]; in dynamic runs",
-    )
+    speed: Positive = by_default(0.05, "speed of a hand without resistance [m/s]; in dynamic runs")
     hold: Positive | None = optional("tension above which a locked tie slips [N]; default: never", 10.0)
 
     @property
