@@ -2,7 +2,7 @@
 
 import pickle
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from PIL import Image
@@ -18,24 +18,24 @@ PAUSE, LAST = 120, 1500  # ms that a picture stands, and the last one
 def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw frames into a GIF file, all to one scale."""
     stage = stage_of(frames, topology, title)
+    write_film(frames, path, lambda frame, picture: draw_staged(frame, stage, picture))
+
+
+def write_film(frames: Sequence[Frame], path: Path, draw: Callable[[Frame, Path], None]) -> None:
+    """Write frames, each drawn into a picture by `draw`, one after the other, again and again."""
     scratch = path.with_name("frame.png")
     pictures = []
     for frame in frames:
-        draw_staged(frame, stage, scratch)
+        draw(frame, scratch)
         pictures.append(small(scratch))
-    save(pictures, path)
+    pauses = [PAUSE] * (len(pictures) - 1) + [LAST]
+    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0)
 
 
 def small(path: Path) -> Image.Image:
     """Read a picture in the size of an animation."""
     with Image.open(path) as picture:
         return picture.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
-
-
-def save(pictures: Sequence[Image.Image], path: Path) -> None:
-    """Write pictures one after the other, again and again."""
-    pauses = [PAUSE] * (len(pictures) - 1) + [LAST]
-    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0)
 
 
 if __name__ == "__main__":

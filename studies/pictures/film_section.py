@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.output.fields import OrganTopology
-from studies.pictures.film import save, small
+from studies.pictures.film import write_film
 from studies.pictures.scene import Film, Frame
 from studies.pictures.section import draw_scaled
 from studies.pictures.view import scale_of
@@ -15,12 +15,7 @@ from studies.pictures.view import scale_of
 def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
     """Draw frames into a GIF file, all to one scale."""
     scale = scale_of(frames)
-    scratch = path.with_name("frame.png")
-    pictures = []
-    for frame in frames:
-        draw_scaled(frame, topology, scratch, title, scale)
-        pictures.append(small(scratch))
-    save(pictures, path)
+    write_film(frames, path, lambda frame, picture: draw_scaled(frame, topology, picture, title, scale))
 
 
 if __name__ == "__main__":
