@@ -131,9 +131,9 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     """Return the levels of a scenario, each finer by `ratio`, None: that of what is refined. Raises `ScenarioError`."""
     kinds = kinds_of(scenario, over)
     step = max(KINDS[kind].ratio for kind in kinds) if ratio is None else ratio
-    if levels < LEAST:
+    if not (isinstance(levels, int) and levels >= LEAST):
         raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more")
-    if not (isfinite(step) and step >= LEAST_RATIO):
+    if not (isinstance(step, int | float) and isfinite(step) and step >= LEAST_RATIO):
         raise ScenarioError(f"--ratio {ratio} is refused: give {LEAST_RATIO} or more, for example 1.5")
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)
@@ -151,7 +151,7 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
     """Return the refined quantities; for `all` those of the scenario. Raises `ScenarioError`."""
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
-    if over not in KINDS:
+    if not (isinstance(over, str) and over in KINDS):
         raise ScenarioError(f"--over {over} is refused: allowed are {', '.join(KINDS)} and all")
     if (reason := KINDS[over].lacking(scenario)) is not None:
         raise ScenarioError(f"--over {over} is refused: {reason}")

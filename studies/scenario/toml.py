@@ -38,6 +38,8 @@ def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) 
     else:
         path = scenario_file(source)
         data, folder = _read(path), path.parent
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise ScenarioError(f'overrides = {overrides!r} is refused: give a list of texts, ["solve.dt=5e-4"]')
     for override in overrides:
         _set(data, override_key(override), _override_value(override), f"--set {override}")
     _make_paths_absolute(data, folder)
@@ -191,7 +193,7 @@ def _name(entry: Any) -> Any:
 
 def override_key(text: str) -> list[str]:
     """Return the parts of the dotted key in ``key=value``. Raises `ScenarioError`."""
-    key, equals, _ = text.partition("=")
+    key, equals, _ = text.partition("=") if isinstance(text, str) else ("", "", "")
     try:
         table = tomllib.loads(f"{key}=0") if equals else {}
     except tomllib.TOMLDecodeError:

@@ -85,6 +85,8 @@ def sweep(
     Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
     check_over(over)
+    if workers is not None and not hasattr(workers, "done"):
+        raise ScenarioError(f"workers = {workers!r} is refused: give studies.workers.workers_of(jobs), or leave it out")
     cases = plain_values(grid(over) if isinstance(over, Mapping) else list(over))
     check_count(cases)
     plain = base_tables(base)

@@ -136,6 +136,25 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         f"{key} 5": (lambda key=key: suturefem.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")
         for key in ("basis", "energy", "ranks", "store", "on_step")
     },
+    **{
+        f"settings {wrong!r}": (lambda wrong=wrong: load("two_piercings", wrong), said)
+        for wrong, said in (
+            (5, "overrides = 5 is refused: give a list"),
+            ("solve.dt=1e-3", "overrides = 'solve.dt=1e-3' is refused: give a list"),
+            ([5], "--set 5 is refused: write a dotted key"),
+        )
+    },
+    **{
+        f"a refinement with {key} = {wrong!r}": (
+            lambda key=key, wrong=wrong: suturefem.refine(BARE, "energy.kinetic", "none", **{key: wrong}),
+            f"--{key} .* is refused",
+        )
+        for key, wrong in (("over", ["h"]), ("levels", None), ("levels", "x"), ("ratio", "x"))
+    },
+    "a number for workers": (
+        lambda: sweep(BARE, {"solve.dt": [1e-3]}, "none", workers=2),  # type: ignore[arg-type]
+        "workers = 2 is refused: give studies.workers",
+    ),
     "a sweep over a number": (lambda: sweep(BARE, {"solve.dt": 5}, "none"), "give a list of values"),  # type: ignore[dict-item]
     "a sweep of nothing": (lambda: sweep(None, {"solve.dt": [1e-3]}, "none"), "None is refused"),  # type: ignore[arg-type]
     "no direction": (
