@@ -6,7 +6,7 @@ strength, are found so, and 93 in 100 of those found did; of 70 that were drawn 
 not judged: its strands end at cuts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import dist
 
@@ -33,13 +33,31 @@ def demanding(
     unknown."""
     holes, length = scenario.piercing, scenario.thread.length or path.length
     springs = np.array([spring(hole, modulus) for hole, modulus in zip(holes, E, strict=True)])
-    tensions, ways = strand_tensions(scenario, length, section.EA, springs), directions(scenario)
-    out = overpulled(float(tensions.max()), strength, section.EA)
-    if scenario.thread.cuts or scenario.tissue is None or scenario.tissue.material != "linear":
+    tensions = strand_tensions(scenario, length, section.EA, springs)
+    loads = [float(tensions.max()), *(tie.force for tie in scenario.tie)]
+    out = overpulled(max(loads), strength, section.EA)
+    if scenario.tissue is None or scenario.tissue.material != "linear":
         return out
     EI = section.EI if scenario.thread.bending else 0.0
-    turned = overturned(holes, E, EI, tensions, ways, spacings(scenario), path.tangent(s))
-    return [*out, *overdrawn(holes, springs, hole_forces(tensions, ways)), *turned]
+    whole = slice(len(holes)), tensions, directions(scenario), spacings(scenario)
+    forces, turns = np.zeros(len(holes)), np.zeros(len(holes))
+    for part, T, ways, spacing in [*([] if scenario.thread.cuts else [whole]), *loops(scenario)]:
+        bent = turns_of(holes[part], E[part], EI, T, ways, spacing, path.tangent(s[part]))
+        forces[part] = np.maximum(forces[part], hole_forces(T, ways))
+        turns[part] = np.maximum(turns[part], bent)
+    return [*out, *overdrawn(holes, springs, forces), *overturned(holes, turns)]
+
+
+def loops(scenario: Scenario) -> Iterator[tuple[slice, Array, Array, Array]]:
+    """Yield for each tie its m holes, and the tensions [N], directions [-] and spacings [m] of the strands of its loop,
+    shapes `(m + 1,)`, `(m + 1, 3)` and `(m + 1,)`: the hands draw it straight from hole to hole."""
+    holes, names = scenario.piercing, [hole.name for hole in scenario.piercing]
+    for tie in scenario.tie:
+        first, last = sorted(map(names.index, tie.between))
+        places = np.array([holes[k].place for k in (last, *range(first, last + 1), first)])
+        lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        ways = np.diff(places, axis=0) / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+        yield slice(first, last + 1), np.full(len(ways), tie.force), ways, np.full(len(ways), shortest(scenario))
 
 
 def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:
@@ -132,32 +150,39 @@ def overdrawn(holes: Sequence[Piercing], springs: Array, forces: Array) -> list[
 def spacings(scenario: Scenario) -> Array:
     """Return within which length each strand bends where it is slack, shape `(p + 1,)` [m]: the shortest between two
     holes, or that to a hand, and infinite from one hole alone to no hand."""
-    shortest = min(
-        (gap for gap in (dist(a.place, b.place) for a, b in pairwise(scenario.piercing)) if gap), default=np.inf
-    )
-    out = np.full(len(scenario.piercing) + 1, shortest)
+    out = np.full(len(scenario.piercing) + 1, shortest(scenario))
     for k, end in ((0, scenario.thread.start), (-1, scenario.thread.end)):
         if not isinstance(end, model.FreeEnd | model.PulledEnd):
             out[k] = min(out[k], np.linalg.norm(np.diff(corners(scenario), axis=0)[k]))
     return out
 
 
-def overturned(
+def shortest(scenario: Scenario) -> float:
+    """Return the shortest way from a hole to the next that is elsewhere, infinite if there is none [m]."""
+    gaps = (dist(a.place, b.place) for a, b in pairwise(scenario.piercing))
+    return min((gap for gap in gaps if gap), default=np.inf)
+
+
+def turns_of(
     holes: Sequence[Piercing], E: Array, EI: float, tensions: Array, ways: Array, spacing: Array, through: Array
-) -> list[Remark]:
-    """Judge how far the couple of a thread of a stiffness EI [N m²] turns the holes that give it a direction, from
+) -> Array:
+    """Return how far the couple of a thread of a stiffness EI [N m²] turns the holes that give it a direction, from
     their directions `through` them (p, 3) to the `ways` (p + 1, 3) of its strands of `tensions` (p + 1,) [N], which
-    bend within a `spacing` (p + 1,) [m]. The worst of them is named."""
-    guides = [k for k, hole in enumerate(holes) if hole.direction != "free" and hole.footprint]
-    turns = {}
-    for k in guides:
+    bend within a `spacing` (p + 1,) [m]; zero of the other holes, shape `(p,)` [rad]."""
+    out = np.zeros(len(holes))
+    for k in [k for k, hole in enumerate(holes) if hole.direction != "free" and hole.footprint]:
         bends = np.arccos(np.clip(ways[k : k + 2] @ through[k], -1.0, 1.0))
         taut = 2.0 * np.sin(0.5 * bends) * np.sqrt(EI * tensions[k : k + 2])
         slack = BENT * EI * bends / spacing[k : k + 2]
-        turns[k] = float(max(taut.max(), slack.max()) / (E[k] * holes[k].footprint ** 3))
-    worst = max(turns, key=turns.__getitem__, default=None)
-    if worst is None or turns[worst] <= SMALL_ROTATION:
+        out[k] = max(taut.max(), slack.max()) / (E[k] * holes[k].footprint ** 3)
+    return out
+
+
+def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
+    """Judge how far the couple of the thread `turns` holes (p,) [rad]; the worst of them is named."""
+    if not turns.max(initial=0.0) > SMALL_ROTATION:
         return []
+    worst = int(np.argmax(turns))
     text = (
         f"the thread is too stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by "
         f"about {turns[worst]:.2g} rad, above the limit of linear elasticity (about {SMALL_ROTATION:g}); use a "

@@ -62,6 +62,30 @@ def test_the_force_on_a_hole_is_the_turn_of_a_taut_thread() -> None:
     assert demand.strand_tensions(pulled(0.2), 0.03, 1.0, np.ones(1)).tolist() == [0.0, 0.2]
 
 
+def test_a_loop_draws_its_holes_together_by_twice_the_force_of_the_hands() -> None:
+    """Independent check: a flat loop pulls at both ends of its two holes by F; by 2 · 0.6 F/(E a²) = 0.2 of a
+    footprint a, whether the thread is cut or not, and beyond the strength of the suture by F alone."""
+    path = [[-0.01, 0, 0.005], [0.01, 0, 0], [0.01, 0, -0.005], [-0.01, 0, -0.005], [-0.01, 0, 0], [0.01, 0, 0.005]]
+    tops = [
+        {"name": name, "at": [x, 0, 0], "direction": "free", "footprint": 1e-3}
+        for name, x in (("a", 0.01), ("b", -0.01))
+    ]
+    strength = knot_pull("4-0 nylon")
+    assert strength is not None
+
+    def loop(force: float, E: float, **thread: Any) -> dict[str, str]:
+        tie = {"name": "knot", "between": ["b", "a"], "force": force, "until": 0.1}
+        tables = {"thread": {"suture": "4-0 nylon", "path": path} | thread, "piercing": tops, "tie": [tie]}
+        return said(parse({"tissue": ORGAN | {"youngs_modulus": E}} | tables))
+
+    least = 2.0 * 0.6 * 0.5 / (SMALL_STRAIN * 1e-6)
+    for thread in ({}, {"cuts": [0.06]}):
+        assert "demand" not in loop(0.5, 1.01 * least, **thread)
+        assert "the load of 1 N would move the hole" in loop(0.5, 0.99 * least, **thread)["demand"]
+        assert "(minimum average)" not in loop(0.99 * strength, 1e9, **thread).get("pull-strength", "")
+        assert "(minimum average)" in loop(1.01 * strength, 1e9, **thread)["pull-strength"]
+
+
 def test_a_hand_that_draws_further_than_the_thread_reaches_pulls_holes() -> None:
     """Independent check: springs in a row, the thread and two turns of a right angle: 4 mm short."""
     ring = {"footprint": 1e-3, "direction": "free"}
