@@ -58,7 +58,7 @@ from studies.output.remarks import (
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
-from studies.simulation.demand import demanding, moduli_at
+from studies.simulation.demand import demanding, moduli_at, radii_at
 from studies.simulation.given import Given, shear_moduli
 from studies.simulation.tracts import Ball, across_wounds, of_piercings, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
@@ -100,7 +100,8 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
     at = np.array(of_piercings(assembly.holes, assembly.at.tolist()))
-    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, strength)
+    radii = radii_at(assembly.body, scenario.piercing)
+    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength)
     if assembly.body is None:
         return out
     sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]

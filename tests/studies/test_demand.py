@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.quality import size_at
+from studies.arrays import Array
 from studies.campaign.generator import cases
-from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN
+from studies.output.remarks import EARLY, SMALL_ROTATION, SMALL_STRAIN
 from studies.scenario import Scenario, load, parse
 from studies.simulation import demand, prepare
 from studies.simulation.assembly import abscissae, section_of
@@ -28,13 +30,18 @@ ORGAN = {
 }
 
 
-def said(scenario: Scenario) -> dict[str, str]:
-    """Return what is foreseen of a scenario with one E everywhere, by its code."""
+YIELD, TILT = 0.659 * 1.45 * 0.775, 0.75 * (1.0 - 0.45**2)  # of a half-space with ν = 0.45: 0.74 and 0.60
+STRAIN, TURN = EARLY * SMALL_STRAIN, EARLY * SMALL_ROTATION
+
+
+def said(scenario: Scenario, radii: Array | None = None) -> dict[str, str]:
+    """Return what is foreseen of a scenario with one E everywhere, by its code; None: on cells that are fine."""
     path = rounded_path(scenario.thread.path)
     at = np.array(abscissae(scenario, path, path.length))
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = np.full(len(scenario.piercing), scenario.tissue.youngs_modulus if scenario.tissue else np.inf)
-    found = demand.demanding(scenario, section_of(scenario.thread), path, at, E, strength)
+    radii = np.array([hole.footprint or np.inf for hole in scenario.piercing]) if radii is None else radii
+    found = demand.demanding(scenario, section_of(scenario.thread), path, at, E, radii, strength)
     return {each.code: each.message for each in found}
 
 
@@ -47,23 +54,47 @@ def pulled(force: float, **hole: Any) -> Scenario:
 
 
 def test_a_pull_is_told_in_words_by_the_way_of_a_half_space() -> None:
-    """Independent check: 0.6 F/(E a), 12 mm of 0.2 N in 10 kPa under a millimetre; at the bound and beyond."""
-    assert "move the hole 'anchor' by about 12 mm" in said(pulled(0.2))["demand"]
-    bound = SMALL_STRAIN * 1e4 * 1e-6 / 0.6
+    """Independent check: 0.74 F/(E a), 15 mm of 0.2 N in 10 kPa under a millimetre; at the bound and beyond."""
+    assert "move the hole 'anchor' by about 15 mm" in said(pulled(0.2))["demand"]
+    bound = STRAIN * 1e4 * 1e-6 / YIELD
     assert "demand" not in said(pulled((1.0 - IDENTITY) * bound))
     assert "demand" in said(pulled((1.0 + 1e-6) * bound))
     assert not said(load("two_piercings"))
 
 
+def test_coarse_cells_hold_a_hole_as_a_wider_disc() -> None:
+    """Independent check: a footprint a on cells of a size h is a disc of √(a² + h²); what is said of it is in words of
+    a strain."""
+    body = prepare(pulled(0.2)).assembly.body
+    assert body is not None
+    wide = 1e-6 + size_at(body.mesh, np.zeros(3)) ** 2
+    for share, told in ((0.99, False), (1.01, True)):
+        foreseen = prepare(pulled(share * STRAIN * 1e4 * wide / YIELD)).foreseen
+        assert [each.message for each in foreseen if "a strain of about 0.16, where" in each.message] == [
+            each.message for each in foreseen if each.code == "demand"
+        ]
+        assert ("demand" in [each.code for each in foreseen]) == told
+
+
+def test_a_tract_turns_the_thread_in_the_place_of_its_holes() -> None:
+    """Independent check: a thread that comes from above and leaves upward pulls at each hole by a right angle, √2 T, or
+    by nothing where it goes on straight into a tract."""
+    T, down, across = np.full(3, 2.0), [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]
+    ways, through = np.array([down, across, [0.0, 0.0, 1.0]]), np.array([down, [0.0, 0.0, 1.0]])
+    for borne, force in ((False, 2.0 * 2**0.5), (True, 0.0)):
+        at = demand.ways_at_holes(ways, through, np.array([borne]))
+        assert demand.hole_forces(T, at) == pytest.approx([force, force])
+
+
 def test_the_force_on_a_hole_is_the_turn_of_a_taut_thread() -> None:
     """Independent check: a right angle is √2 T, a straight way nothing, and no load goes on beyond an anchored hole."""
-    assert demand.hole_forces(np.array([2.0, 2.0]), np.eye(3)[:2]) == pytest.approx([2.0 * 2**0.5])
-    assert demand.hole_forces(np.array([2.0, 2.0]), np.eye(3)[[0, 0]]) == pytest.approx([0.0])
+    assert demand.hole_forces(np.array([2.0, 2.0]), np.eye(3)[:2, None]) == pytest.approx([2.0 * 2**0.5])
+    assert demand.hole_forces(np.array([2.0, 2.0]), np.eye(3)[[0, 0], None]) == pytest.approx([0.0])
     assert demand.strand_tensions(pulled(0.2), 0.03, 1.0, np.ones(1)).tolist() == [0.0, 0.2]
 
 
 def test_a_loop_draws_its_holes_together_by_twice_the_force_of_the_hands() -> None:
-    """Independent check: a flat loop pulls at both ends of its two holes by F; by 2 · 0.6 F/(E a²) = 0.2 of a
+    """Independent check: a flat loop pulls at both ends of its two holes by F; by 2 · 0.74 F/(E a²) = 0.16 of a
     footprint a, whether the thread is cut or not, and beyond the strength of the suture by F alone."""
     path = [[-0.01, 0, 0.005], [0.01, 0, 0], [0.01, 0, -0.005], [-0.01, 0, -0.005], [-0.01, 0, 0], [0.01, 0, 0.005]]
     tops = [
@@ -73,17 +104,18 @@ def test_a_loop_draws_its_holes_together_by_twice_the_force_of_the_hands() -> No
     strength = knot_pull("4-0 nylon")
     assert strength is not None
 
-    def loop(force: float, E: float, **thread: Any) -> dict[str, str]:
-        tie = {"name": "knot", "between": ["b", "a"], "force": force, "until": 0.1}
+    def loop(force: float, E: float, until: float = 1.0, **thread: Any) -> dict[str, str]:
+        tie = {"name": "knot", "between": ["b", "a"], "force": force, "until": until}
         tables = {"thread": {"suture": "4-0 nylon", "path": path} | thread, "piercing": tops, "tie": [tie]}
         return said(parse({"tissue": ORGAN | {"youngs_modulus": E}} | tables))
 
-    least = 2.0 * 0.6 * 0.5 / (SMALL_STRAIN * 1e-6)
+    least = 2.0 * YIELD * 0.5 / (STRAIN * 1e-6)
     for thread in ({}, {"cuts": [0.06]}):
         assert "demand" not in loop(0.5, 1.01 * least, **thread)
         assert "the load of 1 N would move the hole" in loop(0.5, 0.99 * least, **thread)["demand"]
         assert "(minimum average)" not in loop(0.99 * strength, 1e9, **thread).get("pull-strength", "")
         assert "(minimum average)" in loop(1.01 * strength, 1e9, **thread)["pull-strength"]
+    assert "demand" not in loop(0.5, 0.99 * least, until=0.1)  # two hands of 0.05 m/s need longer for 1 cm of slack
 
 
 def test_a_hand_that_draws_further_than_the_thread_reaches_pulls_holes() -> None:
@@ -94,20 +126,20 @@ def test_a_hand_that_draws_further_than_the_thread_reaches_pulls_holes() -> None
     thread = {"suture": "4-0 nylon", "path": path, "length": 0.022, "start": {"kind": "fixed"}, "end": hand}
     holes = [ring | {"name": name, "at": at} for name, at in zip("ab", path[1:3], strict=True)]
     scenario = parse({"tissue": ORGAN, "thread": thread, "piercing": holes, "solve": {"duration": 1.0}})
-    springs = np.array([demand.spring(hole, 1e4) for hole in scenario.piercing])
+    springs = np.full(2, 1e4 * 1e-3 / YIELD)
     EA = suture("4-0 nylon").EA
     tension = demand.strand_tensions(scenario, 0.022, EA, springs)
-    assert tension == pytest.approx(np.full(3, 0.004 / (0.022 / EA + 2 * 2 / (1e4 * 1e-3 / 0.6))))
+    assert tension == pytest.approx(np.full(3, 0.004 / (0.022 / EA + 2 * 2 / (1e4 * 1e-3 / YIELD))))
 
 
 def test_a_pull_beyond_the_strength_of_the_suture_is_foreseen() -> None:
-    """Independent check: by the catalogue; and a thread that is stiff for its tissue by √(2 EI T)/(E a³) of a right
-    angle, in directed holes alone."""
+    """Independent check: by the catalogue; and a thread that is stiff for its tissue by 0.6 √(2 EI T)/(E a³) of a
+    right angle, in directed holes alone."""
     strength = knot_pull("4-0 nylon")
     assert strength is not None
     for share, told in ((0.999, False), (1.001, True)):
         assert ("(minimum average)" in said(pulled(share * strength)).get("pull-strength", "")) == told
-    wide = (np.sqrt(2.0 * suture("4-0 nylon").EI * 0.02) / (SMALL_ROTATION * 1e4)) ** (1 / 3)
+    wide = (TILT * np.sqrt(2.0 * suture("4-0 nylon").EI * 0.02) / (TURN * 1e4)) ** (1 / 3)
     for footprint, told in ((0.99 * wide, True), (1.01 * wide, False)):
         assert ("stiff-thread" in said(pulled(0.02, direction="normal", footprint=footprint))) == told
         assert "stiff-thread" not in said(pulled(0.02, direction="free", footprint=footprint))
@@ -116,7 +148,8 @@ def test_a_pull_beyond_the_strength_of_the_suture_is_foreseen() -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_foreseen_is_what_runs_say(seed: int) -> None:
     """Independent check: of the campaign's 300 runs, and of 70 of another seed that were made later, 95 % of those that
-    left the linear range or passed the strength of their suture were foreseen to, and 80 % of those foreseen to did."""
+    left the linear range or passed the strength of their suture were foreseen to, and 80 % of those foreseen to did.
+    Springs made the holes of these runs as compliant as in fine cells."""
     with RUNS.open(encoding="utf-8") as file:
         first = [bool(LEFT & set(row["said"].split())) for row in csv.DictReader(file)]
     left = np.array(first if seed == 1 else [bit == "1" for bit in LATER])
@@ -126,9 +159,9 @@ def test_what_is_foreseen_is_what_runs_say(seed: int) -> None:
 
 
 def test_one_hole_is_turned_by_the_strand_to_a_hand() -> None:
-    """Independent check: 1.6 EI θ/ℓ of a right angle in the way ℓ to a hand, and nothing of the way to a free end."""
+    """Independent check: an arc of the length ℓ to a hand, 2 EI θ/ℓ of a right angle θ, and none to a free end."""
     EI, way, path = suture("2-0 nylon").EI, 0.03, [[0, 0, 0.01], [0, 0, 0], [0, 0, -0.001], [0.03, 0, 0]]
-    wide = (1.6 * EI * 0.5 * np.pi / way / (SMALL_ROTATION * 1e4)) ** (1 / 3)
+    wide = (TILT * 2.0 * EI * 0.5 * np.pi / way / (TURN * 1e4)) ** (1 / 3)
     for footprint, end, told in ((0.99, "fixed", True), (1.01, "fixed", False), (0.5, "free", False)):
         thread = {"suture": "2-0 nylon", "path": path, "end": {"kind": end}}
         hole = {"name": "only", "at": [0, 0, 0], "direction": [0, 0, -1], "footprint": footprint * wide, "s": 0.01}
