@@ -71,7 +71,7 @@ class OpenRun:
         Raises `ResultsError` for a table that there is none of, and `ImportError` without pandas.
         """
         if name not in self.tables:
-            near = nearest(name, self.tables)
+            near = nearest(str(name), self.tables)
             hint = f"; the nearest is {near}" if near else ""
             raise ResultsError(f"table {name} is not in {self.folder}: there are {', '.join(self.tables)}{hint}")
         try:
@@ -98,6 +98,8 @@ class OpenRun:
         """
         import pyvista as pv
 
+        if not isinstance(number, int | np.integer):
+            raise ResultsError(f"frame {number!r} is refused: give its number, of {len(self.times)}")
         blocks, files = pv.MultiBlock(), self.results.frames[number]
         for name in files.parts:
             block = files.read(name)

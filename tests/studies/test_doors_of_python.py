@@ -202,6 +202,10 @@ def test_a_run_is_opened(tmp_path: Path) -> None:
     assert run.table("events")["event"].tolist() == [event.kind for step in seen for event in step.events]
     with pytest.raises(ResultsError, match="the nearest is piercings"):
         run.table("piercing")
+    with pytest.raises(ResultsError, match="table 5 is not in"):
+        run.table(5)  # type: ignore[arg-type]
+    with pytest.raises(ResultsError, match="frame 'last' is refused: give its number"):
+        run.frame("last")  # type: ignore[arg-type]
     with pytest.raises(ResultsError, match="holds no run"):
         suturefem.open_run(tmp_path)
     with pytest.raises(ScenarioError, match="holds a run already"):
