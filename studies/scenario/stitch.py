@@ -296,7 +296,8 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
         key = ".".join(filter(None, owned[0]))
         reason = "[[stitch]] writes it; leave it out, or take the long form, which suture check --write shows"
         raise ValueError(f"{key} is refused: {reason}")
-    mesh = organ.get("mesh", {}) if isinstance(organ, Mapping) else {}
+    mesh = organ.get("mesh") if isinstance(organ, Mapping) else None
+    mesh = mesh if isinstance(mesh, Mapping) else {}
     default = [-1.0, 0.0, 0.0] if mesh.get("kind") == "wound" and mesh.get("along") == "x" else [0.0, 1.0, 0.0]
     laid = [Laid(stitch, np.array(stitch.along or default, dtype=float)) for stitch in stitches]
     parts = [each.points for each in laid]

@@ -10,7 +10,7 @@ import pytest
 from studies.command import command
 from studies.scenario import ScenarioError, load, parse
 from studies.scenario.stitch import NEAR, Stitch, bites_of
-from studies.scenario.toml import changed
+from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from thread.path import rounded_path
@@ -175,6 +175,14 @@ def test_stitches_and_a_path_are_refused() -> None:
         parse(wound(thread=WOUND["thread"] | {"path": [[0, 0, 0], [0, 0, 1]]}))
     with pytest.raises(ScenarioError, match=r"stitch\.name"):
         parse(wound({}, {"at": [0, 8e-3, 0]}))
+
+
+@pytest.mark.parametrize("mesh", ["x", [1], 5])
+def test_a_stitch_in_an_organ_without_a_table_for_its_mesh_is_refused_by_that(mesh: Any) -> None:
+    """Independent check: the mesh that is none is named, and no traceback is left."""
+    tables = read("figure_of_eight")
+    with pytest.raises(ScenarioError, match=r"tissue\.mesh = .* is refused"):
+        parse(tables | {"tissue": tables["tissue"] | {"mesh": mesh}})
 
 
 def test_a_stitch_is_drawn_to_its_force_and_locked() -> None:
