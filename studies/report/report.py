@@ -4,6 +4,7 @@ import base64
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -251,7 +252,7 @@ def part(summary: Mapping[str, Any], *keys: str) -> Any:
 
 def size(value: Any) -> Any:
     """Return the length of a vector, and any other value as it is."""
-    return sum(each**2 for each in value) ** 0.5 if isinstance(value, list) and None not in value else value
+    return hypot(*value) if isinstance(value, list) and all(isinstance(each, float) for each in value) else value
 
 
 def events_section(name: str, run: RunResults) -> Iterator[str]:

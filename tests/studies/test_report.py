@@ -17,7 +17,7 @@ from studies.pictures.view import surface
 from studies.refinement.refine import refine
 from studies.report import page, space
 from studies.report.charts import MOST_ROWS, thinned
-from studies.report.report import labels, write_report
+from studies.report.report import labels, size, write_report
 from studies.report.space import Skin, chosen_frames, decimated, whole_skin
 from studies.scenario import parse
 from studies.scenario.toml import changed
@@ -170,6 +170,12 @@ def test_a_name_that_opens_a_script_leaves_the_numbers_whole(run: Path, tmp_path
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<" not in text.partition('id="data">')[2].partition("</script>")[0]
     assert data_of(text)["views"][0]["piercings"] == [name, "exit"]
+
+
+def test_the_length_of_a_vector_is_of_numbers_of_any_size() -> None:
+    """Independent check: of numbers whose squares are none, and of nothing else that a damaged summary has."""
+    assert size([3e200, 4e200, 0.0]) == pytest.approx(5e200)
+    assert size([1.0, "x"]) == [1.0, "x"] and size([None, 1.0]) == [None, 1.0] and size(2.0) == 2.0
 
 
 @pytest.mark.parametrize(
