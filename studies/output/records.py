@@ -1,7 +1,7 @@
 """Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -247,6 +247,7 @@ class Extremes:
     forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
     switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
     chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN if it did not
+    locked: Mapping[str, float] = field(default_factory=dict)  # of each tie the force under which it was locked [N]
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -264,6 +265,7 @@ class Extremes:
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
         holes, energy, small = step.piercings, step.energy, step.reduction
+        locked = {tie.name: tie.force for tie in step.ties if tie.state in ("tied", "slips")}
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
             self,
@@ -274,6 +276,7 @@ class Extremes:
             forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
             difference=self.difference if small is None else np.maximum(self.difference, small.difference),
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),
+            locked={**locked, **self.locked},
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),

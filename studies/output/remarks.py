@@ -29,6 +29,7 @@ FALLEN = 1e-6  # of the loads: round-off is less
 CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
 SWUNG = 0.01  # of the largest force
 SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
+LOCKED = 0.9  # of the force of a tie's hands: below, they still drew at more than a tenth of their speed
 STEEP = 1.0  # friction along a surface over the force across it
 BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
 STIFF = 1.0  # EI times the turn from a ball to the next, over T r²: 2 % of what a bite of two or four radii closes
@@ -205,6 +206,11 @@ KINDS = (
         "by more than its diameter in another such run",
         "the final numbers are momentary, not of an equilibrium",
         "note",
+    ),
+    Kind(
+        "tie-slack",
+        f"in a dynamic run, a tie locked below {LOCKED:g} of its `force`",
+        "the hands still drew: the loop holds less than is asked; raise `speed`, or end later by `until`",
     ),
     Kind(
         "forces-swing",

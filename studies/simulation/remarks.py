@@ -35,6 +35,7 @@ from studies.output.remarks import (
     FALLEN,
     IN_TISSUE,
     KINKED,
+    LOCKED,
     MOVED,
     NEAR,
     OFF_PATH,
@@ -208,6 +209,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
             if dynamic
             else []
         ),
+        *(said for tie in scenario.tie if dynamic for said in locked_slack(tie, extremes.locked)),
         *(swinging(extremes.swing) if dynamic else []),
         *(chattering(names, extremes.chattered) if dynamic else []),
     ]
@@ -440,6 +442,16 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
         f"(limit {SLID * diameter / MILLI:.2g} mm)"
     )
     return judged(moves(energy) or slide > SLID * diameter, "not-at-rest", "solve.duration", text)
+
+
+def locked_slack(tie: model.Tie, locked: Mapping[str, float]) -> list[Remark]:
+    """Judge under which force [N] a tie was locked, if it was."""
+    force = locked.get(tie.name, np.inf)
+    text = (
+        f"the tie {tie.name!r} was locked under {force:.2g} N instead of {tie.force:.2g} N: its hands were still "
+        f"taking up slack at t = {tie.until:.4g} s; raise its speed ({tie.speed:g} m/s), or until"
+    )
+    return judged(force < LOCKED * tie.force, "tie-slack", tie.name, text)
 
 
 def swinging(swing: float) -> list[Remark]:
