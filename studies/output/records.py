@@ -247,7 +247,7 @@ class Extremes:
     forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
     switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
     chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN if it did not
-    locked: Mapping[str, float] = field(default_factory=dict)  # of each tie the force under which it was locked [N]
+    locked: Array = field(default_factory=lambda: np.zeros(0))  # (t,) force under which each tie was locked [N], or NaN
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -265,7 +265,8 @@ class Extremes:
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes with a step more."""
         holes, energy, small = step.piercings, step.energy, step.reduction
-        locked = {tie.name: tie.force for tie in step.ties if tie.state in ("tied", "slips")}
+        now = np.array([tie.force if tie.state in ("tied", "slips") else np.nan for tie in step.ties])
+        before = self.locked if self.locked.size else np.full(now.shape, np.nan)
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
             self,
@@ -276,7 +277,7 @@ class Extremes:
             forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
             difference=self.difference if small is None else np.maximum(self.difference, small.difference),
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),
-            locked={**locked, **self.locked},
+            locked=np.where(np.isnan(before), now, before),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),

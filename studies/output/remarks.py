@@ -208,6 +208,11 @@ KINDS = (
         "note",
     ),
     Kind(
+        "hole-left",
+        "at the end the thread is not in a hole that should hold it",
+        "the hole bears nothing (event `leaves`); lengthen the thread, hold its end, or end the hole by `until`",
+    ),
+    Kind(
         "tie-slack",
         f"in a dynamic run, a tie locked below {LOCKED:g} of its `force`",
         "the hands still drew: the loop holds less than is asked; raise `speed`, or end later by `until`",

@@ -209,7 +209,13 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
             if dynamic
             else []
         ),
-        *(said for tie in scenario.tie if dynamic for said in locked_slack(tie, extremes.locked)),
+        *left_holes(scenario.piercing, step),
+        *(
+            said
+            for tie, force in zip(scenario.tie, extremes.locked.tolist(), strict=True)
+            if dynamic
+            for said in locked_slack(tie, force)
+        ),
         *(swinging(extremes.swing) if dynamic else []),
         *(chattering(names, extremes.chattered) if dynamic else []),
     ]
@@ -444,9 +450,23 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
     return judged(moves(energy) or slide > SLID * diameter, "not-at-rest", "solve.duration", text)
 
 
-def locked_slack(tie: model.Tie, locked: Mapping[str, float]) -> list[Remark]:
-    """Judge under which force [N] a tie was locked, if it was."""
-    force = locked.get(tie.name, np.inf)
+def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark]:
+    """Name the holes that the thread is not in at the end of a run, though they have begun and not ended."""
+    times = [(hole.from_, np.inf if hole.until is None else hole.until) for hole in holes]
+    left = [
+        found.name
+        for found, (begins, ends) in zip(step.piercings, times, strict=True)
+        if found.state == "left" and begins < step.time < ends
+    ]
+    text = (
+        f"the thread has left the hole{'s' * (len(left) > 1)} {', '.join(map(repr, left))} by t = {step.time:.4g} s; "
+        "lengthen the thread, hold its end, or end the hole by until"
+    )
+    return judged(bool(left), "hole-left", left[0] if left else "", text)
+
+
+def locked_slack(tie: model.Tie, force: float) -> list[Remark]:
+    """Judge under which `force` [N] a tie was locked, NaN if it was not."""
     text = (
         f"the tie {tie.name!r} was locked under {force:.2g} N instead of {tie.force:.2g} N: its hands were still "
         f"taking up slack at t = {tie.until:.4g} s; raise its speed ({tie.speed:g} m/s), or until"

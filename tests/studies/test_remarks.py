@@ -117,7 +117,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
-    "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_slack(TIE, {"knot": x})),
+    "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_slack(TIE, x)),
     "forces-swing": (SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
@@ -350,9 +350,19 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     for speed in (0.05, 0.5):
         simulation = prepare(parse(tomllib.loads(LOOP.format(speed=speed))))
         ending = ended(simulation)
-        held[speed] = ending.extremes.locked["knot"]
+        held[speed] = float(ending.extremes.locked[0])
         assert ("tie-slack" in {each.code for each in simulation.remarks(ending)}) == (speed < 0.1)
     assert held[0.05] < 0.1 and held[0.5] == pytest.approx(0.5, rel=FIRST_ORDER)
+
+
+@pytest.mark.parametrize(("until", "told"), [(None, True), (2.0, True), (0.5, False)])
+def test_a_hole_that_the_thread_has_left_is_told(until: float | None, told: bool) -> None:
+    """Independent check: by the state in which a run ends, at 1 s; a hole that ended by itself was not left."""
+    held = hole() if until is None else hole(until=until)
+    for state, left in (("left", True), ("slip", False)):
+        end = replace(step(10), piercings=(replace(piercing("a", 1.0), state=state),))
+        said = [(each.code, each.where) for each in judging.left_holes([held], end)]
+        assert said == ([("hole-left", "a")] if told and left else [])
 
 
 def test_a_straight_thread_that_inertia_holds_is_told() -> None:
@@ -434,7 +444,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
         "handed-over", "remedy", "stress-of-e-nu", "rest-unloaded",
-            "chatter"
+            "chatter", "hole-left"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
