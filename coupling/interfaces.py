@@ -61,8 +61,8 @@ class Answer(Protocol[Body]):
         """Gaps by site forces, shape `(k, 9p)`."""
 
     def gaps_by_forces(self, some: Indices) -> Array:
-        """Return the columns of C_cc, which is symmetric and positive definite, of `some` pairs `(j,)`, shape `(k, j)`
-        [m/N]; each is expensive when first asked for."""
+        """Return the columns of C_cc of `some` pairs `(j,)`, shape `(k, j)` [m/N]; C_cc is symmetric to what a solver
+        leaves, and positive definite. Each is expensive when first asked for."""
 
     @property
     def friction(self) -> Array:

@@ -100,8 +100,9 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
 def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callable[[Array], Factor]) -> Factor:
     """Return the Cholesky factor of C_cc of the pairs `pressed`. Raises `OrganError` where a force on the lips would
     draw them together: beyond a point where tissue at finite strain snaps."""
+    C = contact.pressing(pressed)[pressed]
     try:
-        return factorize(contact.pressing(pressed)[pressed])
+        return factorize(0.5 * (C + C.T))  # whose columns are symmetric to what the organ's solver leaves
     except np.linalg.LinAlgError as error:
         raise OrganError(NO_HOLD) from error
 

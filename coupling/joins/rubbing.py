@@ -80,17 +80,12 @@ class Law:
 
 def law_of_pairs(pairs: Pairs) -> Law:
     """Return the law of a contact, with r about as stiff as each pair is."""
-    k, rough, give = len(pairs.friction), np.flatnonzero(pairs.friction), np.diag(pairs.C_cc)
+    C, k, rough = pairs.C_cc, len(pairs.friction), np.flatnonzero(pairs.friction)
+    give = np.diag(C)
     least = TINY + np.finfo(float).eps * give.max()
     slips = give[k:].reshape(-1, 2).mean(axis=1)
-    return Law(
-        pairs.C_cc,
-        k,
-        rough,
-        pairs.friction[rough],
-        1.0 / np.maximum(give[:k], least),
-        1.0 / np.maximum(slips, least),
-    )
+    stiff = 1.0 / np.maximum(give[:k], least), 1.0 / np.maximum(slips, least)
+    return Law(C, k, rough, pairs.friction[rough], *stiff)
 
 
 def rows_of(law: Law, pressed: Flags, rubbing: Rubbing) -> tuple[csr_array, csr_array]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import isfinite, sqrt
+from numbers import Integral, Real
 from typing import Any
 
 from studies.scenario import FileMesh, GivenMesh, Scenario, ScenarioError
@@ -131,9 +132,9 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     """Return the levels of a scenario, each finer by `ratio`, None: that of what is refined. Raises `ScenarioError`."""
     kinds = kinds_of(scenario, over)
     step = max(KINDS[kind].ratio for kind in kinds) if ratio is None else ratio
-    if not (isinstance(levels, int) and levels >= LEAST):
+    if not (isinstance(levels, Integral) and levels >= LEAST):
         raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more")
-    if not (isinstance(step, int | float) and isfinite(step) and step >= LEAST_RATIO):
+    if not (isinstance(step, Real) and isfinite(step) and step >= LEAST_RATIO):
         raise ScenarioError(f"--ratio {ratio} is refused: give {LEAST_RATIO} or more, for example 1.5")
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)

@@ -1,9 +1,10 @@
 """Estimates of the displacement and turn of a scenario's holes, before the first step.
 
 The thread is taken as taut from hole to hole and free of friction, or as slack in arcs; each hole as a footprint on a
-half-space, wider where its cells are coarse. Of 160 random scenarios (`studies.campaign.asks`, seeds 21 and 22) 96 in
-100 of those whose run left the linear range, or passed the suture's strength, are found so, and 90 in 100 of
-those found did. Of a thread in pieces the loops of ties alone are judged: its strands end at cuts.
+half-space, wider where its cells are coarse. Of 138 random scenarios (`studies.campaign.asks`, seeds 21 and 22, on
+which the estimate was made) 99 in 100 of those whose run left the linear range, or passed the suture's strength, are
+found so, and 89 in 100 of those found did. Of a thread in pieces the loops of ties alone are judged: its strands end
+at cuts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,10 +22,15 @@ from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
 from thread.path import RoundedPath
 
-MOVES = 0.659  # ∫ (8 J₂(x)/x²)²/π dx: a half-space yields to a parabolic weight by (1 + ν)(1 − ν/2) of it times F/(E a)
+MOVES = (
+    0.659  # ∫ (8 J₂(x)/x²)²/π dx: a half-space yields to a parabolic weight by (1 + ν)(1 − ν/2) of it times F/(E a),
+)
+# to a uniform one by a fifth less
 TURNS = 0.75  # of (1 − ν²) M/(E a³): turn of a rigid disc on a half-space (Johnson, Contact Mechanics, 1985)
 HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: as far as one node's share of a force reaches
+ESTIMATED = f"an estimate, said from {EARLY:.0%} of that on"
 BENT = 2.0  # of EI θ/ℓ: couple of a slack strand of the length ℓ, an arc that is turned by θ at both ends
+STRAIGHT = 1e-9  # sine of an angle: round-off of directions is 1e-16
 MILLI = 1e-3
 
 
@@ -38,14 +44,15 @@ def demanding(
     nu = scenario.tissue.poisson_ratio if scenario.tissue else 0.5
     springs = E * radii / (MOVES * (1.0 + nu) * (1.0 - 0.5 * nu))
     tensions = strand_tensions(scenario, s, length, section.EA, springs)
-    loads = [float(tensions.max()), *(tie.force for tie in scenario.tie)]
+    drawn = list(loops(scenario, s))
+    loads = [float(tensions.max()), *(float(T.max()) for _, T, _, _ in drawn)]
     out = overpulled(max(loads), strength, section.EA)
     if scenario.tissue is None or scenario.tissue.material != "linear":
         return out
     EI = section.EI if scenario.thread.bending else 0.0
     whole = slice(0, len(holes)), tensions, directions(scenario), slack_lengths(scenario, s, length)
     forces, turns = np.zeros(len(holes)), np.zeros(len(holes))
-    for part, T, ways, lengths in [*([] if scenario.thread.cuts else [whole]), *loops(scenario, s)]:
+    for part, T, ways, lengths in [*([] if scenario.thread.cuts else [whole]), *drawn]:
         through = path.tangent(s[part])
         at = ways_at_holes(ways, through, borne(scenario)[part.start : part.stop - 1])
         bent = couples(EI, T, at, lengths, through) * TURNS * (1.0 - nu**2) / (E[part] * radii[part] ** 3)
@@ -74,13 +81,13 @@ def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, A
     shapes `(m + 1,)`, `(m + 1, 3)` and `(m + 1,)`: two hands draw it straight from hole to hole, with the knot midway.
     They are fast as their force; a loop is slack that is longer between its holes at `s` (p,) [m] than they draw."""
     holes, names = scenario.piercing, [hole.name for hole in scenario.piercing]
-    for tie in scenario.tie:
+    for tie in (tie for tie in scenario.tie if tie.from_ < scenario.solve.duration):
         first, last = sorted(map(names.index, tie.between))
         places = np.array([holes[k].place for k in (last, *range(first, last + 1), first)])
         straight = np.maximum(np.linalg.norm(np.diff(places, axis=0), axis=1), np.finfo(float).tiny)
         laid = np.diff(s[first : last + 1])
         slack = np.where(borne(scenario)[first:last], 0.0, laid - straight[1:-1]).sum()
-        drawn = 2.0 * tie.speed * (tie.until - tie.from_ - 0.5 * tie.growth)
+        drawn = 2.0 * tie.speed * (min(tie.until, scenario.solve.duration) - tie.from_ - 0.5 * tie.growth)
         force = tie.force if scenario.solve.kind == "static" or drawn > slack else 0.0
         lengths = np.concatenate([0.5 * straight[:1], laid, 0.5 * straight[-1:]])
         yield (
@@ -183,7 +190,7 @@ def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Arra
     text = (
         f"the load of {forces[worst]:.2g} N would move the hole {holes[worst].name!r} by about "
         f"{ways[worst] / MILLI:.2g} mm{also}: a strain of about {demands[worst]:.2g}, where linear elasticity "
-        f"holds to about {SMALL_STRAIN:g}; use a smaller load, stiffer tissue or a wider footprint"
+        f"holds to about {SMALL_STRAIN:g} ({ESTIMATED}); use a smaller load, stiffer tissue or a wider footprint"
     )
     return [remark("demand", holes[worst].name, text)]
 
@@ -206,9 +213,17 @@ def couples(EI: float, tensions: Array, at: Array, lengths: Array, through: Arra
         axes = np.cross(through, ways)
         sines = np.linalg.norm(axes, axis=1)
         bends = np.arctan2(sines, (through * ways).sum(axis=1))
+        back = (sines < STRAIGHT) & (bends > 0.5 * np.pi)  # which turns about any axis across the hole
+        axes[back], sines[back] = across(through[back]), 1.0
         taut, slack = 2.0 * np.sin(0.5 * bends) * np.sqrt(EI * tensions[strands]), BENT * EI * bends / lengths[strands]
         out += (np.maximum(taut, slack) / np.maximum(sines, np.finfo(float).tiny))[:, None] * axes
     return np.asarray(np.linalg.norm(out, axis=1))
+
+
+def across(ways: Array) -> Array:
+    """Return unit vectors across unit vectors (p, 3), shape `(p, 3)` [-]."""
+    axes = np.cross(ways, np.eye(3)[np.abs(ways).argmin(axis=1)])
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
@@ -218,7 +233,7 @@ def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
     worst = int(np.argmax(turns))
     text = (
         f"the thread is too stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by "
-        f"about {turns[worst]:.2g} rad, where linear elasticity holds to about {SMALL_ROTATION:g}; use a "
-        "thinner or softer suture, stiffer tissue or a wider footprint"
+        f"about {turns[worst]:.2g} rad, where linear elasticity holds to about {SMALL_ROTATION:g} ({ESTIMATED}); use "
+        "a thinner or softer suture, stiffer tissue or a wider footprint"
     )
     return [remark("stiff-thread", holes[worst].name, text)]

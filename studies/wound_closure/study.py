@@ -176,7 +176,7 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
     for source in SOURCES:
         first, second = (row_with(rows, wound, source.way) for wound in source.wounds)
         for force, row in zip(source.forces, (first, second), strict=True):
-            if first is not None and row is not None:
+            if first is not None and row is not None and first.closed and row.closed:
                 fitted = STIFFNESS * source.forces[0] / first.comparable_force
                 out.append(Comparison(source, force, row, fitted, row.uniform / first.uniform - 1.0))
     return out

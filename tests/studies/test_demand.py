@@ -170,17 +170,20 @@ def test_what_is_foreseen_is_what_runs_say(seed: int) -> None:
 
 
 def test_what_is_foreseen_on_cells_as_they_are_is_what_runs_say() -> None:
-    """Independent check: likewise of runs with ties, tracts, cuts and wounds, on the cells of their meshes."""
+    """Independent check: likewise of runs with ties, tracts, cuts and wounds, on the cells of their meshes where these
+    stay as they are. Runs without a mark did not end in 40 s, or at once."""
     left, foreseen = [], []
     for seed, bits in ASKED.items():
         for case, bit in zip(asked(seed, len(bits)), bits, strict=True):
             if bit != "-":
                 scenario = parse(case.tables)
                 assert scenario.tissue is not None
-                mesh, element = mesh_of(scenario.tissue, scenario.piercing), scenario.tissue.element
-                body: Any = SimpleNamespace(mesh=mesh, element=element)
+                table, radii = scenario.tissue, None
+                if table.mesh.accuracy == "given":
+                    body: Any = SimpleNamespace(mesh=mesh_of(table, scenario.piercing), element=table.element)
+                    radii = demand.radii_at(body, scenario.piercing)
                 left.append(bit == "1")
-                foreseen.append(bool(said(scenario, demand.radii_at(body, scenario.piercing))))
+                foreseen.append(bool(said(scenario, radii)))
     both = np.sum(np.logical_and(left, foreseen))
     assert both >= 0.95 * np.sum(left)
     assert both >= 0.80 * np.sum(foreseen)
@@ -194,6 +197,20 @@ def test_one_hole_is_turned_by_the_strand_to_a_hand() -> None:
         thread = {"suture": "2-0 nylon", "path": path, "end": {"kind": end}}
         hole = {"name": "only", "at": [0, 0, 0], "direction": [0, 0, -1], "footprint": footprint * wide, "s": 0.01}
         assert ("stiff-thread" in said(parse({"tissue": ORGAN, "thread": thread, "piercing": [hole]}))) == told
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-6, 1e-3])
+def test_a_thread_that_is_drawn_straight_back_turns_its_hole(aside: float) -> None:
+    """Independent check: a taut strand that turns straight back has the largest couple, 2 √(EI T), and one that is
+    led a little aside has nearly that."""
+    force, strand = 0.02, suture("4-0 nylon")
+    wide = (TILT * 2.0 * np.sqrt(strand.EI * force) / (TURN * 1e4)) ** (1 / 3)
+    end = {"kind": "pulled", "force": [aside * force, 0, force]}
+    for footprint, told in ((0.99, True), (1.01, False)):
+        thread = {"suture": "4-0 nylon", "path": [[0, 0, 0.01], [0, 0, 0], [0, 0, -0.01]], "end": end}
+        hole = {"name": "only", "at": [0, 0, 0], "direction": [0, 0, -1], "footprint": footprint * wide, "s": 0.01}
+        table = {"tissue": ORGAN, "thread": thread | {"start": {"kind": "free"}}, "piercing": [hole]}
+        assert ("stiff-thread" in said(parse(table))) == told
 
 
 def test_a_pull_that_stretches_the_thread_too_far_is_foreseen() -> None:

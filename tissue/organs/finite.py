@@ -229,6 +229,11 @@ class FiniteAnswer:
         return np.asarray(self.pairing.sums @ touching(self.organ.lip_rows, self.tangent.W))
 
     @cached_property
+    def _GW_turning(self) -> Array:
+        """G A⁻¹ Zᵀ S (1 − C_z S)⁻¹, by which frames that the needle cut turn, shape `(k, number of z)`."""
+        return np.asarray(self._GW @ self._S @ self._bent)
+
+    @cached_property
     def C_cy(self) -> Array:
         """Gaps by site forces, shape `(k, 9p)`."""
         return np.asarray(self._GW @ self._bent.T @ self.J.T)
@@ -236,7 +241,7 @@ class FiniteAnswer:
     def gaps_by_forces(self, some: Indices) -> Array:
         """Return the gaps by the contact forces of `some` pairs `(j,)`, shape `(k, j)` [m/N]."""
         C = self.tangent.gaps_by_forces(self.pairing, some)
-        return C + self._GW @ self._S @ self._bent @ self._GW[some].T if any(self.organ.map.cut) else C
+        return C + self._GW_turning @ self._GW[some].T if self._S.nnz else C
 
     @property
     def friction(self) -> Array:
@@ -333,8 +338,8 @@ class FiniteAnswer:
     def equation(self) -> Equation:
         """The organ's rows of the assembled matrix."""
         organ, Z = self.organ, self.organ.map.Z
-        A = csr_matrix(self.tangent.A - Z.T @ csr_matrix(self._S) @ Z)
-        Y = csr_matrix(csr_matrix(self.J) @ Z)
+        A = csr_matrix(self.tangent.A - Z.T @ self._S @ Z)
+        Y = csr_matrix(self.J @ Z)
         b = A @ self.point.U - self.point.r
         b = b if self.ahead is None else b + self.tangent.A @ self.ahead
         y0 = organ.map.y(self.point.z) - Y @ self.point.U
