@@ -112,7 +112,7 @@ class Tangent:
     factor: Solver
     Z: csr_matrix
     definite: bool = True
-    _recalled: deque[tuple[Pairing, Columns]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+    _recalled: deque[tuple[csr_matrix, Columns]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
     _let_go: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
 
     @cached_property
@@ -142,10 +142,10 @@ class Tangent:
         return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
-        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N]; those of the last pairing are
+        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N]; those of the last G are
         remembered. Raises `OrganError`."""
-        if not any(known is pairing for known, _ in self._recalled):
-            self._recalled.append((pairing, gap_compliance(self.factor, pairing.G)))
+        if not any(known is pairing.G for known, _ in self._recalled):
+            self._recalled.append((pairing.G, gap_compliance(self.factor, pairing.G)))
         try:
             return self._recalled[-1][1].of(some)
         except FactorError as error:
