@@ -93,14 +93,14 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
     p = np.zeros_like(open_gaps)
     if not pressed.any():
         return p, open_gaps
-    p[pressed] = -cho_solve(factorize_pressed(contact, pressed, cho_factor), open_gaps[pressed])
-    return p, open_gaps + contact.pressing(pressed) @ p[pressed]
+    by_pressed = contact.pressing(pressed)
+    p[pressed] = -cho_solve(factorize_pressed(by_pressed[pressed], cho_factor), open_gaps[pressed])
+    return p, open_gaps + by_pressed @ p[pressed]
 
 
-def factorize_pressed(contact: Contact[Body], pressed: Flags, factorize: Callable[[Array], Factor]) -> Factor:
-    """Return the Cholesky factor of C_cc of the pairs `pressed`. Raises `OrganError` where a force on the lips would
-    draw them together: beyond a point where tissue at finite strain snaps."""
-    C = contact.pressing(pressed)[pressed]
+def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
+    """Return the Cholesky factor of C_cc of the pairs that are pressed, `C` (j, j) [m/N]. Raises `OrganError` where a
+    force on the lips would draw them together: beyond a point where tissue at finite strain snaps."""
     try:
         return factorize(0.5 * (C + C.T))  # whose columns are symmetric to what the organ's solver leaves
     except np.linalg.LinAlgError as error:
@@ -144,7 +144,7 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
         given = np.column_stack([contact.C_cy, contact.g_free])
         P = forces_by_tangent(contact.law, pressed, rubbing, given)
         return y_free + (contact.C_cy.T @ P[:, -1]).reshape(y_free.shape), C + contact.C_cy.T @ P[:, :-1]
-    factor = factorize_pressed(contact, pressed, np.linalg.cholesky)
+    factor = factorize_pressed(contact.pressing(pressed)[pressed], np.linalg.cholesky)
     closing = np.column_stack([contact.C_cy[pressed], contact.g_free[pressed]])
     half = solve_triangular(factor, closing, lower=True)
     by_sites = half[:, :-1]

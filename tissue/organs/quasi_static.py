@@ -244,7 +244,8 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def _energies_in_contact(self, p: Array, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the same by the fields where lips press, or did; the work −p⁺·Δg is part of `numerical`."""
-        U, dU = self.field(new), self.field(new) - self.field(old)
+        U = self.field(new)
+        dU = U - self.field(old)
         pushes, friction = self.contact_works(p, self.pairing(new.facing).G @ dU)
         return OrganEnergies(
             kinetic=0.0,
