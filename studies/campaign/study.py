@@ -175,7 +175,9 @@ def followed(tables: dict[str, Any], most: int) -> End:
         simulation = prepare(parse(tables))
     except (ScenarioError, ValueError) as error:
         return End("refused", str(error))
-    tally, cause, words = Tally(simulation.beginning(), nothing_met(len(tables["piercing"]))), COMPLETED, ""
+    scenario = simulation.scenario
+    met = nothing_met(len(scenario.piercing), len(scenario.tie))
+    tally, cause, words = Tally(simulation.beginning(), met), COMPLETED, ""
     try:
         while tally.now.number < simulation.steps:
             if sum(tally.corrections) > most:

@@ -1,7 +1,7 @@
 """Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -247,7 +247,7 @@ class Extremes:
     forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
     switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
     chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN if it did not
-    locked: Array = field(default_factory=lambda: np.zeros(0))  # (t,) force under which each tie was locked [N], or NaN
+    locked: Array  # (t,) force under which each tie was locked [N], NaN before
     tension: float = 0.0  # of the thread at its holes and ends [N]
     thread_strain: float = 0.0  # [-]
     energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
@@ -266,7 +266,6 @@ class Extremes:
         """Return the extremes with a step more."""
         holes, energy, small = step.piercings, step.energy, step.reduction
         now = np.array([tie.force if tie.state in ("tied", "slips") else np.nan for tie in step.ties])
-        before = self.locked if self.locked.size else np.full(now.shape, np.nan)
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
             self,
@@ -277,7 +276,7 @@ class Extremes:
             forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
             difference=self.difference if small is None else np.maximum(self.difference, small.difference),
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),
-            locked=np.where(np.isnan(before), now, before),
+            locked=np.where(np.isnan(self.locked), now, self.locked),
             tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
             thread_strain=max(self.thread_strain, step.max_strain),
             energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
@@ -331,9 +330,9 @@ def at_least(met: Array, now: Array | None) -> Array:
     return met if now is None else np.asarray(np.maximum(met, now))
 
 
-def nothing_met(piercings: int) -> Extremes:
-    """Return the extremes of a run with so many piercings before its start."""
-    unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,)
+def nothing_met(piercings: int, ties: int) -> Extremes:
+    """Return the extremes of a run with so many piercings and ties before its start."""
+    unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,), (ties,)
     return Extremes(*np.zeros((8, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 

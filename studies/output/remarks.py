@@ -15,9 +15,7 @@ Severity = Literal["note", "unsupported"]
 
 SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
 SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
-EARLY = (
-    0.8  # of both in a prediction: of 100 runs that go beyond, a check should miss few (tests/studies/test_demand.py)
-)
+EARLY = 0.8  # of both in a prediction, which may be too low: a check should miss few of the runs that go beyond
 RULES = 1.1  # of the force across the thread: beyond, what presses at a hole is its couple, over the channel
 UNSURE = 0.05  # of the tension: how far friction over half and over twice the channel may be apart
 SHARE = 0.05  # of the organ's strain energy: what less of it does decides no force

@@ -56,7 +56,7 @@ class Tally:
         self._constraint_max = float(counters.get("constraint_max", 0.0))
         self._seconds = float(counters.get("seconds", 0.0))
         self._whole_from = int(counters.get("whole_from", NEVER))
-        self._extremes = nothing_met(len(self._names))
+        self._extremes = nothing_met(len(self._names), len(scenario.tie))
         if memory is not None:
             try:
                 self._extremes = unpack(self._extremes, memory, "extremes")

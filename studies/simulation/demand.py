@@ -14,7 +14,6 @@ from math import hypot
 import numpy as np
 
 import tissue
-from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
 from studies.output.remarks import EARLY, SMALL_ROTATION, SMALL_STRAIN, THREAD_STRAIN, Remark, remark
@@ -107,14 +106,12 @@ def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Arra
     return np.broadcast_to(np.asarray(body.material.youngs_modulus, dtype=float), len(middles))[nearest]
 
 
-def radii_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:
+def radii_at(holes: Sequence[Piercing], sizes: Sequence[float], element: str) -> Array:
     """Return the radius within which each hole bears on tissue, shape `(p,)` [m]: of its footprint a, and of the share
-    h of a force that cells hand to a node, √(a² + h²), as widths add of what is averaged twice; infinite of a bare
-    point, whose displacement is none."""
-    sizes = [HAT[body.element] * size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in holes]
-    return np.array(
-        [hypot(hole.footprint, h) if hole.footprint else np.inf for hole, h in zip(holes, sizes, strict=True)]
-    )
+    h of a force that cells of `sizes` (p,) [m] hand to a node, √(a² + h²), as widths add of what is averaged twice;
+    infinite of a bare point, whose displacement is none."""
+    each = zip(holes, sizes, strict=True)
+    return np.array([hypot(hole.footprint, HAT[element] * size) if hole.footprint else np.inf for hole, size in each])
 
 
 def corners(scenario: Scenario) -> Array:

@@ -101,17 +101,18 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
     at = np.array(of_piercings(assembly.holes, assembly.at.tolist()))
-    radii = radii_at(assembly.body, scenario.piercing)
+    body = assembly.body
+    sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in scenario.piercing]
+    radii = radii_at(scenario.piercing, sizes, body.element if body else "P1")
     out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength)
-    if assembly.body is None:
+    if body is None:
         return out
-    sizes = [size_at(assembly.body.mesh, np.array(hole.place)) for hole in scenario.piercing]
     return [
         *out,
         *(
             said
             for hole, size in zip(scenario.piercing, sizes, strict=True)
-            for said in coarse_cells(hole, size, assembly.body.element, assembly.fit is not None)
+            for said in coarse_cells(hole, size, body.element, assembly.fit is not None)
         ),
         *inaccurate_cells(assembly),
         *near_holes(scenario.piercing),
@@ -210,12 +211,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
             else []
         ),
         *left_holes(scenario.piercing, step),
-        *(
-            said
-            for tie, force in zip(scenario.tie, extremes.locked.tolist(), strict=True)
-            if dynamic
-            for said in locked_slack(tie, force)
-        ),
+        *(locked_slack(scenario.tie, extremes.locked) if dynamic else []),
         *(swinging(extremes.swing) if dynamic else []),
         *(chattering(names, extremes.chattered) if dynamic else []),
     ]
@@ -465,13 +461,16 @@ def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark
     return judged(bool(left), "hole-left", left[0] if left else "", text)
 
 
-def locked_slack(tie: model.Tie, force: float) -> list[Remark]:
-    """Judge under which `force` [N] a tie was locked, NaN if it was not."""
-    text = (
-        f"the tie {tie.name!r} was locked under {force:.2g} N instead of {tie.force:.2g} N: its hands were still "
-        f"taking up slack at t = {tie.until:.4g} s; raise its speed ({tie.speed:g} m/s), or until"
-    )
-    return judged(force < LOCKED * tie.force, "tie-slack", tie.name, text)
+def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
+    """Judge under which forces (t,) [N] ties were locked, NaN of one that was not."""
+    out = []
+    for tie, force in zip(ties, forces.tolist(), strict=True):
+        text = (
+            f"the tie {tie.name!r} was locked under {force:.2g} N instead of {tie.force:.2g} N: its hands were still "
+            f"taking up slack at t = {tie.until:.4g} s; raise its speed ({tie.speed:g} m/s), or until"
+        )
+        out += judged(force < LOCKED * tie.force, "tie-slack", tie.name, text)
+    return out
 
 
 def swinging(swing: float) -> list[Remark]:

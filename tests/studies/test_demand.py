@@ -2,7 +2,6 @@
 
 import csv
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -180,8 +179,9 @@ def test_what_is_foreseen_on_cells_as_they_are_is_what_runs_say() -> None:
                 assert scenario.tissue is not None
                 table, radii = scenario.tissue, None
                 if table.mesh.accuracy == "given":
-                    body: Any = SimpleNamespace(mesh=mesh_of(table, scenario.piercing), element=table.element)
-                    radii = demand.radii_at(body, scenario.piercing)
+                    mesh = mesh_of(table, scenario.piercing)
+                    sizes = [size_at(mesh, np.array(hole.place)) for hole in scenario.piercing]
+                    radii = demand.radii_at(scenario.piercing, sizes, table.element)
                 left.append(bit == "1")
                 foreseen.append(bool(said(scenario, radii)))
     both = np.sum(np.logical_and(left, foreseen))

@@ -55,6 +55,7 @@ from studies.scenario.toml import tables
 from studies.simulation import demand, prepare
 from studies.simulation import remarks as judging
 from studies.simulation.memory import OrganRun
+from studies.simulation.recording import step_record
 from studies.simulation.simulation import Simulation
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED
 from tests.bounds import BUCKLING, FIRST_ORDER, IDENTITY
@@ -68,7 +69,7 @@ Judge = Callable[[float], Sequence[Remark]]
 
 
 def met(**values: Any) -> Extremes:
-    return replace(nothing_met(1), **values)
+    return replace(nothing_met(1, 0), **values)
 
 
 def hole(**keys: Any) -> Any:
@@ -117,7 +118,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "branch": (1.0, 1, lambda x: judging.followed(np.floor(x))),
     "limit-point": (FALLEN, 1, judging.past_limit),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
-    "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_slack(TIE, x)),
+    "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_slack([TIE], np.array([x]))),
     "forces-swing": (SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
@@ -210,7 +211,7 @@ def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -
 
 def course(forces: Callable[[float], float], number: int = SEEN + 1, scale: float = 1.0) -> Extremes:
     """What a run with so many steps has met in a hole on which a force acts that is a function of -1 … 0."""
-    out = met(tension=1.0, forces=nothing_met(1).forces)
+    out = met(tension=1.0, forces=nothing_met(1, 0).forces)
     for k in range(number):
         hole = replace(step(1).piercings[0], force=np.array([scale * forces(k / SEEN - 1.0), 0.0, 0.0]))
         out = replace(out.after_step(replace(step(1), piercings=(hole,))), mean_strain=out.mean_strain)
@@ -224,7 +225,7 @@ def test_forces_swing_by_what_is_off_a_straight_course() -> None:
     assert course(lambda t: 2.0 + t).swing <= IDENTITY
     assert course(lambda t: 1.0 + 0.8 * t * (1.0 + t), number=SEEN).swing == 0.0
     assert course(lambda t: 1.0 + 0.8 * t * (1.0 + t), scale=0.1 * STILL).swing == 0.0
-    assert nothing_met(0).swing == 0.0
+    assert nothing_met(0, 0).swing == 0.0
 
 
 def test_damping_is_told_where_the_end_knows_of_it() -> None:
@@ -242,7 +243,7 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
 
 def switching(steps: Sequence[int], name: str = "entry") -> Extremes:
     """What a run met whose hole of a name switched at each of the steps, a hundredth of a second before their end."""
-    out = nothing_met(len(step(1).piercings))
+    out = nothing_met(len(step(1).piercings), 0)
     for number in range(1, 40):
         told = tuple(Event(0.5 * number - 0.01, "slips", name) for at in steps if at == number)
         out = replace(out.after_step(replace(step(number), events=told)), mean_strain=out.mean_strain)
@@ -273,7 +274,7 @@ def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:
     for dt in (2.5e-4, 6.25e-5):
         simulation = prepare(parse(case.tables | {"solve": {"dt": dt, "duration": 0.012}}))
         records = [record for record, _ in simulation.advance()]
-        extremes = nothing_met(1)
+        extremes = nothing_met(1, 0)
         for record in records:
             extremes = extremes.after_step(record)
         said.append(
@@ -349,6 +350,8 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     held = {}
     for speed in (0.05, 0.5):
         simulation = prepare(parse(tomllib.loads(LOOP.format(speed=speed))))
+        start = Ending(step_record(simulation.beginning()), nothing_met(2, 1))
+        assert "tie-slack" not in {each.code for each in simulation.remarks(start)}
         ending = ended(simulation)
         held[speed] = float(ending.extremes.locked[0])
         assert ("tie-slack" in {each.code for each in simulation.remarks(ending)}) == (speed < 0.1)
@@ -462,7 +465,7 @@ def scene(tmp_path: Path) -> Path:
 
 def ended(simulation: Simulation) -> Ending:
     """The ending of a run, every step of which is a frame."""
-    extremes = nothing_met(len(simulation.scenario.piercing))
+    extremes = nothing_met(len(simulation.scenario.piercing), len(simulation.scenario.tie))
     for last, made in simulation.advance():
         extremes = extremes.after_step(last).after_frame(made().organ)
     return Ending(last, extremes)

@@ -97,7 +97,7 @@ def test_the_cells_at_a_hole_are_told_with_their_stretch() -> None:
     organ = drawn().organ
     assert organ is not None and organ.hole_strain is not None and organ.principal_stretch is not None
     assert organ.hole_strain.max() == organ.strain.max() == np.abs(organ.principal_stretch - 1.0).max()
-    met = nothing_met(2).after_step(last).after_frame(organ)
+    met = nothing_met(2, 0).after_step(last).after_frame(organ)
     told = range_summary(["entry", "exit"], met)["piercings"]
     assert [told[name]["cell_strain"] for name in ("entry", "exit")] == organ.hole_strain.tolist()
     assert max(told[name]["cell_energy"] for name in ("entry", "exit")) == organ.energy_density.max()
