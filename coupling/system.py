@@ -18,6 +18,7 @@ from thread.banded import diagonal_of
 from thread.ends import Clamped, End
 from thread.frames import Frame
 from thread.kernels.travel import Ridden
+from thread.relaxation import Memory
 from thread.spline import Spline
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
@@ -226,11 +227,25 @@ class System(Generic[Body]):
 
     def at(self, state: "State[Body]") -> "System[Body]":
         """Return the system with the thread on the spline of a state, the same one if that is its own."""
-        return self.on(self.thread.spline if state.spline is None else state.spline)
+        thread = self.thread if state.spline is None else self.thread.on(state.spline)
+        return self.with_thread(thread.with_memory(state.memory))
+
+    def over(self, state: "State[Body]", dt: float) -> "System[Body]":
+        """Return the system with the thread as a step of `dt` [s] from a state meets it: on its spline, with the
+        strain that it remembers where it relaxes."""
+        system = self.at(state)
+        if system.thread.relaxation is None:
+            return system
+        curve = Solved(system.thread.spline, state.q, state.v) if state.spline is None else solved_curve(state)
+        memory = system.thread.on(curve.spline).after_step(curve.q, dt)
+        return system.with_thread(system.thread.with_memory(memory))
 
     def on(self, spline: Spline) -> "System[Body]":
         """Return the system with the thread on another spline, the same one if that is its own."""
-        thread = self.thread.on(spline)
+        return self.with_thread(self.thread.on(spline))
+
+    def with_thread(self, thread: Thread) -> "System[Body]":
+        """Return the system with another thread, the same one if that is its own."""
         return self if thread is self.thread else replace(self, thread=thread)
 
     def led(self, side: int, end: End) -> "System[Body]":
@@ -484,6 +499,7 @@ class State(Generic[Body]):
 
     Where knots travel (`thread.packets`): the `spline` that q and v are on, `drive` (holds,) [N], −∂Π/∂s that the holes
     bear, and the `solved` curve, its spline, q and v, if q and v have been put on other knots since.
+    Where the thread relaxes, the `memory` of the step that ended here, None before the first one.
 
     A two-step integrator keeps the state `before`, `dt_before` [s] earlier, which itself remembers nothing. None: the
     next step has no memory (the start, a one-step integrator, or a jump: see `forgetful`).
@@ -508,6 +524,7 @@ class State(Generic[Body]):
     spline: Spline | None = None
     drive: Array | None = None
     solved: "Solved | None" = None
+    memory: Memory | None = None
     before: "State[Body] | None" = None
     dt_before: float | None = None
 

@@ -48,7 +48,8 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
     chi, travel = spline.chi, spline.travel
     bending, mass = gauss_rule(chi, BENDING_POINTS), gauss_rule(chi, MASS_POINTS)
     stretch = rule_at(chi, *thread.axial_parameters)
-    B, A, M = bending.b, stretch.b, mass.b
+    edges = np.stack([chi.parameters[:-1], chi.parameters[1:]], axis=1)
+    B, A, M, ends = bending.b, stretch.b, mass.b, rule_at(chi, edges, np.zeros(edges.shape))
     first, at = chi.basis(chi.breaks[travel.at])
     return Ride(
         True,
@@ -64,6 +65,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         plain(A[:, :, 1]),
         plain(stretch.w),
         rates_of(spline, A[:, :, 1]),
+        rates_of(spline, ends.b[:, :, 0]),
         plain(M[:, :, 0]),
         plain(M[:, :, 1]),
         plain(mass.w),
@@ -82,7 +84,7 @@ def standing(thread: Thread) -> Ride:
     none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     return Ride(
         False, none, plane, np.zeros((0, 2), np.int64), plane, block, block, plane, block, block, block, plane, block,
-        block, block, plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plane,
+        block, block, block, plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plane,
         plain(np.array(thread.point_masses)),
     )  # fmt: skip
 

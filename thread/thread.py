@@ -6,6 +6,7 @@ i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [r
 """
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -34,6 +35,7 @@ from thread.frames import (
 )
 from thread.placed import Placed
 from thread.quadrature import GaussRule, gauss_rule, legendre, rule_at
+from thread.relaxation import POINTS, Memory, Series
 from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
@@ -41,6 +43,7 @@ POSITION = 3  # coordinates of a place
 
 MASS_POINTS = 4  # exact for the product of two cubics
 BENDING_POINTS = 2
+OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural")  # parts that depend on it
 
 
 class CrossSection(Protocol):
@@ -139,7 +142,8 @@ class Thread:
     Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
     `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
     (`thread.energies.coil`); this direction points to `coil_towards` (3,) at the start of the thread as laid; None
-    means a direction chosen by the code.
+    means a direction chosen by the code. `relaxation`, how its stretch relaxes, None: not at all, and the `memory` that
+    the step has of earlier strains, None where it has none (`thread.relaxation`).
     """
 
     spline: Spline
@@ -151,6 +155,8 @@ class Thread:
     springs: int | None = None
     coil: float = 0.0
     coil_towards: Array | None = None
+    relaxation: Series | None = None
+    memory: Memory | None = None
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
@@ -161,6 +167,8 @@ class Thread:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
         if self.coil and not self.twist:
             raise ThreadError("coil: the side to which a thread coils turns with its section; give it twist")
+        if self.relaxation is not None and self.springs is not None:
+            raise ThreadError("relaxation: springs do not relax; take the continuous energy")
         fewest = self.n - self.spline.pieces
         if self.springs is not None and self.springs < fewest:
             raise ThreadError(
@@ -207,8 +215,10 @@ class Thread:
 
     @property
     def EA(self) -> float:
-        """Axial stiffness [N]."""
-        return self.section.EA
+        """Axial stiffness that the step meets [N]."""
+        if self.relaxation is None or self.memory is None:
+            return self.section.EA
+        return self.section.EA * self.memory.part(self.relaxation)
 
     @property
     def EI(self) -> float:
@@ -326,7 +336,7 @@ class Thread:
         if self.spring_layout is not None:
             return Springs(self.spring_layout, self.EA, self.EI)
         rules = self.elastic_rule, self.axial_rule, hole_rule(self.spline)
-        return Continuous(self.spline.first, *rules, self.EA, self.EI)
+        return Continuous(self.spline.first, *rules, self.EA, self.EI, self._natural)
 
     @cached_property
     def stations(self) -> Stations:
@@ -395,6 +405,77 @@ class Thread:
     def next_axial_force(self, points: Points, dq: Array) -> Array:
         """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation N/EA = ε(q)."""
         return self.axial.next_axial_force(points.at[0], dq)
+
+    # -- relaxation --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _memory_of_spans(self) -> Memory | None:
+        """What each span remembers, None where the thread remembers nothing."""
+        breaks = self.spline.breaks
+        return None if self.memory is None else self.memory.over(breaks[:-1], breaks[1:])
+
+    @cached_property
+    def _natural(self) -> tuple[Array, Array] | None:
+        """The natural strain of each span, `(spans,)` [-], and by how much it is exceeded at the ends of the span, over
+        its length, `(spans, 2)` [1/m]; None: zero."""
+        if self.relaxation is None or self._memory_of_spans is None:
+            return None
+        natural, breaks = self._memory_of_spans.natural(self.relaxation), self.spline.breaks
+        ends = self.natural_at(np.stack([breaks[:-1], breaks[1:]], axis=1))
+        return natural, (ends - natural[:, None]) / np.diff(breaks)[:, None]
+
+    def natural_at(self, s: Array) -> Array:
+        """Return the natural strain at abscissae `s` [m], of the shape of `s` [-]."""
+        if self.relaxation is None or self.memory is None:
+            return np.zeros(s.shape)
+        return np.interp(s, self.memory.s, self.memory.natural(self.relaxation))
+
+    def whole_strain(self, elastic: Array) -> Array:
+        """Return the strain ε at the abscissae of `Thread.axial.s`, of which `elastic` is ε − ε̄ [-]."""
+        return elastic if self._natural is None else np.asarray(elastic + self._natural[0][:, None])
+
+    def with_memory(self, memory: Memory | None) -> "Thread":
+        """Return the thread with another memory, the same one if that is its own; what does not depend on it is not
+        derived again."""
+        if memory is self.memory:
+            return self
+        other = copy(self)
+        for name in OF_MEMORY:
+            other.__dict__.pop(name, None)
+        object.__setattr__(other, "memory", memory)
+        return other
+
+    def after_step(self, q: Array, dt: float) -> Memory:
+        """Return what the thread remembers at the start of a step of `dt` [s] after one that ended at control values
+        `q` (n, c); where it remembers nothing yet, it has come there in no time."""
+        assert self.relaxation is not None
+        of_spans = self.whole_strain(self.axial.evaluate(q[:, :POSITION], None).strain).mean(axis=1)
+        material = np.linspace(self.spline.start, self.spline.end, POINTS)
+        span = np.searchsorted(self.spline.breaks, material, side="right") - 1
+        strain = of_spans[np.clip(span, 0, len(of_spans) - 1)]
+        if self.memory is None:
+            return Memory(material, strain, np.tile(strain, (len(self.relaxation.shares), 1)), dt)
+        return Memory(material, strain, self.memory.held_after(self.relaxation, strain), dt)
+
+    def stored_energy(self, points: Points) -> float:
+        """Return the elastic energy [J]; of a thread that relaxes, what its springs store at the end of the step."""
+        energy, series, memory = self.energy(points), self.relaxation, self._memory_of_spans
+        if series is None or memory is None:
+            return energy
+        shares, springs = np.asarray(series.shares), np.zeros(points.strain.shape)
+        for g, strain in enumerate(self.whole_strain(points.strain).T):
+            springs[:, g] = (1.0 - shares.sum()) * strain**2 + shares @ memory.held_after(series, strain) ** 2
+        of_step = self.EA * points.strain**2
+        return energy + 0.5 * float(np.sum(self.axial_rule.w * (self.section.EA * springs - of_step)))
+
+    def dissipated(self, points: Points) -> float:
+        """Return what relaxation has taken in the step [J]."""
+        series, memory = self.relaxation, self._memory_of_spans
+        if series is None or memory is None:
+            return 0.0
+        each = self.whole_strain(points.strain).T
+        taken = np.stack([memory.dissipated(series, strain) for strain in each], axis=1)
+        return float(self.section.EA * np.sum(self.axial_rule.w * taken))
 
     # -- twist -------------------------------------------------------------------------------------------------
 

@@ -89,7 +89,8 @@ def momentum_of(system: System[Body], v: Array) -> Array:
 
 def thread_elastic(system: System[Body], state: State[Body]) -> float:
     """Return the elastic energy of the thread [J]."""
-    return system.thread.energy(system.thread.points(state.q, state.frame))
+    thread = system.thread.with_memory(state.memory)
+    return thread.stored_energy(thread.points(state.q, state.frame))
 
 
 def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
@@ -106,9 +107,13 @@ def turned_over(step: Step[Body]) -> Array:
     residual, y = solution.residual, solution.iterate.y
     lag = residual.f_y * (new.y - y)  # y: where the holes were when the thread was solved
     turns = np.zeros(audit.TURNS)
-    turns[audit.ELASTIC] = residual.configuration.thread.energy(residual.configuration.points)
+    thread, points = residual.configuration.thread, residual.configuration.points
+    relaxed = thread.dissipated(points)
+    turns[audit.ELASTIC] = thread.stored_energy(points)
+    turns[audit.VISCOUS] += relaxed
+    turns[audit.NUMERICAL] -= relaxed
     turns[audit.EXTERNAL] = closing_works(step).sum()
-    turns[audit.NUMERICAL] = lying_work(step) + solution.linearisation
+    turns[audit.NUMERICAL] += lying_work(step) + solution.linearisation
     turns[audit.REMAINDER] = -lag.sum()
     before, after = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
     q, v = start_on_end(step)

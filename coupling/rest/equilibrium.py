@@ -112,7 +112,9 @@ def static_problem(
     """Return the problem of equilibrium at the part `share` of the loads. Friction opposes the way from
     `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began`
     then [s], with all of the force that they have at its end."""
-    time, system = share * duration, system.at(state)
+    time = share * duration
+    system = system.over(first, since(first, time, duration))
+    system = system if state.spline is None else system.on(state.spline)
     load = end_load(system, duration, share) - (share * system.weight if system.thread.travels else 0.0)
     loose = loose_points(system, state)
     load[loose] = 0.0
@@ -134,6 +136,12 @@ def static_problem(
         fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
         weight=np.where(loose, 0.0, share),
     )
+
+
+def since(first: State[Body], time: float, duration: float) -> float:
+    """Return how long the load step from a `first` state to a `time` [s] lets the system relax [s]: without a
+    `duration`, for ever."""
+    return max(time - first.time, 0.0) if duration else np.inf
 
 
 def loose_points(system: System[Body], state: State[Body]) -> Flags:
@@ -191,8 +199,8 @@ def go_downhill(
     """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
     which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
     Friction opposes the way from `state`. Arguments as for `settle`."""
-    since = share * duration - state.time if duration else np.inf
-    answer = ask_organ(system, Equilibrium(since), [state], duration, share) if given is None else given
+    lapse = since(state, share * duration, duration)
+    answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
     problem = static_problem(system, state, share, duration, answer, state, began)
     near = state.time > 0.0 and answer.linear and problem.contact is None
     now, down, refits = state, 0 if near else DOWN, REFITS

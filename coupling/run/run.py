@@ -102,7 +102,8 @@ class Run(Generic[Body]):
         ends = [(step.solution.problem.system, step.new, step.end.at) for step in self.taken]
         ends = ends or [(self.system, self.state, self.configuration.at)]
         gap = max(largest_gap(*end) for end in ends)
-        return Sight(self.state, self.piercings, gap, float(np.max(self.configuration.points.strain)))
+        now = self.configuration
+        return Sight(self.state, self.piercings, gap, float(np.max(now.thread.whole_strain(now.points.strain))))
 
     @cached_property
     def ties(self) -> tuple[TieObservation, ...]:

@@ -130,7 +130,7 @@ def dynamic_problem(
     scheme: Scheme | None = None,
 ) -> Problem[Body]:
     """Return the step of a scheme, backward Euler unless another is given, from `state` with the organ's `answer`."""
-    scheme, system = scheme or BackwardEuler(dt), system.at(state)
+    scheme, system = scheme or BackwardEuler(dt), system.over(state, dt)
     thread, time = system.thread, state.time + dt
     if thread.travels:
         return travelling_problem(system, state, dt, answer, scheme)
@@ -285,9 +285,11 @@ def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
 
 
 def riding(residual: Residual) -> dict[str, Any]:
-    """Return what a state has besides where knots travel: its spline, and −∂Π/∂s."""
+    """Return what a state has besides: what the thread remembered in the step and, where knots travel, its spline and
+    −∂Π/∂s."""
     thread = residual.configuration.thread
-    return {"spline": thread.spline, "drive": residual.passage.drive} if thread.travels else {}
+    known: dict[str, Any] = {"memory": thread.memory}
+    return known | {"spline": thread.spline, "drive": residual.passage.drive} if thread.travels else known
 
 
 def accept_organ(solution: Solution[Body]) -> Body:

@@ -42,11 +42,13 @@ def make_pull(system: System[Body], s: Array, N: Array, present: Flags) -> Array
 
 
 def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return 1 + T/EA of every hold, T the mean of the tensions before and after it, shape `(m,)` [-]; 1 of a thread
-    whose knots stand still, which has |T| at its holes in the place of that."""
+    """Return 1 + T/EA + ε̄ of every hold, T the mean of the tensions before and after it and ε̄ the natural strain of a
+    thread that relaxes, shape `(m,)` [-]; 1 of a thread whose knots stand still, which has |T| at its holes in the
+    place of that."""
     if not system.thread.travels:
         return np.ones(len(s))
-    return np.asarray(1.0 + pull_at(system, s, N, present).mean(axis=1) / system.thread.EA)
+    elastic = pull_at(system, s, N, present).mean(axis=1) / system.thread.EA
+    return np.asarray(1.0 + elastic + system.thread.natural_at(s))
 
 
 def lengths_bent_over(system: System[Body], s: Array, N: Array, present: Flags) -> Array:

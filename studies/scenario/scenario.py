@@ -25,14 +25,9 @@ from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
 
 RAMP = 0.05  # s: a period of 20 Hz, as slow as the organs here swing
-TIED = {
-    "solve.scheme": "newton",
-    "solve.coupling": "monolithic",
-    "solve.friction": "implicit",
-    "solve.epsilon": 0.0,
-    "thread.energy": "continuous",
-    "thread.twist": False,
-}  # the only way in which a thread is tied
+ONE_SYSTEM = {"solve.scheme": "newton", "solve.coupling": "monolithic", "solve.friction": "implicit"}
+RELAXING = ONE_SYSTEM | {"thread.energy": "continuous"}  # the only way in which a thread relaxes
+TIED = RELAXING | {"solve.epsilon": 0.0, "thread.twist": False}  # and in which it is tied
 TRAVELLING = TIED | {"thread.bending": True}  # and in which its knots travel with the holes
 MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
 
@@ -209,14 +204,22 @@ class Scenario(ScenarioTable):
     def _check_material(self) -> None:
         if self.tissue is None or self.tissue.material == "linear":
             return
-        needed = {"scheme": "newton", "coupling": "monolithic", "friction": "implicit"}
-        other = next((key for key, way in needed.items() if getattr(self.solve, key) != way), None)
-        if other is not None:
+        if other := self._other(ONE_SYSTEM):
+            key, value, needed = other
             reason = (
                 f"tissue.material is {self.tissue.material}, and the paper's variants know a linear organ alone; use "
-                f'"{needed[other]}", or material = "linear"'
+                f'{as_toml(needed)}, or material = "linear"'
             )
-            raise ValueError(refusal(f"solve.{other}", getattr(self.solve, other), reason))
+            raise ValueError(refusal(key, value, reason))
+
+    def _other(self, needed: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
+        """Return the first key that has not the value that is `needed`, with both values, or None."""
+        given = {"solve": self.solve, "thread": self.thread}
+        for key, value in needed.items():
+            table, name = key.split(".")
+            if (found := getattr(given[table], name)) != value:
+                return key, found, value
+        return None
 
     def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
@@ -224,13 +227,16 @@ class Scenario(ScenarioTable):
                 reason = "thread.knots is fixed, and the tolerance is what knots that travel are made for; leave it out"
                 raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
             return
-        given = {"solve": self.solve, "thread": self.thread}
-        for key, value in TRAVELLING.items():
-            table, name = key.split(".")
-            if getattr(given[table], name) != value:
-                reason = "thread.knots is travelling, which knows no such thread; set it to "
-                reason += f'{as_toml(value)}, or knots = "fixed"'
-                raise ValueError(refusal(key, getattr(given[table], name), reason))
+        if other := self._other(TRAVELLING):
+            key, value, needed = other
+            reason = "thread.knots is travelling, which knows no such thread; set it to "
+            raise ValueError(refusal(key, value, f'{reason}{as_toml(needed)}, or knots = "fixed"'))
+
+    def _check_relaxation(self) -> None:
+        if self.thread.relaxation and (other := self._other(RELAXING)):
+            key, value, needed = other
+            reason = f"no thread relaxes in such a run; set it to {as_toml(needed)}, or leave out thread.relaxation"
+            raise ValueError(refusal(key, value, reason))
 
     def _check_linear(self) -> None:
         hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
@@ -252,13 +258,10 @@ class Scenario(ScenarioTable):
     def _check_ties(self) -> None:
         if problem := tie_fault(self.tie, self.piercing):
             raise ValueError(problem)
-        given = {"solve": self.solve, "thread": self.thread}
-        for key, needed in TIED.items():
-            table, name = key.split(".")
-            value = getattr(given[table], name)
-            if self.tie and value != needed:
-                reason = f"no thread is tied in such a run; set it to {as_toml(needed)}, or leave out [[tie]]"
-                raise ValueError(refusal(key, value, reason))
+        if self.tie and (other := self._other(TIED)):
+            key, value, needed = other
+            reason = f"no thread is tied in such a run; set it to {as_toml(needed)}, or leave out [[tie]]"
+            raise ValueError(refusal(key, value, reason))
         hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
         if hasty is not None:
             reason = "the loop is closed and locked at the end of one step, and never drawn; take shorter steps, or "

@@ -15,6 +15,7 @@ from studies.scenario.table import (
     NotNegative,
     Positive,
     ScenarioTable,
+    Series,
     Text,
     Turn,
     Vector,
@@ -164,6 +165,12 @@ class Thread(ScenarioTable):
     )
     length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
     damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
+    relaxation: Series = by_default(
+        (),
+        "stress relaxation of the stretch as a Prony series: rows of the share of the tension [-] and its relaxation "
+        "time [s]; youngs_modulus is that of a sudden pull",
+        [[0.2, 30.0]],
+    )
     bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
     energy: Literal["continuous", "springs"] = by_default(
         "continuous",

@@ -284,6 +284,7 @@ def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float
         springs=None if table.energy == "continuous" else table.springs or table.control_points - 1 - len(table.cuts),
         damping=table.damping,
         point_masses=(table.start.mass, table.end.mass),
+        relaxation=tissue.Prony(*zip(*table.relaxation, strict=True)) if table.relaxation else None,
     )
 
 

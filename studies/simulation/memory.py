@@ -11,10 +11,12 @@ from coupling.system import Solved, System
 from studies.arrays import Array
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
+from thread.relaxation import Memory
 from thread.spline import Spline
 
 OrganRun = Run[tissue.OrganState]
 
+NONE = np.zeros(0)
 REMADE = ("state.organ.MU", "state.before.organ.MU")  # which an organ makes of its displacement, to the same bits
 
 
@@ -40,11 +42,12 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
     """Return the run of a checkpoint; `beginning` is the same run at its start. Raises `ScenarioError`."""
     try:
         number, first = int(memory["step"]), replace(beginning.state, solved=None)
-        nested: dict[str, Any] = {"before": first}
+        nested: dict[str, Any] = {"before": first, "memory": Memory(NONE, NONE, NONE, 0.0)}
         if first.spline is not None:
             nested["solved"] = Solved(first.spline, first.q, first.v)
         state = unpack(first, memory, "state", nested)
-        system = on_knots(beginning.system, memory["knots"]) if state.spline is None else beginning.system.at(state)
+        fixed = state.spline is None
+        system = (on_knots(beginning.system, memory["knots"]) if fixed else beginning.system).at(state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works

@@ -203,8 +203,8 @@ def thread_record(now: OrganRun) -> ThreadRecord:
     pieces = tuple((SAMPLES * np.diff(ends) + 1).tolist())
     home = np.repeat(spline.piece_ends[:-1], pieces)
     P, T, K, _ = spline.curve(state.q[:, :3], s, home).swapaxes(0, 1)
-    strain = now.configuration.points.strain
-    tension = thread.EA * strain * np.sqrt(1.0 + 2.0 * strain)
+    elastic = now.configuration.points.strain
+    tension = thread.EA * elastic * np.sqrt(1.0 + 2.0 * thread.whole_strain(elastic))
     return ThreadRecord(
         points=P,
         s=s,

@@ -98,6 +98,7 @@ mesh = { kind = "block", size = [0.03, 0.02, 0.01], h = 5.0e-3, accuracy = 0.5 }
 suture = "2-0 polypropylene"
 control_points = 24
 knots = "fixed"
+relaxation = [[0.2, 0.01]]
 path = [[6e-3, -1e-3, 4e-3], [-5e-3, 0, 2e-3], [-5e-3, 0, -5e-3], [5e-3, 0, -5e-3], [5e-3, 0, 2e-3], [-6e-3, 0, 4e-3]]
 [[piercing]]
 name = "entry"

@@ -23,7 +23,7 @@ RNG = np.random.default_rng(5)
 
 # Five points whose first two control values are T and T' themselves, with EI = 2: the energy is the sum of κ².
 FIRST, SECOND, NOTHING = (np.tile(row, (5, 1, 1)) for row in np.vstack([np.eye(4)[:2], np.zeros(4)]))
-EDGES = np.zeros((5, 2, 4)), np.zeros((5, 2))
+EDGES = np.zeros((5, 2, 4)), np.zeros((5, 2)), np.zeros(5), np.zeros((5, 2))
 POINTS = Curve(np.zeros(5, np.int64), FIRST, SECOND, np.ones((5, 1)), NOTHING, np.zeros((5, 1)), *EDGES, 0.0, 2.0)
 
 

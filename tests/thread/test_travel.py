@@ -1,5 +1,7 @@
 """Knots that travel with the holes: where they are, and what energy and inertia owe to the abscissae of the holes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from thread.errors import ThreadError
 from thread.kernels.travel import Field
 from thread.packets import FAR, Hold, Travel, travelling, widths
 from thread.placed import Placed
+from thread.relaxation import Memory
 from thread.riding import field_of, potential_rates, put_on, ride, ride_of
 from thread.thread import Thread
+from tissue.relaxation import Prony
 
 LENGTH, GRAVITY = 0.06, np.array([1.0, -2.0, -9.81])
 S0 = np.array([0.022, 0.045])
@@ -75,9 +79,19 @@ def earlier(thread: Thread, wavy: np.ndarray) -> tuple[Field, Field]:
     return field_of(moved, 0.7 * (wavy + 1e-3 * rng.standard_normal(wavy.shape))), field_of(spline, 0.3 * wavy)
 
 
-def test_the_slopes_by_abscissae_are_those_of_the_potential(thread: Thread, wavy: np.ndarray) -> None:
+def remembering(thread: Thread) -> Thread:
+    """The same thread after strains that rise along it, of which some have relaxed."""
+    s = np.linspace(0.0, LENGTH, 50)
+    strain = 0.02 * s / LENGTH
+    relaxing = replace(thread, relaxation=Prony([0.3, 0.2], [1.0, 20.0]))
+    return relaxing.with_memory(Memory(s, strain, np.array([0.2 * strain - 1e-3, 0.8 * strain]), 0.5))
+
+
+@pytest.mark.parametrize("relaxes", [False, True])
+def test_the_slopes_by_abscissae_are_those_of_the_potential(thread: Thread, wavy: np.ndarray, relaxes: bool) -> None:
     """Independent check: central differences of the elastic energy, whose error falls by 100 when the step does by
     10."""
+    thread = remembering(thread) if relaxes else thread
     _, _, slopes = potential_rates(thread, GRAVITY, wavy)
     errors = np.empty((2, 2))
     for row, h in enumerate((1e-5, 1e-6)):
@@ -88,8 +102,10 @@ def test_the_slopes_by_abscissae_are_those_of_the_potential(thread: Thread, wavy
     assert np.all(np.log10(errors[0] / errors[1]) == pytest.approx(2.0, abs=SLOPE))
 
 
-def test_mixed_and_second_slopes_are_those_of_the_first(thread: Thread, wavy: np.ndarray) -> None:
+@pytest.mark.parametrize("relaxes", [False, True])
+def test_mixed_and_second_slopes_are_those_of_the_first(thread: Thread, wavy: np.ndarray, relaxes: bool) -> None:
     """Independent check: central differences of forces and slopes, inertia and weight among them."""
+    thread = remembering(thread) if relaxes else thread
     fields, h = earlier(thread, wavy), 1e-6
 
     def at(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

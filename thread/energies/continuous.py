@@ -16,7 +16,8 @@ class Continuous:
     """Stretch and bending energy on the spans of a spline.
 
     `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `holes`: the ends of the
-    spans with half of each span where a hole stands, else zero (`thread.kernels.curve.barrier`); `EA` [N], `EI` [N m²].
+    spans with half of each span where a hole stands, else zero (`thread.kernels.curve.barrier`); `EA` [N], `EI` [N m²];
+    the `natural` strain of each span and its excess at the ends, as of `thread.kernels.curve.Curve`, None: zero.
     """
 
     first: Indices
@@ -25,6 +26,7 @@ class Continuous:
     holes: GaussRule
     EA: float
     EI: float
+    natural: tuple[Array, Array] | None = None
 
     reach = ORDERS
     seen = 3
@@ -47,6 +49,7 @@ class Continuous:
         bending, stretch = self.bending, self.stretch
         slope, bend, axial_slope = plain(bending.b[:, :, 1]), plain(bending.b[:, :, 2]), plain(stretch.b[:, :, 1])
         first = self.first.astype(np.int64)
+        natural, natural_slope = self.natural or (np.zeros(len(first)), np.zeros((len(first), 2)))
         return Curve(
             first,
             slope,
@@ -56,6 +59,8 @@ class Continuous:
             plain(stretch.w),
             plain(self.holes.b[:, :, 1]),
             plain(self.holes.w),
+            plain(natural),
+            plain(natural_slope),
             float(self.EA),
             float(self.EI),
         )

@@ -2,6 +2,7 @@
 
 ε = ½(|T|² − 1) is Green and Lagrange's strain (Nocent & Rémion 2001). The axial force N is an unknown of the iteration:
 at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti & Garcea 2017).
+A thread that relaxes has a natural strain ε̄(S), and ε − ε̄ in the place of ε (`thread.relaxation`).
 """
 
 from typing import NamedTuple
@@ -31,7 +32,9 @@ class Curve(NamedTuple):
 
     `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
     [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; b' at both ends of each
-    span, `edge_slope` (spans, 2, 4), with `edge_w` (spans, 2) [m], zero where no hole stands; EA [N], EI [N m²].
+    span, `edge_slope` (spans, 2, 4), with `edge_w` (spans, 2) [m], zero where no hole stands; the `natural` strain of
+    each span (spans,) [-], and by how much that at its two ends exceeds it, over its length, `natural_slope` (spans, 2)
+    [1/m]; EA [N], EI [N m²].
     """
 
     first: Indices
@@ -42,14 +45,16 @@ class Curve(NamedTuple):
     axial_w: Array
     edge_slope: Array
     edge_w: Array
+    natural: Array
+    natural_slope: Array
     EA: float
     EI: float
 
 
 class Stretched(NamedTuple):
     """The curve at its quadrature points: `T`, `K` (spans, g, 3), first and second derivative of P at those of the
-    bending [-, 1/m]; `T_axial` (spans, a, 3) and the `strain` (spans, a) at those of the stretch; `T_edge` (spans, 2,
-    3) at the holes."""
+    bending [-, 1/m]; `T_axial` (spans, a, 3) and the elastic `strain` (spans, a), ε − ε̄, at those of the stretch;
+    `T_edge` (spans, 2, 3) at the holes."""
 
     T: Array
     K: Array
@@ -84,7 +89,7 @@ def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
         for g in range(curve.axial_w.shape[1]):
             T = along_span(curve.axial_slope[e, g], q, first)
             put(T, at.T_axial[e], g, FIRST)
-            at.strain[e, g] = 0.5 * (dot(T, T) - 1.0)
+            at.strain[e, g] = 0.5 * (dot(T, T) - 1.0) - curve.natural[e]
         for g in range(2):
             if curve.edge_w[e, g] > 0.0:
                 put(along_span(curve.edge_slope[e, g], q, first), at.T_edge[e], g, FIRST)

@@ -6,8 +6,14 @@ and P'' stay and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ 
     bending  ½EI ψ/S',  ψ of P', P'' alone      ∂ = −½EI φ,  ∂² = EI φ/S',  φ = ψ/S'²
     stretch  ½EA ε² S',  ε = ½(P'²/S'² − 1)      ∂ = ½EA ε² − EA ε |T|²,  ∂² = |T|² (N + EA |T|²)/S'
 
-and their mixed derivatives by q follow. Inertia and weight are integrals over S of the fields: the thread's own, and
-the earlier ones, each a curve on its own knots, read at the material points of this one:
+and their mixed derivatives by q follow. The mean ε̄ of a natural strain over a span from S_a to S_b changes with both:
+
+    dε̄ = ((ε̄(S_b) − ε̄) dS_b − (ε̄(S_a) − ε̄) dS_a)/(S_b − S_a)
+
+With e = ε − ε̄ in the place of ε, ∂ by ε̄ is −EA e S', ∂² EA S', and that by ε̄ and S' −(N − EA |T|²).
+
+Inertia and weight are integrals over S of the fields: the thread's own, and the earlier ones, each a curve on its own
+knots, read at the material points of this one:
 
     Π = … + ½a∫ρA |P(S) − P̂(S)|² dS − ∫ρA g·P dS
 """
@@ -20,6 +26,7 @@ from thread.kernels.loops import entry, loop
 from thread.kernels.vectors import Vector, dot, minus, plus, sum_of, vector
 
 LEFT, RIGHT = 0, 1
+Pair = Array | tuple[float, float]
 CLOSE = 1e-14  # of a span: abscissae that are no further apart are the same
 TRIES = 60  # to find the χ of an abscissa, on the span that holds it
 
@@ -30,10 +37,10 @@ class Ride(NamedTuple):
 
     Functions in χ, weights, and the rates of S' by the abscissae of the two holds: of the bending `slope`, `bend`
     (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_value`, `axial_slope`, `axial_w`,
-    `axial_rate`; of the
-    mass `value`, `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2,
-    4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity` that acts on each span, (spans, 3) [m/s²];
-    masses of the `ends` (2,) [kg].
+    `axial_rate`, with the rates of S itself at both ends of each span, `edge_moves` (spans, 2, 2); of the mass `value`,
+    `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2, 4): functions
+    and slopes at the holds. `rhoA` [kg/m]; the `gravity` that acts on each span, (spans, 3) [m/s²]; masses of the
+    `ends` (2,) [kg].
     """
 
     on: bool
@@ -49,6 +56,7 @@ class Ride(NamedTuple):
     axial_slope: Array
     axial_w: Array
     axial_rate: Array
+    edge_moves: Array
     value: Array
     mass_slope: Array
     mass_w: Array
@@ -139,7 +147,7 @@ def carry_points(ride: Ride, S: Array, q: Array, rates: Array, dt: float, out: A
 
 
 @loop
-def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Array, i: int, out: Ridden) -> None:
+def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Pair, i: int, out: Ridden) -> None:
     """Add x a to ∂²Π/∂q_i∂s of the two holds of span e, by their `rates` (2,)."""
     for side in range(2):
         k = ride.between[e, side]
@@ -164,6 +172,21 @@ def add_rates(by: float, by_by: float, ride: Ride, e: int, rates: Array, out: Ri
 
 
 @loop
+def add_moves(by: float, twice: float, both: float, ride: Ride, e: int, rates: Array, moves: Pair, out: Ridden) -> None:
+    """Add a derivative `by` S, a second one, `twice`, and one by `both` S and S', to those by the two holds of span e,
+    by the `rates` of S' and the `moves` of S."""
+    for side in range(2):
+        k = ride.between[e, side]
+        if k >= 0:
+            out.by_s[k] += by * moves[side]
+            for other in range(2):
+                j = ride.between[e, other]
+                if j >= 0:
+                    mixed = moves[side] * rates[other] + rates[side] * moves[other]
+                    out.by_ss[k, j] += both * mixed + twice * moves[side] * moves[other]
+
+
+@loop
 def add_elastic_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, out: Ridden) -> None:
     """Add what stretch and bending owe to the abscissae, with the axial force `N` (spans, a) [N] as an unknown of its
     own in the second derivatives."""
@@ -181,6 +204,27 @@ def add_elastic_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, out: Ri
             for i in range(4):
                 x = -w * (curve.EA * a + N[e, g]) * curve.axial_slope[e, g, i]
                 add_mixed(x, T, ride, e, ride.axial_rate[e, g], curve.first[e] + i, out)
+            add_natural_rates(curve, ride, at, N, e, g, out)
+
+
+@loop
+def natural_rate(curve: Curve, ride: Ride, e: int, side: int) -> float:
+    """Return the rate of the natural strain of span e by the hold at a `side` of its strand [1/m]."""
+    low, high = curve.natural_slope[e, 0], curve.natural_slope[e, 1]
+    return high * ride.edge_moves[e, RIGHT, side] - low * ride.edge_moves[e, LEFT, side]
+
+
+@loop
+def add_natural_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, e: int, g: int, out: Ridden) -> None:
+    """Add what the natural strain owes to the abscissae at one point of the stretch."""
+    rates = natural_rate(curve, ride, e, LEFT), natural_rate(curve, ride, e, RIGHT)
+    if rates[LEFT] == 0.0 and rates[RIGHT] == 0.0:
+        return
+    T, stiff = point(at.T_axial, e, g), curve.EA * curve.axial_w[e, g]
+    both = -ride.axial_w[e, g] * (N[e, g] - curve.EA * dot(T, T))
+    add_moves(-stiff * at.strain[e, g], stiff, both, ride, e, ride.axial_rate[e, g], rates, out)
+    for i in range(4):
+        add_mixed(-stiff * curve.axial_slope[e, g, i], T, ride, e, rates, curve.first[e] + i, out)
 
 
 @loop
@@ -262,17 +306,10 @@ def add_inertia(
                 add_mixed(rho * b[i], force, ride, e, rates, first + i, out)
                 add_mixed(-factor * rho * S1 * b[i], way, ride, e, moves, first + i, out)
             by_rate = rho * (0.5 * factor * dot(R, R) - dot(gravity, P))
-            by_move, by_both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
+            by_move, both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
             twice = factor * rho * S1 * (dot(way, way) - dot(R, bend))
-            for side in range(2):
-                k = ride.between[e, side]
-                if k >= 0:
-                    out.by_s[k] += by_rate * rates[side] + by_move * moves[side]
-                    for facing in range(2):
-                        j = ride.between[e, facing]
-                        if j >= 0:
-                            mixed = moves[side] * rates[facing] + rates[side] * moves[facing]
-                            out.by_ss[k, j] += by_both * mixed + twice * moves[side] * moves[facing]
+            add_rates(by_rate, 0.0, ride, e, rates, out)
+            add_moves(by_move, twice, both, ride, e, rates, moves, out)
 
 
 @loop
@@ -298,7 +335,8 @@ def next_riding_force(curve: Curve, ride: Ride, at: Stretched, dz: Array, N: Arr
             for side in range(2):
                 k = ride.between[e, side]
                 if k >= 0:
-                    N[e, g] -= curve.EA * dot(T, T) / S1 * ride.axial_rate[e, g, side] * dz[k, 0]
+                    strain = dot(T, T) / S1 * ride.axial_rate[e, g, side] + natural_rate(curve, ride, e, side)
+                    N[e, g] -= curve.EA * strain * dz[k, 0]
 
 
 @loop
