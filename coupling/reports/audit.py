@@ -23,7 +23,7 @@ from coupling.kernels.steps import audit
 from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works
 from coupling.kernels.steps.watch import at_stake
 from coupling.step.packets import points_at_start
-from coupling.step.stepping import Step, end_load, scheme_of, thread_motion
+from coupling.step.stepping import Step, scheme_of, thread_motion
 from coupling.step.tables import plain
 from coupling.system import State, System
 from thread.riding import potential_rates, put_on
@@ -112,7 +112,8 @@ def turned_over(step: Step[Body]) -> Array:
     turns[audit.ELASTIC] = thread.stored_energy(points)
     turns[audit.VISCOUS] += relaxed
     turns[audit.NUMERICAL] -= relaxed
-    turns[audit.EXTERNAL] = closing_works(step).sum()
+    at_end, by_mean = closing_works(step, mean=False).sum(), closing_works(step).sum()
+    turns[audit.EXTERNAL], turns[audit.BY_MEAN] = by_mean, by_mean - at_end
     turns[audit.NUMERICAL] += lying_work(step) + solution.linearisation
     turns[audit.REMAINDER] = -lag.sum()
     before, after = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
@@ -149,7 +150,9 @@ def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Ar
     change = 0.5 * np.vdot(new.v, on.momentum)
     change -= 0.5 * np.vdot(old.v, problem.system.at(old).thread.momentum(old.v))
     taken = thread.damping * np.vdot(new.v, on.moved) + 0.5 * np.vdot(on.faster, new.v - v)
-    turns[audit.EXTERNAL] -= np.vdot(weight, dq) + by_weight @ ds
+    weighed, share = -np.vdot(weight, dq) - by_weight @ ds, weight_over(step)
+    turns[audit.EXTERNAL] += share * weighed
+    turns[audit.BY_MEAN] += (share - 1.0) * weighed
     turns[audit.NUMERICAL] += by_elastic @ ds
     beyond = np.vdot(inertia, dq) + by_inertia @ ds - change - taken
     if is_of_bdf2(step):
@@ -158,16 +161,23 @@ def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Ar
         turns[audit.NUMERICAL] += beyond
 
 
+def weight_over(step: Step[Body]) -> float:
+    """Return the mean weight over a load step by that at its end [-]; 1 in motion."""
+    if not step.solution.problem.stiffen:
+        return 1.0
+    return 0.5 * (1.0 + step.old.time / step.new.time) if step.new.time else 0.5
+
+
 def works_of(step: Step[Body]) -> Works:
     """Return what the audit reads of a step."""
-    system, problem, two_step = step.solution.problem.system, step.solution.problem, is_of_bdf2(step)
-    a, at, more = 0.0, np.zeros_like(step.new.q), np.zeros((2, 3))
-    if two_step:
-        more = plain((end_load(system, step.old.time) - end_load(system, problem.time))[[0, -1], :3])
-    if two_step and not system.thread.travels:
-        scheme = scheme_of(step.old, step.dt)
-        a, at = float(scheme.a), plain(scheme.inertia_reference(*thread_motion(scheme, step.old)))
-    return Works(float(system.thread.damping), a, at, two_step, more)
+    system, two_step, old, new = step.solution.problem.system, is_by_mean(step), step.old, step.new
+    a, at = 0.0, np.zeros_like(new.q)
+    # of ends that are not held, whose reactions are the loads on them
+    more = np.where(system.held_flags[[0, -1]], 0.0, old.reaction - new.reaction)[:, :3]
+    if is_of_bdf2(step) and not system.thread.travels:
+        scheme = scheme_of(old, step.dt)
+        a, at = float(scheme.a), plain(scheme.inertia_reference(*thread_motion(scheme, old)))
+    return Works(float(system.thread.damping), a, at, two_step, plain(more))
 
 
 def holes_of(step: Step[Body]) -> Holes:
@@ -216,12 +226,12 @@ def passing_of(at: Passage) -> Passing:
 
 
 def body_of(step: Step[Body]) -> Array:
-    """Return what a step of the organ turns over, `coupling.kernels.steps.audit.BODY` numbers [J]; of BDF2 the works of
-    loads and damping by the mean of the forces at both ends."""
+    """Return what a step of the organ turns over, `coupling.kernels.steps.audit.BODY` numbers [J]; the works of loads
+    and damping by the mean of the forces at both ends where they are (`is_by_mean`)."""
     old, new, organ = step.old.organ, step.new.organ, step.solution.problem.system.organ
     kinetic, elastic, loads, viscous, numerical, rubbed, _ = organ.energies(old, new)
     more_loads, more_viscous = 0.0, 0.0
-    if is_of_bdf2(step):
+    if is_by_mean(step):
         _, _, loads_back, viscous_back, *_ = organ.energies(new, old)  # by the forces of the start
         more_loads, more_viscous = -0.5 * (loads_back + loads), -0.5 * (viscous_back + viscous)
     by_mean, works = more_loads - more_viscous, (loads + more_loads, viscous + more_viscous)
@@ -239,22 +249,33 @@ def lying_work(step: Step[Body]) -> float:
     return float(np.sum(pull * (step.new.q - step.old.q)))
 
 
-def closing_works(step: Step[Body]) -> Array:
-    """Return the work of the hands that bring the strands of ties together, shape `(t,)` [J]."""
-    strands = step.solution.problem.system.strands
-    way = (step.new.y - step.old.y)[strands, :3] * step.new.present[strands][:, :, None]
-    return -np.sum(step.solution.residual.f_y[strands, :3] * way, axis=(1, 2))
+def closing_works(step: Step[Body], mean: bool = True) -> Array:
+    """Return the work of the hands that bring the strands of ties together, shape `(t,)` [J]; by the forces at the end,
+    or their `mean` where works are (`is_by_mean`)."""
+    system, old, new = step.solution.problem.system, step.old, step.new
+    force, strands = step.solution.residual.f_y, system.strands
+    if mean and system.ties and is_by_mean(step):
+        force = 0.5 * (force + site_force(system.passage_of(old), old.lam, old.y))
+    way = (new.y - old.y)[strands, :3] * new.present[strands][:, :, None]
+    return -np.sum(force[strands, :3] * way, axis=(1, 2))
 
 
 def drawing_works(step: Step[Body]) -> Array:
-    """Return the work of the hands that draw ties tight, shape `(t,)` [J]; of BDF2 by the mean of their forces."""
+    """Return the work of the hands that draw ties tight, shape `(t,)` [J]; by the mean of their forces where works
+    are (`is_by_mean`)."""
     system, old, new = step.solution.problem.system, step.old, step.new
     if not system.ties:
         return np.zeros(0)
     strands, drive = system.strands, driving_force(step.solution.residual.passage, new.lam, step.solution.iterate.y)
-    if is_of_bdf2(step):
+    if is_by_mean(step):
         drive = 0.5 * (drive + driving_force(system.passage_of(old), old.lam, old.y))
     return -np.sum((drive * (new.s - old.s) * step.solution.problem.law.by_hand)[strands], axis=1)
+
+
+def is_by_mean(step: Step[Body]) -> bool:
+    """Whether the works from outside and of a friction that goes on are by the mean of the forces at both ends of a
+    step: at rest, and by BDF2."""
+    return step.solution.problem.stiffen or is_of_bdf2(step)
 
 
 def is_of_bdf2(step: Step[Body]) -> bool:

@@ -212,6 +212,11 @@ KINDS = (
         "the hole bears nothing (event `leaves`); lengthen the thread, hold its end, or end the hole by `until`",
     ),
     Kind(
+        "tie-undone",
+        "at the end a tie is open that has begun, and its loop is not cut",
+        "the stitch holds nothing (event `unties`); shorten `ramp`, raise `force`, or leave longer ends",
+    ),
+    Kind(
         "tie-slack",
         f"in a dynamic run, a tie locked below {LOCKED:g} of its `force`",
         "the hands still drew: the loop holds less than is asked; raise `speed`, or end later by `until`",

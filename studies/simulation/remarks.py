@@ -211,6 +211,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
             else []
         ),
         *left_holes(scenario.piercing, step),
+        *undone(scenario, step),
         *(locked_slack(scenario.tie, extremes.locked) if dynamic else []),
         *(swinging(extremes.swing) if dynamic else []),
         *(chattering(names, extremes.chattered) if dynamic else []),
@@ -459,6 +460,22 @@ def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark
         "lengthen the thread, hold its end, or end the hole by until"
     )
     return judged(bool(left), "hole-left", left[0] if left else "", text)
+
+
+def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
+    """Name the ties that are open at the end of a run although they have begun, unless their loop is cut."""
+    at = {hole.name: hole.s for hole in step.piercings}
+    cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
+    out = []
+    for tie, found in zip(scenario.tie, step.ties, strict=True):
+        first, last = sorted(at[name] for name in tie.between)
+        text = (
+            f"the tie {tie.name!r} has come undone by t = {step.time:.4g} s, because the thread ran out of its loop "
+            "before the hands drew hard enough; let their force grow faster (ramp), or leave longer ends"
+        )
+        lost = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
+        out += judged(lost, "tie-undone", tie.name, text)
+    return out
 
 
 def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:

@@ -63,7 +63,7 @@ def test_a_load_strains_the_organ_under_a_thread_in_statics() -> None:
     assert force == pytest.approx([0, 0, -50.0 * SIZE[0] * SIZE[1]], rel=RESIDUAL, abs=1e-15)
     energy = records[-1].energy
     stored = energy.elastic_thread + energy.elastic_tissue - records[0].energy.elastic_thread
-    assert energy.external_work == pytest.approx(stored * (1.0 + 1.0 / 4), rel=1e-6)  # by the forces at the ends
+    assert energy.external_work == pytest.approx(stored, rel=1e-6)  # the trapezoidal rule is exact in a linear organ
     assert abs(energy.balance_error) <= AUDIT * energy.external_work
 
 

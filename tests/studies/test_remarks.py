@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from scipy.special import ellipe, ellipk
 
 from coupling.rest import equilibrium
 from coupling.run.events import Event
+from coupling.run.tying import TieObservation, TieState
 from studies.campaign.generator import cases
 from studies.command import command
 from studies.output.folder import Recorder
@@ -368,6 +369,23 @@ def test_a_hole_that_the_thread_has_left_is_told(until: float | None, told: bool
         assert said == ([("hole-left", "a")] if told and left else [])
 
 
+@pytest.mark.parametrize(("cut", "told"), [(None, True), (0.5, True), (1.5, False)])
+def test_a_tie_that_has_come_undone_is_told(cut: float | None, told: bool) -> None:
+    """Independent check: by the state in which a run ends, at 1 s, and by whether its loop was cut at an abscissa
+    [m]."""
+    tables = tomllib.loads(LOOP.format(speed=0.5))
+    tables |= {} if cut is None else {"cut": [{"s": 1e-3 * cut, "time": 0.02}]}
+    scenario, holes = (
+        parse(tables),
+        [replace(piercing(name, 1.0), s=1e-3 * s) for name, s in (("left", 1), ("right", 2))],
+    )
+    for state in ("open", "tied"):
+        tie = TieObservation("knot", 0.0, 0.0, 0.0, 0.0, np.zeros(3), 0.0, 0.0, cast(TieState, state))
+        end = replace(step(10), piercings=tuple(holes), ties=(tie,))
+        said = [(each.code, each.where) for each in judging.undone(scenario, end)]
+        assert said == ([("tie-undone", "knot")] if told and state == "open" else [])
+
+
 def test_a_straight_thread_that_inertia_holds_is_told() -> None:
     """Independent check: pressed by three times Euler's load in short steps an exactly straight thread comes to rest
     straight, from which the least disturbance would take it; under less it stays, and drawn it does."""
@@ -447,7 +465,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
         "handed-over", "remedy", "stress-of-e-nu", "rest-unloaded",
-            "chatter", "hole-left"
+            "chatter", "hole-left", "tie-undone"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "", "")
