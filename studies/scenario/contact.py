@@ -12,7 +12,7 @@ class Contact(ScenarioTable):
     """Contact between two boundaries of the organ: nodes of one, against facets of the other."""
 
     between: tuple[Text, Text] = Field(
-        description="names of the two boundaries; nodes of the finer one press on facets of the other",
+        description="names of the two boundaries",
         examples=[["lip_left", "lip_right"]],
     )
     friction: Annotated[

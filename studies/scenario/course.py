@@ -100,9 +100,8 @@ class Timed(ScenarioTable):
     """A load that may change over time."""
 
     course: Course | None = optional(
-        "factor of the load over time: rows of t [s], factor [-], t increasing, linear in between, or a "
-        "table of a named course. Times count from `from`. In statics t is from 0 to solve.duration; default: the "
-        "whole load",
+        "factor of the load over time from `from` on: rows of t [s], factor [-], or a table of a "
+        "named course; default: the whole load",
         [[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]],
         {"kind": "cough", "at": 0.3},
     )

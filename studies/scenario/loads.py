@@ -14,13 +14,10 @@ class Load(Timed):
         "dead load per area of the reference shape [Pa]; instead of pressure", [0, 0, 1.0e4]
     )
     pressure: Number | None = optional(
-        "pressure [Pa], positive if it pushes on the organ; follows the surface at finite strain, but acts "
-        "along the reference normals in a linear material",
+        "pressure [Pa], positive if it pushes on the organ",
         2.0e3,
     )
-    ramp: NotNegative = by_default(
-        0.0, "time in which the load grows linearly from zero [s]; in statics over the load steps"
-    )
+    ramp: NotNegative = by_default(0.0, "time in which the load grows from zero [s]; in statics over the load steps")
 
     def _check_kind(self) -> None:
         if self.traction is not None and self.pressure is not None:

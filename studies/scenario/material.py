@@ -14,7 +14,7 @@ FAMILIES = 2  # of fibres at one place, at most
 class Fibre(ScenarioTable):
     """Family of fibres that carry tension alone."""
 
-    direction: Vector = Field(description="direction of the fibres in the reference shape, of any length [-]")
+    direction: Vector = Field(description="direction of the fibres in the reference shape [-]")
     k1: NotNegative = Field(description="initial stiffness of the fibres [Pa]")
     k2: Positive = Field(description="stiffening of the fibres [-]")
 
@@ -26,12 +26,9 @@ class Fibre(ScenarioTable):
 class MaterialKeys(ScenarioTable):
     """Keys of a material at finite strain."""
 
-    stiffening: Positive | None = optional(
-        'stiffening b [-], required by the "exponential" material: W = μ/(2b) (exp(b(Ī₁ − 3)) − 1) + κ/2 (J − 1)²', 5.0
-    )
+    stiffening: Positive | None = optional('stiffening b [-] of the "exponential" material, which requires it', 5.0)
     fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = optional(
-        "up to two families of fibres, each with direction [-], k1 [Pa] and k2 [-]; they "
-        "carry tension only: W = k1/(2 k2) (exp(k2 ⟨Ī₄ − 1⟩²) − 1); default: none",
+        "up to two families, each with direction [-], k1 [Pa] and k2 [-], which carry tension only; default: none",
         [{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}],
     )
     prestretch: tuple[Positive, Positive, Positive] | None = optional(

@@ -35,9 +35,7 @@ BOUNDARIES = {  # that a generated mesh names, by its kind
     "tube": ("left", "right", "inner", "outer"),
 }
 STUMPS = ("stump_left", "stump_right")  # of a tube that is cut across
-STRENGTH = (
-    "pressure at a hole, thread force over diameter and bearing length, above which the event tears is logged [Pa]"
-)
+STRENGTH = "bearing pressure at a hole above which the event tears is logged [Pa]"
 FLOOR = "wound_floor"  # of an ellipse that does not go through
 SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files that hold a closed surface, to be filled; and some .vtk
 ACCURACY = (
@@ -57,12 +55,12 @@ class _Mesh(ScenarioTable):
         one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
     ] = by_default(
         ACCURACY,
-        "accepted relative error of the holes' compliance to forces [-], by refinement of the cells around "
+        "accepted relative error of the holes' compliance [-], by refinement of the cells around "
         'them; "given": no refinement',
         "given",
     )
     bound: Annotated[bool, Field(strict=True)] = by_default(
-        False, "whether lower and upper bounds of the holes' compliance are computed, for a linear organ", True
+        False, "whether bounds of the holes' compliance are computed, for a linear organ", True
     )
 
 
@@ -126,7 +124,7 @@ class WoundMesh(_Block):
     along: Literal["x", "y"] = by_default("y", "axis of the wound; the left lip is at lower x, or lower y")
     length: Positive = Field(description="length of the wound [m]", examples=[0.02])
     width: NotNegative = by_default(0.0, "widest opening of an ellipse [m]; 0 for a slit")
-    depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
+    depth: Positive = Field(description="depth of the wound [m]; that of the block cuts through", examples=[0.008])
 
     @model_validator(mode="before")
     @classmethod
@@ -172,10 +170,10 @@ class TubeMesh(_Sized):
 
     kind: Literal["tube"]
     radius: Positive = Field(description="outer radius of the tube [m]", examples=[0.01])
-    wall: Positive = Field(description="thickness of the wall [m], below the radius", examples=[0.002])
+    wall: Positive = Field(description="thickness of the wall [m]", examples=[0.002])
     length: Positive = Field(description="length of the tube [m], with the gap", examples=[0.05])
     gap: NotNegative | None = optional(
-        "distance of the two stumps of a cut tube [m]; 0: they touch; default: not cut", 1.0e-3
+        "distance of the two stumps of a cut tube [m], 0 if they touch; default: not cut", 1.0e-3
     )
 
     @property
@@ -202,8 +200,8 @@ class FileMesh(_Mesh):
         Literal["m", "dm", "cm", "mm", "um"] | Positive,
         one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
     ] = by_default("m", "length unit of the file: a name, or metres per file unit")
-    h: Positive | None = optional("mesh size far from the piercings, of a surface to be filled [m]", 4.0e-3)
-    h_site: Positive | None = optional("mesh size at the piercings, of a surface to be filled [m]; default: uniform")
+    h: Positive | None = optional("mesh size of a surface to be filled, far from the piercings [m]", 4.0e-3)
+    h_site: Positive | None = optional("mesh size of such a surface at the piercings [m]; default: uniform")
     growth: Growth = by_default(1.3, GROWTH)
 
     @property
@@ -266,13 +264,13 @@ class Region(MaterialKeys):
     )
     youngs_modulus: Positive | None = optional("Young's modulus [Pa]; default the organ's")
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] | None = optional(
-        "Poisson's ratio [-], between -1 and 0.5; default the organ's"
+        "Poisson's ratio [-]; default the organ's"
     )
     density: Positive | None = optional("density [kg/m³]; default the organ's")
     strength: Positive | None = optional(f"{STRENGTH}; default the organ's", 2.0e6)
-    material: Law | None = optional("strain-energy density, as for the organ; default the organ's")
+    material: Law | None = optional("law of the region, as for the organ; default the organ's")
     relaxation: Series | None = optional(
-        "stress relaxation [-], [s], as for the organ; [] for none; default the organ's"
+        "relaxation of the region, as for the organ [-], [s]; [] for none; default the organ's"
     )
 
     def _check_place(self) -> None:
@@ -291,12 +289,11 @@ class Reduction(ScenarioTable):
     """Small basis in which the organ moves: static answers to the piercings, weight and loads, and more."""
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = by_default(
-        2, "Krylov blocks [-] in addition to the static responses; more of them follow faster motion"
+        2, "Krylov blocks [-] in addition to the static responses"
     )
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = by_default(0, "lowest vibration modes [-] in addition")
     keep: Annotated[str, Field(strict=True, min_length=1)] | None = optional(
-        "folder, relative to the scenario file, that stores bases for later runs with the same mesh, "
-        "material, holes and loads; default: none is kept",
+        "folder, relative to the scenario file, that stores bases for later runs; default: none is kept",
         "bases",
     )
 
@@ -306,51 +303,47 @@ class Tissue(MaterialKeys):
 
     youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
-        description="Poisson's ratio of the tissue [-], between -1 and 0.5", examples=[0.45]
+        description="Poisson's ratio of the tissue [-]", examples=[0.45]
     )
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     strength: Positive | None = optional(f"{STRENGTH}; default: none", 2.0e6)
     material: Law = by_default(
         "linear",
-        '"linear": small strain; "neo-hookean" and "exponential": finite strain, equal to "linear" at small strain',
+        'stress-strain law: "linear" at small strain, the others at finite strain',
     )
     relaxation: Series = by_default(
         (),
-        "stress relaxation as a Prony series of the distortion (not of the change of volume): rows of the "
-        "share of the stress [-] and its relaxation time [s]; youngs_modulus is that of a sudden pull; default: none",
+        "Prony series of stress relaxation: rows of share [-] and time [s]; youngs_modulus is "
+        "that of a sudden pull; default: none",
         [[0.3, 5.0], [0.2, 100.0]],
     )
     element: Literal["P1", "P2"] = by_default(
         "P2",
-        "tetrahedral element, linear or quadratic, which needs a fifth of the unknowns for an accuracy; "
-        'default "P1" if mesh.accuracy is "given"',
+        'linear or quadratic tetrahedra; default "P1" if mesh.accuracy is "given"',
     )
     dilatation: Literal["auto", "cell", "nodal"] = by_default(
         "auto",
-        'dilatation per "cell", which locks near ν = 0.5, or "nodal", averaged at the '
-        'vertices; "auto": nodal above ν = 0.45',
+        'dilatation per "cell", which locks near ν = 0.5, or "nodal"; "auto": nodal above ν = 0.45',
     )
     inertia: Annotated[bool, Field(strict=True)] = by_default(
-        True, "whether the organ has inertia; false: quasi-static organ"
+        True, "whether the organ has inertia; false: quasi-static"
     )
     solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = by_default(
         "auto",
-        'solver of the organ: "auto" (by size, memory and installed packages), "superlu", "cholmod" (needs '
-        'cvxopt), "pardiso" (needs pypardiso) or "multigrid"',
+        'solver of the organ; "auto" chooses by size, memory and installed packages; "cholmod" '
+        'needs cvxopt, "pardiso" needs pypardiso',
     )
     rayleigh: tuple[NotNegative, NotNegative] = by_default(
         (0.0, 0.0), "Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
     )
     reduction: Reduction | None = optional(
-        "small basis for a linear organ with inertia: the cost of a step does not depend on "
-        "the mesh, and the error is estimated; default: none",
+        "small basis for a linear organ with inertia; default: none",
         {"blocks": 2, "modes": 0},
     )
     clamp: tuple[Text, ...] = by_default((), "names of the boundaries held fixed", ["bottom"])
     roller: tuple[Text, ...] = by_default(
         (),
-        "names of plane boundaries, normal to x, y or z, that are held in their normal "
-        "direction: a sliding bed, or a plane of symmetry",
+        "names of plane boundaries, normal to x, y or z, that are held in their normal direction",
         ["bottom"],
     )
     contact: Annotated[bool, Field(strict=True)] = by_default(
@@ -359,7 +352,7 @@ class Tissue(MaterialKeys):
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
-    boundary: tuple[Boundary, ...] = by_default((), "boundaries in addition to those that the mesh names", [])
+    boundary: tuple[Boundary, ...] = by_default((), "boundaries besides those of the mesh", [])
     region: tuple[Region, ...] = by_default((), "parts of another material", [])
     load: tuple[Load, ...] = by_default((), "loads on boundaries", [])
 

@@ -46,8 +46,7 @@ class Friction(ScenarioTable):
         one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
     ] = by_default(
         0.0,
-        "friction force without any tension [N]; of a barbed thread two: where the abscissa at the hole "
-        "rises, and where it falls",
+        "friction force at zero tension [N]; of a barbed thread two: for a rising and for a falling abscissa",
     )
 
     def shared(self, parts: int) -> float | tuple[float, float]:
@@ -74,14 +73,13 @@ class Piercing(ScenarioTable):
         Literal["surface"] | Vector,
         one_sentence('three numbers [x, y, z] [m] or "surface", for example at = [-0.01, 0.0, 0.0]'),
     ] = Field(
-        description='place of the piercing, on the surface or inside the organ [m]; "surface": found by '
-        "near and along, and written into scenario.toml of the run",
+        description='place on the surface or inside the organ [m]; "surface": found by near and along',
         examples=[[-0.01, 0.0, 0.0]],
     )
     near: Vector | None = optional('point from which at = "surface" searches [m]', [-0.01, 0.0, 0.002])
     along: Vector | None = optional(
-        'direction [-] of the line through near that finds at = "surface", at the place nearest to near; '
-        "default: direction if it is three numbers, else none: the surface point nearest to near",
+        "direction [-] of the line through near; default: direction if it is three numbers, else "
+        "none: the surface point nearest to near",
         [0.0, 0.0, -1.0],
     )
     kind: Literal["sliding", "anchored"] = by_default(
@@ -100,44 +98,36 @@ class Piercing(ScenarioTable):
     )
     weight: Literal["uniform", "parabolic"] = by_default("parabolic", "weight over the footprint [-]")
     s: NotNegative | None = optional(
-        "initial abscissa of the piercing [m], at an end of the thread only if anchored; "
-        "default: the point of the thread nearest to it",
+        "initial abscissa [m], at an end of the thread only if anchored; default: that of the "
+        "nearest point of the thread",
         0.031,
     )
     friction: Friction | None = optional(
         "friction coefficients [-] and grip [N]; default none", {"static": 0.12, "kinetic": 0.10, "grip": 0.0}
     )
     draw: Hand | None = optional(
-        "rows of t [s], length [m] that a hand draws through the hole, t increasing, linear in between; "
-        'positive towards the end of the path, counted from the beginning of the piercing. An "anchored" hole '
-        'is held before and after; at a "sliding" one the hand acts from the first to the last row. A row of '
-        "t alone lets go until the next row, whose length is the new zero. In statics t is from 0 to "
-        "solve.duration; default: none",
+        "rows of t [s], length [m] that a hand draws through the hole, counted from the "
+        "beginning of the piercing, positive towards the end of the path; [t] alone lets go, and "
+        "the length of the next row is the new zero; default: none",
         [[0.0, 0.0], [1.0, 0.005]],
     )
     pull: Hand | None = optional(
-        "rows of t [s], force [N] with which a hand draws the thread through the hole, t "
-        "increasing, linear in between; positive towards the end of the path. The hand holds "
-        'against the tissue at the hole. An "anchored" hole keeps the first and last force; '
-        'at a "sliding" one the hand acts from the first to the last row, and a row of t '
-        "alone lets go until the next. In statics t is from 0 to solve.duration. Instead of "
-        'draw, or at a "sliding" hole before or after it; default: none',
+        "rows of t [s], force [N] with which a hand draws, positive towards the end of the path; "
+        '[t] alone lets go; instead of draw, or at a "sliding" hole before or after it; default: '
+        "none",
         [[0.0, 0.0], [0.2, 1.0]],
     )
     channel: Positive | None = optional(
-        "length of the channel, at whose ends the couple presses [m]; default with friction "
-        "and a direction: the length of path in tissue along the direction, up to half the "
-        "distance to the next hole, or ten thread diameters without tissue",
+        "length of the channel at whose ends the couple presses [m]; default with friction and a "
+        "direction: see the guide",
         2.0e-3,
     )
     from_: NotNegative = Field(
         default=0.0,
         alias="from",
-        description="time at which the piercing begins [s], at the next end of a step; its state is left before",
+        description="time at which the piercing begins [s]",
     )
-    until: Positive | None = optional(
-        "time at which the piercing ends [s], at the next end of a step; default: never", 0.5
-    )
+    until: Positive | None = optional("time at which the piercing ends [s]; default: never", 0.5)
 
     def _check_effect(self) -> None:
         for key, vector in (("direction", self.direction), ("along", self.along)):

@@ -47,9 +47,22 @@ class Key:
 
 
 def reference() -> dict[str, str]:
-    """Make the tables of keys in Markdown, by the name of the file's table; "scenario" is the top of the file."""
-    whole = schema()
-    return {name: markdown(table_keys(name, tables, whole)) for name, tables in key_tables(whole)}
+    """Make the tables of keys in Markdown, by the name of the file's table; "scenario" is the top of the file. Equal
+    tables are one, by the first of their names."""
+    whole, equal = schema(), dict[tuple[Key, ...], list[str]]()
+    for name, tables in key_tables(whole):
+        prefix = "" if name == "scenario" else f"{name}."
+        keys = tuple(replace(key, name=key.name.removeprefix(prefix)) for key in table_keys(name, tables, whole))
+        equal.setdefault(keys, []).append(prefix)
+    return {
+        prefixes[0].removesuffix(".") or "scenario": markdown(with_prefixes(key, prefixes) for key in keys)
+        for keys, prefixes in equal.items()
+    }
+
+
+def with_prefixes(key: Key, prefixes: Iterable[str]) -> Key:
+    """Return the key with its full names in several tables."""
+    return replace(key, name="`, `".join(prefix + key.name for prefix in prefixes))
 
 
 def unit_of(key: str) -> str:
@@ -178,7 +191,7 @@ def allowed_in(field: Node) -> str:
     if field.get("type") == "array":
         least = field.get("minItems", 0) if "items" in field else 0
         inner = allowed_in(field["items"] if "items" in field else field["prefixItems"][0])
-        bounds = ([f"{least} or more"] if least else []) + ([f"each {inner}"] if inner else [])
+        bounds = ([f"{least} or more"] if least else []) + ([f"each {inner.removeprefix('each ')}"] if inner else [])
     return ", ".join(bounds)
 
 

@@ -43,15 +43,12 @@ class Scenario(ScenarioTable):
     )
     thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
     piercing: tuple[Piercing, ...] = by_default((), "the piercings, in the order in which the thread passes them")
-    tract: tuple[Tract, ...] = by_default(
-        (), "tracts between two holes, along which the thread bears on the tissue too"
-    )
+    tract: tuple[Tract, ...] = by_default((), "stretches between two holes where the thread bears on the tissue")
     cut: tuple[Cut, ...] = by_default((), "cuts of the thread during the run")
     tie: tuple[Tie, ...] = by_default((), "loops of the thread that hands draw and lock")
     stitch: tuple[Stitch, ...] = by_default(
         (),
-        "stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts, and the "
-        "scenario that is run has those in their place",
+        "stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts",
     )
     contact: tuple[Contact, ...] = by_default((), "pairs of surfaces that press on each other; others overlap")
     solve: Solve = by_default(Solve(), "the solution method", {"dt": 1.0e-3})

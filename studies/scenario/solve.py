@@ -21,33 +21,29 @@ class Solve(ScenarioTable):
     duration: Positive = by_default(1.0, "simulated time [s]")
     start: Literal["path", "rest"] = by_default(
         "path",
-        'initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0, '
-        "with dead loads without a ramp in full",
+        'initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0',
     )
-    load_steps: Whole = by_default(10, "number of load steps [-] of a static solution")
+    load_steps: Whole = by_default(10, "load steps [-] of a static solution")
     scheme: Literal["newton", "linear"] = by_default(
         "newton", 'time step: "newton", or "linear" (Baumgarte, one linear solve)'
     )
     newton: Literal["auto", "numpy", "compiled"] = by_default(
         "auto",
-        'iteration of a step in "numpy" or in "compiled" loops, which take a third of the '
-        'time and agree to round-off; "auto": compiled in dynamic runs if a folder can cache '
-        "the loops, else numpy; provenance.json names the method used",
+        'iteration of a step: in "numpy", or in "compiled" loops with the same numbers; "auto": '
+        "compiled in dynamic runs if a folder can cache the loops",
     )
     organ: Literal["auto", "whole", "krylov"] = by_default(
         "auto",
-        'solution of a linear organ with inertia: "whole", for all unknowns, or in a "krylov" space whose '
-        "residual is checked at every step and which is widened or abandoned above 1e-9 of the forces; "
-        '"auto": krylov if it pays by unknowns and holes, and no hole begins later',
+        'solution of a linear organ with inertia: "whole" or in a "krylov" space; "auto": krylov '
+        "if it pays and no hole begins later",
     )
     integrator: Literal["euler", "bdf2"] = by_default(
         "bdf2",
-        'time integration: "bdf2" (order 2) or "euler" (backward, order 1), which is used by the linear '
-        "scheme and two-pass friction unless given; constraints hold at the end of the step",
+        'time integration: "bdf2" (order 2) or "euler" (backward, order 1); default "euler" of '
+        "the linear scheme and two-pass friction",
     )
     tolerance: Positive | None = optional(
-        "accepted error of a step in thread and abscissae [m]; steps with a larger estimate "
-        "are divided, down to dt/64; without it all steps are dt long"
+        "accepted error of a step [m]; steps above it are divided, down to dt/64; without it all steps are dt long"
     )
     coupling: Literal["monolithic", "staggered"] = by_default(
         "monolithic", "thread and organ solved together, or one after the other"

@@ -47,22 +47,22 @@ class Stitch(ScenarioTable):
     """Stitch that is laid, drawn by hands and locked."""
 
     name: Text = Field(
-        description='name of the stitch and its tie; its piercings are "NAME.left" and "NAME.right", or "NAME.1.left", '
-        '"NAME.1.right" and so on',
+        description='name of the stitch and its tie; its piercings are "NAME.left" and "NAME.right", or '
+        '"NAME.1.left" and so on',
         examples=["first"],
     )
     kind: Kind = by_default(
         "single",
-        'shape of the stitch: "single"; "running", fixed at its first hole, drawn by a hand at its last; '
-        '"vertical-mattress", which goes back near the edges; "horizontal-mattress" and "figure-of-eight", two bites '
-        'joined along the wound or across it; "purse-string", bites around a circle',
+        'shape: "running" is drawn at its last hole; "vertical-mattress" goes back near the '
+        'edges; "horizontal-mattress" and "figure-of-eight" are two bites joined along the wound '
+        'or across it; "purse-string" has bites around a circle',
     )
     at: Vector = Field(
         description="place on the line of the wound [m]: the middle of the stitch, or the first bite of a running one",
         examples=[[0, 0, 0]],
     )
     along: Vector | None = optional(
-        "direction of the wound [-]; right is at the right hand of who walks along it on the surface; "
+        "direction of the wound [-], with its right side on the right seen from outside; "
         "default: that of the mesh's wound, else y",
         [0, 1, 0],
     )
@@ -71,33 +71,31 @@ class Stitch(ScenarioTable):
         Positive | tuple[Positive, Positive],
         one_sentence("a distance [m], or those to the left and to the right, for example bite = 5e-3"),
     ] = Field(
-        description="distance of the holes from the line [m], to both sides, or [left, right]; of a purse-string half "
-        "of a bite along the circle",
+        description="distance of the holes from the line [m], or [left, right]; of a purse-string half a "
+        "bite along the circle",
         examples=[5.0e-3],
     )
     depth: Positive = Field(description="depth of the bites below `at` [m]", examples=[4.0e-3])
     pitch: Positive | None = optional(
-        "distance of the bites along the wound [m], of a purse-string the radius; default: the bite", 5.0e-3
+        "distance of the bites along the wound, of a purse-string the radius [m]; default: the bite", 5.0e-3
     )
     count: Annotated[int, Field(strict=True, ge=2, le=200)] = by_default(
-        6, "number of bites [-] of a running stitch or a purse-string, from 2 to 200"
+        6, "bites [-] of a running stitch or a purse-string"
     )
     force: Positive = Field(description="force of the hands that draw it [N]", examples=[1.0])
     from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
-    until: Positive | None = optional(
-        "time at which it is locked [s]; default: three quarters of the run, at the end of a step", 0.25
-    )
+    until: Positive | None = optional("time at which it is locked [s]; default: three quarters of the run", 0.25)
     hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
     footprint: Positive = by_default(1.0e-3, "radius of the averaging disc of its holes [m]")
     tract: (
         Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
     ) = optional(
-        "radius of the tissue along the bites on which the thread bears [m], or false: at the holes alone; "
-        "default: the footprint",
+        "radius of the tissue along the bites on which the thread bears [m]; false: at the holes "
+        "alone; default: the footprint",
         1.0e-3,
     )
     friction: Friction | None = optional(
-        "friction coefficients [-] along holes and tracts, and grip of each hole [N]; default none",
+        "friction coefficients [-] of holes and tracts, and grip of each hole [N]; default none",
         {"static": 0.1, "kinetic": 0.1},
     )
 

@@ -20,7 +20,7 @@ Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7
 Whole = Annotated[int, Field(strict=True, ge=1)]
 Vector = tuple[Number, Number, Number]
 Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
-GROWTH = "ratio of the sizes of neighbouring elements [-], above 1 to 3: the size grows by ln(growth) per distance"
+GROWTH = "ratio of the sizes of neighbouring elements [-]"
 Waypoint = tuple[Number, Number, Number, Number]
 Turn = tuple[Number, Number]
 

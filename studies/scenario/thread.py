@@ -30,7 +30,7 @@ from thread.errors import ThreadError
 
 
 class _End(ScenarioTable):
-    mass: NotNegative = by_default(0.0, "point mass carried by this end of the thread [kg]")
+    mass: NotNegative = by_default(0.0, "point mass at this end [kg]")
 
 
 class FreeEnd(_End):
@@ -41,9 +41,9 @@ class FreeEnd(_End):
 
 class _HeldEnd(_End):
     turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = optional(
-        "rows of t [s], angle [rad] by which the end is turned about the thread's tangent, right-handed "
-        "towards the end of the path, t increasing, angle 0 at t = 0; needs thread.twist; default: a clamped end does "
-        "not turn, any other turns freely",
+        "rows of t [s], angle [rad] about the thread's tangent, right-handed towards the end of "
+        "the path, 0 at t = 0; needs thread.twist; default: a clamped end does not turn, any "
+        "other turns freely",
         [[0.0, 0.0], [1.0, 6.28]],
     )
 
@@ -72,8 +72,8 @@ class PulledEnd(_End, Timed):
     kind: Literal["pulled"]
     force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
     ramp: NotNegative | None = optional(
-        "time in which the load grows linearly from zero [s], 0: at once; default: 0.05 s in a dynamic run "
-        '(at most its duration), 0 in statics, with solve.start = "rest" and with a course',
+        "time in which the load grows from zero [s], 0: at once; default: 0.05 s in a dynamic "
+        'run (at most its duration), 0 in statics, with solve.start = "rest" and with a course',
         0.1,
     )
 
@@ -87,7 +87,7 @@ class DrivenEnd(_HeldEnd):
 
     kind: Literal["driven"]
     waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
-        description="rows of t [s], x, y, z [m], t increasing", examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]]
+        description="rows of t [s], x, y, z [m]", examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]]
     )
 
     def _check_times(self) -> None:
@@ -107,7 +107,7 @@ class Cut(ScenarioTable):
     """Cut of the thread during a run."""
 
     s: Positive = Field(description="abscissa of the cut, or of a knot next to it [m]", examples=[0.03])
-    time: Positive = Field(description="time of the cut [s], at the next end of a step or load step", examples=[0.3])
+    time: Positive = Field(description="time of the cut [s]", examples=[0.3])
 
 
 def _known(name: str) -> str:
@@ -128,40 +128,40 @@ class Thread(ScenarioTable):
     FORMER = dict.fromkeys(("resolution", "graded"), GRADED)
 
     suture: Annotated[Text, AfterValidator(_known)] | None = optional(
-        "USP size and material or brand from the catalogue; instead of diameter, youngs_modulus, density",
+        "USP size and material or brand (suture catalogue); instead of diameter, youngs_modulus, density",
         "2-0 polypropylene",
     )
     diameter: Positive | None = optional("diameter of the thread [m]", 3.2e-4)
     youngs_modulus: Positive | None = optional("Young's modulus of the thread [Pa]", 2.0e9)
     density: Positive | None = optional("density of the thread [kg/m³]", 910.0)
     poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = optional(
-        "Poisson's ratio of the thread [-], from above -1 to 0.5; default 0.4", 0.4
+        "Poisson's ratio of the thread [-]; default 0.4", 0.4
     )
     bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = optional(
-        "bending and torsional stiffness over that of a solid rod [-], above 0 to 1; default: that of the "
+        "bending and torsional stiffness over that of a solid rod [-]; default: that of the "
         "suture (an assumption for braids), else 1",
         0.05,
     )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = by_default(
         40,
-        "number of control points of the cubic spline [-], from 4 to 5000; travelling knots "
-        "add those at the piercings, and at least four spans per strand",
+        "control points of the cubic spline [-]; travelling knots add those at the piercings, "
+        "and at least four spans per strand",
     )
     knots: Literal["travelling", "fixed"] = by_default(
         "travelling",
-        'knots of the spline: "travelling" with the holes, with short spans next to them; or '
-        '"fixed", equal spans as in the paper, which is used with twist, springs, no bending '
-        "and the paper's variants of solve unless given",
+        'knots of the spline: "travelling" with the holes, or "fixed" at equal distances as in '
+        'the paper; default "fixed" with twist, springs, no bending and the paper\'s variants of '
+        "solve",
     )
     tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = by_default(
-        0.01, "accepted relative error of the piercings' forces for travelling knots [-], up to 0.1"
+        0.01, "accepted relative error of the piercings' forces by travelling knots [-]"
     )
     path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
         description="points along which the thread is laid at the start [m], corners rounded",
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
     )
     cuts: tuple[Positive, ...] = by_default(
-        (), "abscissae where the thread is cut from the start, rising [m]; the new ends are free", [0.05, 0.1]
+        (), "abscissae where the thread is cut at the start, rising [m]", [0.05, 0.1]
     )
     length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
     damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
@@ -174,22 +174,19 @@ class Thread(ScenarioTable):
     bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
     energy: Literal["continuous", "springs"] = by_default(
         "continuous",
-        'elastic energies: "continuous" integrals along the thread, or "springs" between '
-        "points (the paper's §3), calibrated by EA, EI and GJ",
+        'elastic energies: "continuous" along the thread, or the paper\'s "springs", calibrated by EA, EI and GJ',
     )
     springs: Whole | None = optional(
-        'number of stretch springs [-], at least control_points - 1 (the default with energy = "springs"); '
-        "more of them lock a stiff thread",
+        "number of stretch springs [-], at least control_points - 1 (the default with energy = "
+        '"springs"); more lock a stiff thread',
         39,
     )
-    twist: Annotated[bool, Field(strict=True)] = by_default(
-        False, "whether the thread resists twist: the angle of its section becomes a fourth coordinate"
-    )
+    twist: Annotated[bool, Field(strict=True)] = by_default(False, "whether the thread resists twist")
     coil_radius: Positive | None = optional(
-        "radius of the rest coil, from the packet [m]; needs thread.twist; default: straight at rest", 0.02
+        "radius of the rest coil [m]; needs thread.twist; default: straight at rest", 0.02
     )
     coil_towards: Vector | None = optional(
-        "side to which the start of the thread coils [-], across the path; default: one of the axes", [0, 0, 1]
+        "side to which the start coils [-], across the path; default: one of the axes", [0, 0, 1]
     )
     start: End = by_default(FreeEnd(kind="free"), "what holds the thread at the start of the path", {"kind": "free"})
     end: End = by_default(FreeEnd(kind="free"), "what holds the thread at the end of the path", {"kind": "free"})

@@ -23,22 +23,18 @@ class Tie(ScenarioTable):
 
     name: Text = Field(description="name of the tie", examples=["knot1"])
     between: tuple[Text, Text] = Field(
-        description="names of two piercings; the strands that leave them on the outer sides are joined where they are "
-        "nearest",
+        description="names of two piercings, whose outer strands are joined where they are nearest",
         examples=[["left1", "right1"]],
     )
     force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
     from_: NotNegative = Field(
         default=0.0,
         alias="from",
-        description="time at which the loop is closed and drawn [s], at the next end of a step",
+        description="time at which the loop is closed and drawn [s]",
     )
-    until: Positive = Field(
-        description="time at which the loop is locked [s], at the next end of a step", examples=[0.25]
-    )
+    until: Positive = Field(description="time at which the loop is locked [s]", examples=[0.25])
     ramp: NotNegative | None = optional(
-        "time in which the force grows linearly from zero and the strands meet [s]; default: "
-        "half of the time from `from` to `until`",
+        "time in which the force grows from zero [s]; default: half of the time from `from` to `until`",
         0.1,
     )
     speed: Positive = by_default(0.05, "speed of a hand without resistance [m/s]; in dynamic runs")

@@ -21,12 +21,11 @@ class Tract(ScenarioTable):
         "radius of the tissue balls along the path [m]; default: the smaller footprint of the two holes"
     )
     spacing: Positive | None = optional(
-        "largest distance between balls along the path [m]; default: the radius, which is "
-        "within 2 % unless the remark tract-stiff appears",
+        "largest distance between balls along the path [m]; default: the radius",
         1.5e-3,
     )
     friction: Friction | None = optional(
-        "friction coefficients [-] along the tract, and grip of the whole tract [N]; default none",
+        "friction coefficients [-], and grip of the whole tract [N]; default none",
         {"static": 0.1, "kinetic": 0.1},
     )
 
