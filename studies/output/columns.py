@@ -108,18 +108,18 @@ NAME: Column[PiercingRecord] = text("piercing", "name of the piercing", lambda h
 PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", parts=AXES)
 STATE: Column[PiercingRecord] = text("state", "`stick`, `slip`, `anchored`, or `left` (the thread is not in the hole)")
 HOLE: tuple[Column[PiercingRecord], ...] = (
-    Column("s", "m", "abscissa of the thread in the hole: rest arc length from the start of the path"),
-    Column("slip", "m", "length drawn through towards the end of the thread since the piercing began"),
+    Column("s", "m", "abscissa of the thread in the hole"),
+    Column("slip", "m", "length drawn through towards the end since the piercing began"),
     PLACE,
     vector("displacement", "m", "displacement of the hole from the reference shape"),
     vector("force", "N", "force of the hole on the thread"),
     Column(
         "normal_force",
         "N",
-        "force across the thread: of `force`, or summed over both ends of a channel, with the couple",
+        "force across the thread; in a channel summed over its two ends, with the couple",
     ),
     Column("tangential_force", "N", "part of `force` along `tangent`: friction and the configurational force"),
-    vector("couple", "N m", "couple of the hole on the thread, by its imposed direction"),
+    vector("couple", "N m", "couple of the hole on the thread"),
     Column("tension_before", "N", "axial force of the strand at lower `s`; positive in tension"),
     Column("tension_after", "N", "the same at higher `s`"),
     STATE,
@@ -128,30 +128,29 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     Column(
         "mean_strain",
         "-",
-        "largest principal strain of the tissue across the hole, in magnitude, averaged over the footprint",
+        "largest principal strain across the hole in magnitude, averaged over the footprint",
     ),
     Column("turn", "rad", "rotation of the tissue at the hole"),
     Column(
         "bearing_pressure",
         "Pa",
-        "`force` over thread diameter and bearing length: the channel, else two footprints, else ten diameters",
+        "`force` over thread diameter and bearing length: channel, else two footprints, else ten diameters",
     ),
 )
 CHANNEL: Column[PiercingRecord] = Column("channel", "m", "length of the channel; null without friction or direction")
 HOLE_SUMMARY = (*HOLE, CHANNEL)
-MOVED: Column[Piercing] = Column("moved", "m", "distance from `piercing.near` to the place on the surface; with `near`")
+MOVED: Column[Piercing] = Column("moved", "m", "distance from `piercing.near` to the place found")
 ACCURACY: tuple[Column[Mapping[str, Any]], ...] = (
     Column(
         "compliance_error",
         "-",
-        "estimated relative error of the compliance to forces; with cells refined at the holes",
+        "estimated relative error of the compliance",
         lambda known: known.get("errors"),
     ),
     Column(
         "bounds",
         "-",
-        "lower and upper bound of the exact compliance over that of the run, to forces along x, y and z; with "
-        "`tissue.mesh.bound`",
+        "bounds of the exact compliance over that of the run, to forces along x, y and z; with `tissue.mesh.bound`",
         lambda known: known.get("bounds"),
         parts=("bounds_lower", "bounds_upper"),
     ),
@@ -168,52 +167,50 @@ PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)),
 EVENT: tuple[Column[Event], ...] = (
     text(
         "event",
-        "piercing: `begins`, `ends`, `leaves`, `slips`, `sticks`, `tears`; strand: `taut`, `slack`; tie: "
-        "`closes`, `tied`, `slips`, `sticks`, `unties`; contact or tract as a whole: `slips`, `sticks`; "
-        "thread: `cut`; step: `halved`; `snaps`: jump to a distant equilibrium; `branch`: equilibrium found "
-        "by arc length",
+        "piercing: `begins`, `ends`, `leaves`, `slips`, `sticks`, `tears`; strand: `taut`, "
+        "`slack`; tie: `closes`, `tied`, `slips`, `sticks`, `unties`; contact, tract: `slips`, "
+        "`sticks`; thread: `cut`; step: `halved`; `snaps`: jump to a distant equilibrium; "
+        "`branch`: equilibrium by arc length",
         lambda event: event.kind,
     ),
     text(
         "piercing",
-        "name of the piercing, tie, tract, pair of surfaces, or strand (`start-entry`, `entry-exit`); else empty",
+        "name of the piercing, tie, tract, pair of surfaces, or strand (`start-entry`); else empty",
     ),
     Column("s", "m", "abscissa of the hole, the cut, or the middle of the strand"),
     Column("energy", "J", "change of kinetic and elastic energy: `work` minus `loss`"),
-    Column("work", "J", "work to draw the thread into a hole that begins"),
-    Column("loss", "J", "energy lost by the impulse of a hole that begins, or by a cut"),
-    Column("gap", "m", "distance of thread and hole before the hole begins, or of the strands of a tie"),
-    Column("angle", "rad", "angle of thread and direction before the hole begins"),
-    vector("impulse", "N s", "impulse of a hole that begins on the thread, or change of momentum by a cut"),
+    Column("work", "J", "work to draw the thread into a beginning hole"),
+    Column("loss", "J", "energy lost by the impulse of a beginning hole, or by a cut"),
+    Column("gap", "m", "distance of the thread from a beginning hole, or of the strands of a tie"),
+    Column("angle", "rad", "angle of the thread and the direction of a beginning hole"),
+    vector("impulse", "N s", "impulse of a beginning hole on the thread, or of a cut"),
     count("control_points", "number after a cut, else empty", lambda event: event.control_points or None),
 )
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column("kinetic", "J", "kinetic energy of thread and organ"),
-    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 of the bends of its path"),
+    Column("elastic_thread", "J", "elastic energy of the thread"),
     Column("elastic_tissue", "J", "elastic energy of the organ"),
-    Column("prestretch", "J", "the part of `elastic_tissue` that `tissue.prestretch` stored at the start"),
-    Column("external_work", "J", "work of loads, gravity, holders and hands since the start"),
-    Column("friction_dissipation", "J", "energy dissipated by friction in holes and contacts since the start"),
-    Column(
-        "viscous_dissipation", "J", "energy dissipated by damping, and work of stress that relaxes, since the start"
-    ),
+    Column("prestretch", "J", "part of `elastic_tissue` that `tissue.prestretch` stored"),
+    Column("external_work", "J", "work of loads, gravity, holders and hands"),
+    Column("friction_dissipation", "J", "dissipated by friction in holes and contacts"),
+    Column("viscous_dissipation", "J", "dissipated by damping, and work of stress that relaxes"),
     Column(
         "numerical_dissipation",
         "J",
-        "energy dissipated by the integrator and contact since the start; negative: energy was created",
+        "dissipated by the integrator and contact; negative: created",
     ),
     Column("balance_error", "J", "external work minus dissipation and change of energy: round-off"),
 )
 
 MAX_STRAIN: Column[StepRecord] = Column("max_strain", "-", "largest axial strain of the thread")
 SPAN_RATIO: Column[StepRecord] = Column(
-    "span_ratio", "-", "longest span at a hole over the bending length √(EI/T); ⅓ is fine, above ½ is too coarse"
+    "span_ratio", "-", "longest span at a hole over √(EI/T); ⅓ is fine, above ½ is too coarse"
 )
 SPANS_BETWEEN: Column[StepRecord] = Column(
     "spans_between",
     "-",
-    "fewest spans between two neighbouring holes, null with fewer than two holes; 3 is fine, below 2 is too coarse",
+    "fewest spans between neighbouring holes, null with fewer than two; 3 is fine, below 2 is too coarse",
 )
 ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
     "start": (
@@ -221,7 +218,7 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
         Column(
             "start_torque",
             "N m",
-            "torque of the holder on the start, about the tangent; with `thread.twist`",
+            "torque of the holder about the tangent; with `thread.twist`",
             lambda step: step.torques and step.torques[0],
         ),
     ),
@@ -230,13 +227,13 @@ ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
         Column(
             "end_torque",
             "N m",
-            "torque of the holder on the end, about the tangent; with `thread.twist`",
+            "torque of the holder about the tangent; with `thread.twist`",
             lambda step: step.torques and step.torques[1],
         ),
     ),
 }
 GROWS: Column[PulledEnd] = Column(
-    "grows_within", "s", "ramp time of the dead load on this end, 0: at once; for a pulled end", lambda end: end.ramp
+    "grows_within", "s", "ramp of the dead load on a pulled end, 0: at once", lambda end: end.ramp
 )
 SOLVED: tuple[Column[StepRecord], ...] = (
     count("newton_iterations", "Newton iterations of this step"),
@@ -245,72 +242,69 @@ SOLVED: tuple[Column[StepRecord], ...] = (
     Column("slide_speed", "m/s", "largest speed of the thread in a hole"),
     *(reaction for reaction, _ in ENDS.values()),
     *(torque for _, torque in ENDS.values()),
-    Column("seconds", "s", "wall-clock time of the step without compilation; the mean of steps made in one call"),
+    Column("seconds", "s", "wall-clock time without compilation; the mean of steps made in one call"),
 )
 
 PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces")
 CONTACT: tuple[Column[ContactRecord], ...] = (
     count("pairs", "number of node pairs"),
     count("pressed", "pairs under a force"),
-    Column(
-        "smallest_gap", "m", "smallest gap of a pair along the normal; for wound lips the normal of the wound plane"
-    ),
-    Column("largest_gap", "m", "largest gap of pairs that face each other; zero without such pairs"),
+    Column("smallest_gap", "m", "smallest gap along the normal; of wound lips that of the wound plane"),
+    Column("largest_gap", "m", "largest gap of pairs that face each other, else zero"),
     Column("open_area", "m²", f"area of facing pairs more than {APART:g} m apart"),
-    Column("gap_volume", "m³", "volume between the surfaces: the integral of the gap"),
+    Column("gap_volume", "m³", "volume between the surfaces"),
     Column("slide", "m", "largest sliding distance of a pair"),
     Column("largest_pressure", "Pa", "largest pressure of a pair"),
     Column("area", "m²", "area under pressure"),
     Column("force", "N", "sum of the contact forces' magnitudes"),
-    Column("complementarity", "J", "largest magnitude of force times gap of a pair"),
-    count("slipping", "pressed pairs that slip; the others stick"),
+    Column("complementarity", "J", "largest force times gap in magnitude"),
+    count("slipping", "pressed pairs that slip"),
     Column("friction", "N", "magnitude of the friction resultant"),
     Column("approximation", "-", f"share of the area with a gap below {APART:g} m in magnitude"),
-    Column("closure_force", "N", "force of the thread that closes the wound: the mean of both sides"),
+    Column("closure_force", "N", "force of the thread that closes the wound: mean of both sides"),
     Column(
         "eversion",
         "rad",
-        "mean angle by which the edges at the stitches turn outwards, both sides together; negative: inwards; "
-        "empty without edges",
+        "mean angle by which the edges at the stitches turn outwards, both sides together; empty without edges",
     ),
 )
 
 STITCH_NAME: Column[StitchRecord] = text("stitch", "name of the tie, the tract or the single hole")
 STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces")
 STITCH: tuple[Column[StitchRecord], ...] = (
-    Column("left_force", "N", "closing force of the thread on one side, across the undeformed surfaces"),
-    Column("right_force", "N", "closing force on the other side"),
-    Column("load_share", "-", "share of the stitch in the force of all stitches; empty if that is zero"),
+    Column("left_force", "N", "closing force on one side, across the undeformed surfaces"),
+    Column("right_force", "N", "the same on the other side"),
+    Column("load_share", "-", "share of the force of all stitches; empty if that is zero"),
 )
 
 GAP_PROFILE: tuple[Column[GapRecord], ...] = (
     text("pair", "names of the two surfaces"),
     Column("way", "m", "length along the rim in the reference shape"),
     Column("x", "m", "place on the rim", parts=AXES),
-    Column("edge_gap", "m", "gap at the rim; empty if it faces nothing"),
-    Column("largest_gap", "m", "largest gap of the surface nearest to this place; empty if it faces nothing"),
-    Column("largest_pressure", "Pa", "largest pressure of the same part"),
+    Column("edge_gap", "m", "gap at the rim; empty if the rim faces nothing"),
+    Column("largest_gap", "m", "largest gap below this place; empty if nothing faces it"),
+    Column("largest_pressure", "Pa", "largest pressure there"),
 )
 
 TRACT_NAME: Column[TractRecord] = text("tract", "names of its two holes")
 TRACT: tuple[Column[TractRecord], ...] = (
-    count("balls", "number of tissue balls along the path", lambda tract: len(tract.balls)),
+    count("balls", "number of tissue balls", lambda tract: len(tract.balls)),
     Column("length", "m", "length of path on which the thread bears"),
     Column("spacing", "m", "largest distance between balls"),
     vector("force", "N", "total force of the tissue on the thread"),
     Column("normal_force", "N", "sum of the forces across the thread"),
     Column("friction", "N", "sum of the forces along the thread, towards rising `s`"),
     Column("bearing", "N/m", "largest force across the thread per length"),
-    Column("bearing_pressure", "Pa", "largest force on a ball over thread diameter and ball length"),
+    Column("bearing_pressure", "Pa", "largest force on a ball over diameter and ball length"),
     Column("displacement", "m", "largest displacement of a ball"),
     Column("tension_before", "N", "tension before the first ball", lambda tract: tract.balls[0].tension_before),
     Column("tension_after", "N", "tension after the last ball", lambda tract: tract.balls[-1].tension_after),
-    count("slipping", "number of balls at which the thread slips"),
+    count("slipping", "balls at which the thread slips"),
 )
 
 LOAD: tuple[Column[LoadRecord], ...] = (
     text("boundary", "name of the loaded boundary"),
-    Column("share", "-", "share of the load that acts now"),
+    Column("share", "-", "share of the load that acts"),
     Column("area", "m²", "area of the boundary in the reference shape"),
     vector("force", "N", "total force on the organ"),
 )
@@ -319,12 +313,12 @@ TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.nam
 TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", parts=AXES)
 TIE_STATE: Column[TieRecord] = text(
     "state",
-    "`open`: not closed, or undone; `held` in statics before it is `drawn` by hands; `tied`; `slips`: above `hold`",
+    "`open`: not closed, or undone; `held` in statics before `drawn`; `tied`; `slips`: above `hold`",
 )
 TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
     Column("force", "N", "tension of the strands at the tie"),
     Column("length", "m", "unstrained length of the loop; empty if it is cut"),
-    Column("gap", "m", "distance of the strands, which the hands bring together"),
+    Column("gap", "m", "distance of the strands"),
     Column("work", "J", "work of the hands"),
     Column("s_first", "m", "abscissa of the strand at lower `s`"),
     Column("s_second", "m", "abscissa of the other strand"),
@@ -336,11 +330,11 @@ TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
 )
 
 ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
-    vector("displacement", "m", "displacement from the reference shape, in which the points are"),
+    vector("displacement", "m", "displacement from the reference shape"),
     Column(
         "stress",
         "Pa",
-        "stress recovered at the nodes: xx, yy, zz, xy, yz, xz",
+        "stress at the nodes: xx, yy, zz, xy, yz, xz",
         parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
     ),
     Column("von_mises", "Pa", "von Mises stress"),
@@ -352,22 +346,22 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
     ),
     vector("first_direction", "-", "direction of the first, of either sign"),
     vector("third_direction", "-", "direction of the third, of either sign"),
-    Column("nodal_volume_ratio", "-", "J averaged at the vertices, as used for nearly incompressible tissue"),
-    Column("contact_pressure", "Pa", "pressure on contact surfaces, else zero; with contact"),
-    Column("lip_gap", "m", "gap of contact surfaces, else not a number; with contact"),
+    Column("nodal_volume_ratio", "-", "J averaged at the vertices"),
+    Column("contact_pressure", "Pa", "pressure on contact surfaces, else zero"),
+    Column("lip_gap", "m", "gap of contact surfaces, else not a number"),
 )
 ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
     Column("strain", "-", "largest principal strain of the cell, in magnitude"),
-    Column("rotation", "rad", "largest rotation of the cell, half the length of curl U"),
+    Column("rotation", "rad", "largest rotation: half the length of curl U; at finite strain the angle of R"),
     Column("energy_density", "Pa", "mean strain energy per volume"),
-    Column("volume_ratio", "-", "J: volume of the cell over that in the reference shape"),
+    Column("volume_ratio", "-", "J: volume over that in the reference shape"),
     Column(
         "principal_stretch",
         "-",
         "mean principal stretches in falling order; at finite strain",
         parts=("stretch_first", "stretch_second", "stretch_third"),
     ),
-    vector("first_stretch", "-", "direction of the first in the deformed shape; at finite strain"),
+    vector("first_stretch", "-", "direction of the first in the deformed shape"),
     vector("third_stretch", "-", "direction of the third, likewise"),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
@@ -380,8 +374,8 @@ THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
         "radius of the thread, for the Tube filter",
         lambda thread: np.full(len(thread.points), thread.radius),
     ),
-    Column("torque", "N m", "torque about the tangent, right-handed; with `thread.twist`"),
-    vector("bearing", "N/m", "force of tracts on the thread per length, else zero; with `tract`"),
+    Column("torque", "N m", "torque about the tangent, right-handed"),
+    vector("bearing", "N/m", "force of tracts on the thread per length, else zero"),
 )
 ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
@@ -401,33 +395,30 @@ RANGE: tuple[Column[Extremes], ...] = (
         f"the same for cells rotated above {remarks.SMALL_ROTATION:g} rad",
         lambda met: met.rotated,
     ),
-    Column("pressed_turn", "rad", "largest turn of a surface under pressure, over all frames"),
+    Column("pressed_turn", "rad", "largest turn of a pressed surface"),
 )
 HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
-    Column("mean_strain", "-", "largest `mean_strain` of the piercing, over all steps", lambda met: met[0]),
-    Column("turn", "rad", "largest `turn` of the piercing, over all steps", lambda met: met[1]),
+    Column("mean_strain", "-", "largest `mean_strain`, over all steps", lambda met: met[0]),
+    Column("turn", "rad", "largest `turn`, over all steps", lambda met: met[1]),
     Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
     Column(
         "cell_strain",
         "-",
-        "largest `strain` of the cells at the hole, over all frames; at finite strain the stretch farthest "
-        "from one, minus one",
+        "largest `strain` of the cells at the hole, over all frames",
         lambda met: met[3],
     ),
     Column("cell_energy", "Pa", "largest `energy_density` of these cells, over all frames", lambda met: met[4]),
 )
 
-REDUCTION: Column[ReductionRecord] = count("vectors", "number of vectors of the basis")
+REDUCTION: Column[ReductionRecord] = count("vectors", "vectors of the basis")
 HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
     Column(
         "difference",
         "m",
-        "largest distance of the hole from its place in a basis with one block more: an error estimate",
+        "largest distance of the hole from its place with one block more",
         lambda small: small[0],
     ),
-    Column(
-        "bound", "m", "largest bound of the distance from the hole's place in the whole organ", lambda small: small[1]
-    ),
+    Column("bound", "m", "largest bound of the distance from its place in the whole organ", lambda small: small[1]),
     Column(
         "force_difference",
         "N",
@@ -438,18 +429,18 @@ HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
 )
 
 KRYLOV: tuple[Column[tuple[int, float]], ...] = (
-    count("vectors", "number of vectors of the Krylov space; 0 once all unknowns are solved", lambda known: known[0]),
+    count("vectors", "vectors of the Krylov space; 0 once all unknowns are solved", lambda known: known[0]),
     Column(
         "residual",
         "-",
-        "largest residual of the equations of motion over the largest tissue force",
+        "largest residual over the largest tissue force",
         lambda known: known[1],
     ),
 )
 
 RUN: tuple[Column[RunRecord], ...] = (
     text("status", "`completed`, `failed` or `interrupted`"),
-    text("error", "reason of a run that was not completed, else empty"),
+    text("error", "reason if not completed, else empty"),
     Column("time", "s", "time reached", lambda run: run.last.time if run.last else 0.0),
     count("steps", "steps taken", lambda run: run.last.step if run.last else 0),
     count("newton_iterations", "Newton iterations of all steps"),
@@ -457,7 +448,7 @@ RUN: tuple[Column[RunRecord], ...] = (
     Column(
         "seconds_per_step",
         "s",
-        "mean wall-clock time of a step without compilation; null before the first",
+        "mean wall-clock time without compilation; null before the first step",
         lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
     ),
     count("tissue_dofs", "free unknowns of the organ"),
@@ -627,10 +618,11 @@ def _growth_summary(end: object) -> dict[str, Value]:
 
 def markdown(columns: Iterable[Column[Any]], what: str) -> str:
     """Make a table in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
-    lines = [f"| {what} | unit | meaning |", "|---|---|---|"]
+    lines = [f"| {what} [unit] | meaning |", "|---|---|"]
     for column in columns:
         names = column.parts if what == "column" and column.parts else (column.name,)
-        lines.append(f"| {', '.join(f'`{name}`' for name in names)} | {column.unit} | {column.meaning} |")
+        unit = f" [{column.unit}]" if column.unit else ""
+        lines.append(f"| {', '.join(f'`{name}`' for name in names)}{unit} | {column.meaning} |")
     return "\n".join(lines) + "\n"
 
 
@@ -646,13 +638,13 @@ def manual_tables() -> dict[str, str]:
     return {
         "summary.json": markdown(keys, "key"),
         "remarks": remarks.markdown(),
-        **{f"{layout.name}.csv": markdown(layout.columns, "column") for layout in TABLES},
+        **{f"{layout.name}.csv": markdown(layout.columns[2:], "column") for layout in TABLES},
         "gap_profile.csv": markdown(GAP_PROFILE, "column"),
         "organ": markdown(ORGAN_ARRAYS, "array"),
         "organ_cells": markdown(ORGAN_CELLS, "array"),
         "thread": markdown(THREAD_ARRAYS, "array"),
         "piercings": markdown(HOLE_ARRAYS, "array"),
-        "ties": markdown(TIE_ARRAYS, "array"),
+        "ties": markdown(TIE_ARRAYS[:1], "array"),
     }
 
 

@@ -7,11 +7,11 @@ know. Who judges a run is `studies.simulation.remarks`.
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from studies.output.records import SEEN, SWITCHES
 
-Severity = Literal["note", "unsupported"]
+Severity = Literal["unsupported", "note"]
 
 SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
 SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
@@ -79,26 +79,26 @@ KINDS = (
     Kind(
         "demand",
         f"predicted displacement of a hole in a linear organ above {EARLY * SMALL_STRAIN:g} r; r² = a² + h² with "
-        "the footprint a and the size h of its cells, or half of it for P2",
-        "a half-space yields by 0.74 F/(E r), and the strain at the hole is about the displacement over r",
+        "footprint a and cell size h (P1) or h/2 (P2)",
+        "a half-space yields by 0.74 F/(E r), and the strain is about the displacement over r",
     ),
     Kind(
         "stiff-thread",
-        f"predicted turn of a directed hole of a linear organ above {EARLY * SMALL_ROTATION:g} rad: "
-        "0.75 (1 − ν²)/(E r³) times the couple of both strands, each 2 sin(θ/2) √(EI T) if taut, or 2 EI θ/ℓ if slack "
-        "and of length ℓ; θ is the angle of hole and strand",
+        f"predicted turn of a directed hole in a linear organ above {EARLY * SMALL_ROTATION:g} rad: "
+        "0.75 (1 − ν²)/(E r³) times the couple of both strands, each 2 sin(θ/2) √(EI T) if taut, 2 EI θ/ℓ if slack; "
+        "θ is the angle of hole and strand, ℓ the strand's length",
         "a rigid disc on a half-space turns so",
     ),
     Kind(
         "pull-strength",
-        "load on the thread above the smallest knot-pull strength of `suture catalogue`, or above a strain of "
+        "load on the thread above the smallest knot-pull strength of `suture catalogue`, or a strain of "
         f"{THREAD_STRAIN:g}",
-        "a real suture may break there; the model's thread does not, and its law is linear",
+        "a real suture may break there",
     ),
     Kind(
         "hole-strain",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
-        "the second-order strain that linear elasticity neglects is a tenth of it",
+        "the strain that linear elasticity neglects is a tenth of it",
     ),
     Kind(
         "hole-rotation",
@@ -108,12 +108,10 @@ KINDS = (
     Kind(
         "tissue-strain",
         f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the strain energy",
-        "as at a hole; so much energy affects the forces",
+        "so much energy affects the forces",
     ),
     Kind(
-        "tissue-rotation",
-        f"rotation above {SMALL_ROTATION:g} rad in cells with more than {SHARE:.0%} of the strain energy",
-        "as at a hole",
+        "tissue-rotation", f"the same for a rotation above {SMALL_ROTATION:g} rad", "so much energy affects the forces"
     ),
     Kind(
         "local-strain",
@@ -137,26 +135,25 @@ KINDS = (
     Kind(
         "thread-strength",
         "tension above the smallest knot-pull strength of `suture catalogue`",
-        "a real suture may break there; the model's thread does not",
+        "a real suture may break there",
     ),
     Kind(
         "thread-strain",
         f"axial strain of the thread above {THREAD_STRAIN:g}",
-        "the model is linear; sutures are linear at small strain only",
+        "sutures are linear at small strain only",
     ),
     Kind(
         "channel",
-        f"rough, directed hole without a given `channel`, at the end: normal force above {RULES:g} of the "
-        f"force across, and friction that differs by {UNSURE:.0%} of the tension between half and twice the "
-        "channel",
-        "the couple presses with m/ℓ, and the path does not say over which length ℓ the tissue guides the thread",
+        f"rough, directed hole without `channel`: at the end a normal force above {RULES:g} of the force across, and "
+        f"friction that differs by {UNSURE:.0%} of the tension between half and twice the channel",
+        "the couple presses with m/ℓ, and the path does not give the length ℓ",
         "note",
     ),
     Kind(
         "spans",
         "`thread.span_ratio` above 0.5 at the end",
-        "forces along the thread are several per cent off; momentary friction in a directed hole 10 to 40 %, "
-        "or 20 to 150 % if the thread bends back",
+        "forces along the thread are several per cent off, momentary friction in a directed hole 10 to 40 %, or 20 to "
+        "150 % if the thread bends back",
     ),
     Kind("spans-between", "`thread.spans_between` below 2 at the end", "so few spans cannot bend as the thread would"),
     Kind(
@@ -167,15 +164,14 @@ KINDS = (
     Kind(
         "numerical-dissipation",
         f"numerical dissipation at the end above {DISSIPATED:.0%} of the run's energy, with friction or "
-        "`forces-swing`; or above the dissipation of friction, if the thread slid by more than its diameter",
-        "the time steps damped the motion, and with friction the final state depends on the motion",
+        "`forces-swing`; or above that of friction, if the thread slid by more than its diameter",
+        "time steps damped the motion; with friction the final state depends on the motion",
         "note",
     ),
     Kind(
         "slides-freely",
-        "static run of a thread without friction in its holes and without a held end",
-        "the thread can slide as a whole: `slip` depends on the load steps; forces, places and lengths "
-        "between holes do not",
+        "static run without friction in the holes and without a held end",
+        "the thread can slide as a whole: `slip` depends on the load steps, forces and places do not",
     ),
     Kind(
         "not-held",
@@ -191,25 +187,25 @@ KINDS = (
     Kind(
         "branch",
         "load steps failed, and the branch was followed by arc length",
-        "the stability of equilibria along the branch is not checked",
+        "its stability is not checked",
         "note",
     ),
     Kind(
         "limit-point",
         f"loads fell along the branch by more than {FALLEN:g} of the full loads",
-        "under rising loads thread or tissue jump at a limit point, perhaps to another branch",
+        "thread or tissue would jump at the limit point, perhaps to another branch",
     ),
     Kind(
         "not-at-rest",
         "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or a thread that would slide "
         "by more than its diameter in another such run",
-        "the final numbers are momentary, not of an equilibrium",
+        "the final numbers are momentary",
         "note",
     ),
     Kind(
         "hole-left",
         "at the end the thread is not in a hole that should hold it",
-        "the hole bears nothing (event `leaves`); lengthen the thread, hold its end, or end the hole by `until`",
+        "the hole bears nothing; lengthen the thread, hold its end, or end the hole by `until`",
     ),
     Kind(
         "tie-undone",
@@ -219,19 +215,19 @@ KINDS = (
     Kind(
         "tie-slack",
         f"in a dynamic run, a tie locked below {LOCKED:g} of its `force`",
-        "the hands still drew: the loop holds less than is asked; raise `speed`, or end later by `until`",
+        "the hands still drew; raise `speed`, or end later by `until`",
     ),
     Kind(
         "forces-swing",
-        f"at the end of a dynamic run, the force of a hole deviates from a straight line over {SEEN} steps by "
-        f"more than {SWUNG:.0%} of the largest",
+        f"at the end of a dynamic run, a hole's force deviates from a straight line over {SEEN} steps by more than "
+        f"{SWUNG:.0%} of the largest",
         "so few steps delay and damp the oscillation; use a smaller `solve.dt`",
         "note",
     ),
     Kind(
         "chatter",
         f"in a dynamic run, {SWITCHES} changes between stick and slip at a hole within {SEEN} steps",
-        "the number and times of these events depend on the time step",
+        "number and times of these events depend on the time step",
         "note",
     ),
     Kind(
@@ -243,19 +239,19 @@ KINDS = (
     Kind(
         "accuracy",
         "estimated error of a hole's compliance above `tissue.mesh.accuracy`",
-        "the refinement ended after its last round, or for want of memory",
+        "refinement ended after its last round, or for want of memory",
     ),
     Kind("bare-point", "footprint of zero in an organ", "the displacement of a point has no limit under refinement"),
     Kind(
         "holes-near",
         f"distance of two holes below {NEAR:g} times the sum of their footprints",
-        "each hole moves the other by a quarter of its displacement or more",
+        "each moves the other by a quarter of its displacement or more",
         "note",
     ),
     Kind(
         "off-path",
         f"piercing more than {OFF_PATH:g} diameters from `thread.path`",
-        "the thread is bent to it at the start, and that energy sets it in motion",
+        "the thread is bent to it at the start, which sets it in motion",
         "note",
     ),
     Kind(
@@ -267,7 +263,7 @@ KINDS = (
     Kind(
         "after-end",
         "cut, tie or beginning piercing after `solve.duration`",
-        "the event does not happen in this run",
+        "it does not happen in this run",
         "note",
     ),
     Kind(
@@ -279,13 +275,13 @@ KINDS = (
     Kind(
         "moved",
         f"piercing farther from `near` than {MOVED:g} footprints",
-        "a path or box placed by `near` may no longer fit the hole",
+        "a path or box placed by `near` may no longer fit",
         "note",
     ),
     Kind(
         "no-tract",
         "thread in tissue, deeper than its diameter, between two holes without a `[[tract]]`",
-        "the thread bears on the tissue at the holes only, so the depth of a bite has no effect",
+        "the depth of the bite has no effect",
         "note",
     ),
     Kind(
@@ -298,52 +294,46 @@ KINDS = (
         "tract-bare",
         f"more than {BARE:g} radii of a tract's path outside the organ or within a radius of its surface, "
         "except across wounds and contacts",
-        "no tissue ball fits there, so the thread does not bear there",
+        "the thread does not bear there",
         "note",
     ),
     Kind(
         "tract-stiff",
-        f"EI times the turn of the thread per ball above {STIFF:g} T r² at the end, and that turn above "
-        f"{SLIGHT:g} rad; T is the tension, r the radius",
-        "half the spacing changes the closing effect by more than 2 %, and the force on a ball at a sharp "
-        "bend has no limit",
+        f"EI times the turn of the thread per ball above {STIFF:g} T r² at the end (tension T, radius r), and that "
+        f"turn above {SLIGHT:g} rad",
+        "half the spacing changes the closing effect by more than 2 %",
         "note",
     ),
     Kind(
         "contact-rough",
         f"coefficient of friction of a `[[contact]]` above {STEEP:g}",
-        "high friction may allow several solutions or none (Klarbring, Ingenieur-Archiv 60, 1990); the one "
-        "found depends on the steps",
+        "several solutions or none may exist (Klarbring 1990); the one found depends on the steps",
         "note",
     ),
     Kind(
         "handed-over",
         "stiffness, law of friction or strain energy from Python",
-        "the scenario in the folder does not contain it, so it does not reproduce the run",
+        "the scenario in the folder does not reproduce the run",
         "note",
     ),
-    Kind(
-        "stress-of-e-nu",
-        "stiffness from Python",
-        "stress and energy of cells are computed with E and ν, which may not match",
-    ),
+    Kind("stress-of-e-nu", "stiffness from Python", "stress and energy of cells are computed with E and ν"),
     Kind("units", "implausible length, modulus or density", "the number may be in mm, kPa or g/cm³"),
     Kind(
         "reduction",
-        f"in a small basis, `difference` of a hole above {REDUCED:.0%} of the largest displacement of a hole",
-        "the difference is nearly the error: the motion is too fast for the basis",
+        f"`difference` of a hole above {REDUCED:.0%} of the largest displacement of a hole",
+        "the motion is too fast for the basis",
     ),
     Kind(
         "reduction-bound",
-        f"in a small basis, `bound` above {REDUCED:.0%} of that displacement",
-        "the bound grows over the run; the error is usually far smaller and near the difference",
+        f"small basis: `bound` above {REDUCED:.0%} of that displacement",
+        "the error is usually far smaller, near the difference",
         "note",
     ),
     Kind("frames-missing", "at a resume, missing frames of `results.pvd`", "they are removed from the list", "note"),
     Kind(
         "remedy",
         "failed run: the remedy that helped on a copy, or none",
-        "remedies are tried before they are named; `--no-remedies` omits the search",
+        "`--no-remedies` omits the search",
         "note",
     ),
     Kind("no-picture", "picture that could not be drawn", "the message has the cause", "note"),
@@ -367,7 +357,10 @@ def any_unsupported(remarks: Iterable[Remark]) -> bool:
 
 
 def markdown() -> str:
-    """Make the table of the manual."""
-    lines = ["| code | severity | condition | reason |", "|---|---|---|---|"]
-    lines += [f"| `{kind.code}` | {kind.severity} | {kind.bound} | {kind.reason} |" for kind in KINDS]
-    return "\n".join(lines) + "\n"
+    """Make the tables of the manual, one for each severity."""
+    lines = []
+    for severity in get_args(Severity):
+        lines += [f"| {severity} | condition | reason |", "|---|---|---|"]
+        lines += [f"| `{kind.code}` | {kind.bound} | {kind.reason} |" for kind in KINDS if kind.severity == severity]
+        lines += [""]
+    return "\n".join(lines)

@@ -43,7 +43,8 @@ class Key:
     def line(self) -> str:
         """Write the row of the key in Markdown."""
         meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
-        return f"| `{self.name}` | {self.type} | {self.unit} | {self.default} | {self.allowed} | {meaning} |"
+        type_ = f"{self.type} [{self.unit}]" if self.unit else self.type
+        return f"| `{self.name}` | {type_} | {self.default} | {self.allowed} | {meaning} |"
 
 
 def reference() -> dict[str, str]:
@@ -88,7 +89,7 @@ def _is_within(some: list[str], parts: list[str]) -> bool:
 
 def markdown(keys: Iterable[Key]) -> str:
     """Make a table of keys in Markdown."""
-    head = ["| key | type | unit | default | allowed | meaning |", "|---|---|---|---|---|---|"]
+    head = ["| key | type [unit] | default | allowed | meaning |", "|---|---|---|---|---|"]
     return "\n".join([*head, *(key.line for key in keys)]) + "\n"
 
 

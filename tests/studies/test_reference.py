@@ -59,12 +59,12 @@ def test_a_key_in_words() -> None:
     """Independent check: rows written by hand; unit, default and bounds are taken from where the schema has them."""
     told = {"anyOf": [{"exclusiveMinimum": 0, "type": "number"}, {"type": "null"}], "default": None}
     key = key_of("thread.length", told | {"description": "rest length [m]; default: that of the path"}, False, {})
-    assert key.line == "| `thread.length` | number | m | that of the path | > 0 | rest length |"
+    assert key.line == "| `thread.length` | number [m] | that of the path | > 0 | rest length |"
     row = {"type": "array", "prefixItems": [{"type": "number"}, {"type": "number"}]}
     key = key_of("draw", {"type": "array", "items": row, "minItems": 1, "description": "t [s], length [m]"}, True, {})
-    assert key.line == "| `draw` | rows of 2 numbers | s, m | required | 1 or more | t [s], length [m] |"
+    assert key.line == "| `draw` | rows of 2 numbers [s, m] | required | 1 or more | t [s], length [m] |"
     key = key_of("kind", {"enum": ["a", "b"], "default": "a", "type": "string", "description": "a | b"}, False, {})
-    assert key.line == '| `kind` | text |  | `"a"` | `"a"`, `"b"` | a \\| b |'
+    assert key.line == '| `kind` | text | `"a"` | `"a"`, `"b"` | a \\| b |'
 
 
 def test_blocks_of_other_marks_stay() -> None:
