@@ -620,10 +620,15 @@ def markdown(columns: Iterable[Column[Any]], what: str) -> str:
     """Make a table in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
     lines = [f"| {what} [unit] | meaning |", "|---|---|"]
     for column in columns:
-        names = column.parts if what == "column" and column.parts else (column.name,)
+        names = _in_short(column.parts) if what == "column" and column.parts else column.name
         unit = f" [{column.unit}]" if column.unit else ""
-        lines.append(f"| {', '.join(f'`{name}`' for name in names)}{unit} | {column.meaning} |")
+        lines.append(f"| `{names}`{unit} | {column.meaning} |")
     return "\n".join(lines) + "\n"
+
+
+def _in_short(parts: tuple[str, ...]) -> str:
+    """Write the names of components as ``force_x/y/z``."""
+    return "/".join((parts[0], *(part.rpartition("_")[2] for part in parts[1:])))
 
 
 def manual_tables() -> dict[str, str]:

@@ -1,7 +1,7 @@
 """The reference of the scenario file, made from its schema: a table of keys for each table of the file.
 
-``python -m studies.scenario.reference`` writes the tables, the complete scenario and the list of scenes into
-``README.md`` anew. To add a key, add its field with a description and its unit in brackets; nothing is written here.
+``python -m studies.scenario.reference`` writes the tables and the list of scenes into ``README.md`` anew. To add a key,
+add its field with a description and its unit in brackets; nothing is written here.
 """
 
 import re
@@ -20,10 +20,9 @@ from studies.scenario.toml import SCENES, scenes
 Node = Mapping[str, Any]  # of a JSON schema
 
 MANUAL = Path(__file__).with_name("README.md")
-COMPLETE = "two_piercings"  # the scene that the manual prints whole
 UNIT = re.compile(r" ?\[(-|m|s|rad|kg|N|Pa|1/s|m/s|m/s²|kg/m³)\]")
 DEFAULT = re.compile(r"[;,] default:? (?!with )([^;]+)")
-TYPES = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false", "object": "table"}
+TYPES = {"string": "text", "integer": "integer", "number": "number", "boolean": "true/false", "object": "table"}
 BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
 
 
@@ -43,8 +42,10 @@ class Key:
     def line(self) -> str:
         """Write the row of the key in Markdown."""
         meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
-        type_ = f"{self.type} [{self.unit}]" if self.unit else self.type
-        return f"| `{self.name}` | {type_} | {self.default} | {self.allowed} | {meaning} |"
+        value = f"{self.type} [{self.unit}]" if self.unit else self.type
+        if self.allowed:
+            value = self.allowed if value == "text" else f"{value}, {self.allowed}"
+        return f"| `{self.name}` | {value} | {self.default} | {meaning} |"
 
 
 def reference() -> dict[str, str]:
@@ -89,7 +90,7 @@ def _is_within(some: list[str], parts: list[str]) -> bool:
 
 def markdown(keys: Iterable[Key]) -> str:
     """Make a table of keys in Markdown."""
-    head = ["| key | type [unit] | default | allowed | meaning |", "|---|---|---|---|---|"]
+    head = ["| key | value [unit] | default | meaning |", "|---|---|---|---|"]
     return "\n".join([*head, *(key.line for key in keys)]) + "\n"
 
 
@@ -169,7 +170,7 @@ def type_of(field: Node, whole: Node) -> str:
     if "anyOf" in field:
         return " or ".join(dict.fromkeys(type_of(part, whole) for part in field["anyOf"] if part.get("type") != "null"))
     if any(True for _ in inner_tables(field, whole)):
-        return "list of tables" if field.get("type") == "array" else "table"
+        return "tables" if field.get("type") == "array" else "table"
     if "const" in field or "enum" in field:
         return "text"
     if field["type"] != "array":
@@ -179,7 +180,7 @@ def type_of(field: Node, whole: Node) -> str:
     several = f"rows of {inner}" if inner[0].isdigit() else f"{inner}s"
     if parts is not None:
         return f"{len(parts)} {several if len(parts) > 1 else inner}"
-    return several if inner[0].isdigit() else f"list of {several}"
+    return several
 
 
 def allowed_in(field: Node) -> str:
@@ -217,9 +218,8 @@ def scene_text(name: str) -> str:
 
 
 def rewritten(manual: str) -> str:
-    """Return the manual with its tables of keys, its scenario and its list of scenes updated."""
+    """Return the manual with its tables of keys and its list of scenes updated."""
     manual = with_blocks(manual, "keys of", reference())
-    manual = with_blocks(manual, "scene", {COMPLETE: f"\n```toml\n{scene_text(COMPLETE)}```\n\n"})
     return with_blocks(manual, "list of", {"scenes": scene_list()})
 
 
