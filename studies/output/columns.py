@@ -617,13 +617,13 @@ def _growth_summary(end: object) -> dict[str, Value]:
 
 
 def markdown(columns: Iterable[Column[Any]], what: str) -> str:
-    """Make a table in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
-    lines = [f"| {what} [unit] | meaning |", "|---|---|"]
+    """Make a list in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
+    lines = []
     for column in columns:
         names = _in_short(column.parts) if what == "column" and column.parts else column.name
         unit = f" [{column.unit}]" if column.unit else ""
-        lines.append(f"| `{names}`{unit} | {column.meaning} |")
-    return "\n".join(lines) + "\n"
+        lines.append(f"- `{names}`{unit}: {column.meaning}")
+    return "\n".join(["", *lines, "", ""])
 
 
 def _in_short(parts: tuple[str, ...]) -> str:

@@ -356,11 +356,17 @@ def any_unsupported(remarks: Iterable[Remark]) -> bool:
     return any(each.unsupported for each in remarks)
 
 
+def _sentence(words: str) -> str:
+    """Write the first letter of a sentence."""
+    return words[0].upper() + words[1:]
+
+
 def markdown() -> str:
-    """Make the tables of the manual, one for each severity."""
+    """Make the lists of the manual, one for each severity."""
     lines = []
     for severity in get_args(Severity):
-        lines += [f"| {severity} | condition | reason |", "|---|---|---|"]
-        lines += [f"| `{kind.code}` | {kind.bound} | {kind.reason} |" for kind in KINDS if kind.severity == severity]
-        lines += [""]
-    return "\n".join(lines)
+        lines += ["", f"Severity `{severity}`:", ""]
+        lines += [
+            f"- `{kind.code}`: {kind.bound}. {_sentence(kind.reason)}." for kind in KINDS if kind.severity == severity
+        ]
+    return "\n".join([*lines, "", ""])
