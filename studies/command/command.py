@@ -215,7 +215,7 @@ def make_mesh(options: argparse.Namespace) -> int:
 
 
 def print_schema(options: argparse.Namespace) -> int:
-    """``suture schema``: the JSON schema of the scenario file, or its keys as tables."""
+    """``suture schema``: the JSON schema of the scenario file, or its keys by table."""
     if options.table:
         print("\n".join(f"## {name}\n\n{table}" for name, table in reference().items()))
     else:

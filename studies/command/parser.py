@@ -234,7 +234,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--table", action="store_true", help="print tables of the keys in Markdown")
+    parser.add_argument("--table", action="store_true", help="list the keys of each table in Markdown")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:

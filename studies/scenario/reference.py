@@ -1,6 +1,6 @@
-"""The reference of the scenario file, made from its schema: a table of keys for each table of the file.
+"""The reference of the scenario file, made from its schema: a list of keys for each table of the file.
 
-``python -m studies.scenario.reference`` writes the tables and the list of scenes into ``README.md`` anew. To add a key,
+``python -m studies.scenario.reference`` writes the lists of keys and of scenes into ``README.md`` anew. To add a key,
 add its field with a description and its unit in brackets; nothing is written here.
 """
 
@@ -40,16 +40,17 @@ class Key:
 
     @property
     def line(self) -> str:
-        """Write the row of the key in Markdown."""
-        meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
+        """Write the item of the key in Markdown."""
         value = f"{self.type} [{self.unit}]" if self.unit else self.type
         if self.allowed:
             value = self.allowed if value == "text" else f"{value}, {self.allowed}"
-        return f"| `{self.name}` | {value} | {self.default} | {meaning} |"
+        needed = {"required": "required", "none": "optional"}.get(self.default, f"default {self.default}")
+        meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
+        return f"- `{self.name}` ({value}; {needed}): {meaning}"
 
 
 def reference() -> dict[str, str]:
-    """Make the tables of keys in Markdown, by the name of the file's table; "scenario" is the top of the file. Equal
+    """Make the lists of keys in Markdown, by the name of the file's table; "scenario" is the top of the file. Equal
     tables are one, by the first of their names."""
     whole, equal = schema(), dict[tuple[Key, ...], list[str]]()
     for name, tables in key_tables(whole):
@@ -89,9 +90,8 @@ def _is_within(some: list[str], parts: list[str]) -> bool:
 
 
 def markdown(keys: Iterable[Key]) -> str:
-    """Make a table of keys in Markdown."""
-    head = ["| key | value [unit] | default | meaning |", "|---|---|---|---|"]
-    return "\n".join([*head, *(key.line for key in keys)]) + "\n"
+    """Make a list of keys in Markdown."""
+    return "\n".join(["", *(key.line for key in keys), "", ""])
 
 
 def key_tables(whole: Node) -> list[tuple[str, list[Node]]]:
@@ -147,12 +147,7 @@ def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:
         text = text.replace(told[0], "")
     default = "required" if required else default_of(field, told[1] if told else "none", whole)
     meaning = UNIT.sub("", text) if len(units) == 1 else text
-    return Key(name, type_of(field, whole), ", ".join(units), cell(default), cell(allowed_in(field)), cell(meaning))
-
-
-def cell(text: str) -> str:
-    """Keep a bar in a text from ending its cell."""
-    return text.replace("|", "\\|")
+    return Key(name, type_of(field, whole), ", ".join(units), default, allowed_in(field), meaning)
 
 
 def default_of(field: Node, told: str, whole: Node) -> str:
@@ -218,7 +213,7 @@ def scene_text(name: str) -> str:
 
 
 def rewritten(manual: str) -> str:
-    """Return the manual with its tables of keys and its list of scenes updated."""
+    """Return the manual with its lists of keys and of scenes updated."""
     manual = with_blocks(manual, "keys of", reference())
     return with_blocks(manual, "list of", {"scenes": scene_list()})
 

@@ -33,7 +33,7 @@ def test_the_manual_has_the_keys_of_today() -> None:
 
 def test_the_reference_has_every_key_that_a_scene_writes() -> None:
     """Independent check: the scenes with all their defaults, as TOML names them."""
-    cells = re.findall(r"^\| `([^|]+)` \|", "".join(reference().values()), re.MULTILINE)
+    cells = re.findall(r"^- `([^(]+)` \(", "".join(reference().values()), re.MULTILINE)
     listed = {name for cell in cells for name in cell.split("`, `")}
     for name in scenes():
         assert set(written_keys(tables(load(name)))) <= listed
@@ -48,15 +48,15 @@ def test_the_manual_lists_every_scene(name: str) -> None:
 
 
 def test_a_key_in_words() -> None:
-    """Independent check: rows written by hand; unit, default and bounds are taken from where the schema has them."""
+    """Independent check: lines written by hand; unit, default and bounds are taken from where the schema has them."""
     told = {"anyOf": [{"exclusiveMinimum": 0, "type": "number"}, {"type": "null"}], "default": None}
     key = key_of("thread.length", told | {"description": "rest length [m]; default: that of the path"}, False, {})
-    assert key.line == "| `thread.length` | number [m], > 0 | that of the path | rest length |"
+    assert key.line == "- `thread.length` (number [m], > 0; default that of the path): rest length"
     row = {"type": "array", "prefixItems": [{"type": "number"}, {"type": "number"}]}
     key = key_of("draw", {"type": "array", "items": row, "minItems": 1, "description": "t [s], length [m]"}, True, {})
-    assert key.line == "| `draw` | rows of 2 numbers [s, m], 1 or more | required | t [s], length [m] |"
+    assert key.line == "- `draw` (rows of 2 numbers [s, m], 1 or more; required): t [s], length [m]"
     key = key_of("kind", {"enum": ["a", "b"], "default": "a", "type": "string", "description": "a | b"}, False, {})
-    assert key.line == '| `kind` | `"a"`, `"b"` | `"a"` | a \\| b |'
+    assert key.line == '- `kind` (`"a"`, `"b"`; default `"a"`): a | b'
 
 
 def test_blocks_of_other_marks_stay() -> None:
