@@ -121,7 +121,7 @@ HOLE: tuple[Column[PiercingRecord], ...] = (
     Column("tangential_force", "N", "part of `force` along `tangent`: friction and the configurational force"),
     vector("couple", "N m", "couple of the hole on the thread"),
     Column("tension_before", "N", "axial force of the strand at lower `s`; positive in tension"),
-    Column("tension_after", "N", "the same at higher `s`"),
+    Column("tension_after", "N", "axial force of the strand at higher `s`"),
     STATE,
     vector("tangent", "-", "unit tangent of the thread in the hole, towards rising `s`"),
     Column("cone_residual", "N", "violation of Coulomb's law"),
@@ -189,7 +189,7 @@ EVENT: tuple[Column[Event], ...] = (
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column("kinetic", "J", "kinetic energy of thread and organ"),
-    Column("elastic_thread", "J", "elastic energy of the thread"),
+    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 that of its bent path"),
     Column("elastic_tissue", "J", "elastic energy of the organ"),
     Column("prestretch", "J", "part of `elastic_tissue` that `tissue.prestretch` stored"),
     Column("external_work", "J", "work of loads, gravity, holders and hands"),
@@ -344,8 +344,8 @@ ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
         "principal stresses in falling order; compression is negative",
         parts=("stress_first", "stress_second", "stress_third"),
     ),
-    vector("first_direction", "-", "direction of the first, of either sign"),
-    vector("third_direction", "-", "direction of the third, of either sign"),
+    vector("first_direction", "-", "direction of the first principal stress, of either sign"),
+    vector("third_direction", "-", "direction of the third principal stress, of either sign"),
     Column("nodal_volume_ratio", "-", "J averaged at the vertices"),
     Column("contact_pressure", "Pa", "pressure on contact surfaces, else zero"),
     Column("lip_gap", "m", "gap of contact surfaces, else not a number"),
@@ -361,8 +361,8 @@ ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
         "mean principal stretches in falling order; at finite strain",
         parts=("stretch_first", "stretch_second", "stretch_third"),
     ),
-    vector("first_stretch", "-", "direction of the first in the deformed shape"),
-    vector("third_stretch", "-", "direction of the third, likewise"),
+    vector("first_stretch", "-", "direction of the first stretch in the deformed shape"),
+    vector("third_stretch", "-", "direction of the third stretch in the deformed shape"),
 )
 THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
     Column("s", "m", "abscissa: rest arc length from the start of the path"),

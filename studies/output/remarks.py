@@ -98,7 +98,7 @@ KINDS = (
     Kind(
         "hole-strain",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
-        "the strain that linear elasticity neglects is a tenth of it",
+        "the strain that linear elasticity neglects is a tenth of this strain",
     ),
     Kind(
         "hole-rotation",
@@ -155,7 +155,11 @@ KINDS = (
         "forces along the thread are several per cent off, momentary friction in a directed hole 10 to 40 %, or 20 to "
         "150 % if the thread bends back",
     ),
-    Kind("spans-between", "`thread.spans_between` below 2 at the end", "so few spans cannot bend as the thread would"),
+    Kind(
+        "spans-between",
+        "`thread.spans_between` below 2 at the end",
+        "such a coarse spline cannot bend as the thread would",
+    ),
     Kind(
         "energy-created",
         f"numerical dissipation below −{CREATED:g} of the run's energy at any time",
@@ -187,7 +191,7 @@ KINDS = (
     Kind(
         "branch",
         "load steps failed, and the branch was followed by arc length",
-        "its stability is not checked",
+        "the stability of the branch is not checked",
         "note",
     ),
     Kind(
@@ -245,25 +249,25 @@ KINDS = (
     Kind(
         "holes-near",
         f"distance of two holes below {NEAR:g} times the sum of their footprints",
-        "each moves the other by a quarter of its displacement or more",
+        "each hole moves the other by a quarter of its displacement or more",
         "note",
     ),
     Kind(
         "off-path",
         f"piercing more than {OFF_PATH:g} diameters from `thread.path`",
-        "the thread is bent to it at the start, which sets it in motion",
+        "the thread is bent to the hole at the start, and this energy sets the thread in motion",
         "note",
     ),
     Kind(
         "kinked",
         f"bend radius of the path below {KINKED:g} thread diameter",
-        "no suture stays elastic there; it springs back at the start",
+        "no suture stays elastic there; the thread springs back at the start",
         "note",
     ),
     Kind(
         "after-end",
         "cut, tie or beginning piercing after `solve.duration`",
-        "it does not happen in this run",
+        "the event does not happen in this run",
         "note",
     ),
     Kind(
@@ -329,7 +333,12 @@ KINDS = (
         "the error is usually far smaller, near the difference",
         "note",
     ),
-    Kind("frames-missing", "at a resume, missing frames of `results.pvd`", "they are removed from the list", "note"),
+    Kind(
+        "frames-missing",
+        "at a resume, missing frames of `results.pvd`",
+        "these frames are removed from the list",
+        "note",
+    ),
     Kind(
         "remedy",
         "failed run: the remedy that helped on a copy, or none",

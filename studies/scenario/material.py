@@ -28,7 +28,8 @@ class MaterialKeys(ScenarioTable):
 
     stiffening: Positive | None = optional('stiffening b [-] of the "exponential" material, which requires it', 5.0)
     fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = optional(
-        "up to two families, each with direction [-], k1 [Pa] and k2 [-], which carry tension only; default: none",
+        "up to two families of fibres, which carry tension only, each with direction [-], k1 "
+        "[Pa] and k2 [-]; default: none",
         [{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}],
     )
     prestretch: tuple[Positive, Positive, Positive] | None = optional(

@@ -124,7 +124,7 @@ class WoundMesh(_Block):
     along: Literal["x", "y"] = by_default("y", "axis of the wound; the left lip is at lower x, or lower y")
     length: Positive = Field(description="length of the wound [m]", examples=[0.02])
     width: NotNegative = by_default(0.0, "widest opening of an ellipse [m]; 0 for a slit")
-    depth: Positive = Field(description="depth of the wound [m]; that of the block cuts through", examples=[0.008])
+    depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
 
     @model_validator(mode="before")
     @classmethod

@@ -138,7 +138,7 @@ def table_keys(name: str, tables: list[Node], whole: Node) -> list[Key]:
 
 def merged_kind(kinds: list[Key]) -> Key:
     """Make the one key that chooses between the kinds of a table."""
-    return replace(kinds[0], allowed=", ".join(key.allowed for key in kinds), meaning="what the table describes")
+    return replace(kinds[0], allowed=", ".join(key.allowed for key in kinds), meaning="kind of the table")
 
 
 def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:

@@ -160,9 +160,7 @@ class Thread(ScenarioTable):
         description="points along which the thread is laid at the start [m], corners rounded",
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
     )
-    cuts: tuple[Positive, ...] = by_default(
-        (), "abscissae where the thread is cut at the start, rising [m]", [0.05, 0.1]
-    )
+    cuts: tuple[Positive, ...] = by_default((), "abscissae of the cuts at t = 0 [m], rising", [0.05, 0.1])
     length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
     damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
     relaxation: Series = by_default(
@@ -188,8 +186,8 @@ class Thread(ScenarioTable):
     coil_towards: Vector | None = optional(
         "side to which the start coils [-], across the path; default: one of the axes", [0, 0, 1]
     )
-    start: End = by_default(FreeEnd(kind="free"), "what holds the thread at the start of the path", {"kind": "free"})
-    end: End = by_default(FreeEnd(kind="free"), "what holds the thread at the end of the path", {"kind": "free"})
+    start: End = by_default(FreeEnd(kind="free"), "holder of the thread at the start of the path", {"kind": "free"})
+    end: End = by_default(FreeEnd(kind="free"), "holder of the thread at the end of the path", {"kind": "free"})
 
     @model_validator(mode="before")
     @classmethod

@@ -23,7 +23,7 @@ class Tie(ScenarioTable):
 
     name: Text = Field(description="name of the tie", examples=["knot1"])
     between: tuple[Text, Text] = Field(
-        description="names of two piercings, whose outer strands are joined where they are nearest",
+        description="names of two piercings; their outer strands are joined where these strands are nearest",
         examples=[["left1", "right1"]],
     )
     force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
