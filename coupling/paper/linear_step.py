@@ -311,7 +311,8 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         time=problem.time,
         q=q,
         v=(q - state.q) / dt,
-        N=system.thread.EA * residual.points.strain,
+        N=problem.system.thread.EA * residual.points.strain,
+        memory=problem.system.thread.memory,
         organ=organ,
         s=s,
         s_dot=(s - state.s) / dt,
@@ -319,7 +320,7 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         y=y,
         y_dot=(y - state.y) / dt,
         sigma=np.where(system.rough, np.sign(s - state.s), 1.0) * guess.sigma,
-        reaction=reactions(system, residual.thread, problem.load),
+        reaction=reactions(problem, residual.thread),
         frame=system.thread.transport_frame(state.frame, q),
     )
     if system.thread.turns_too_far(state.frame, q):

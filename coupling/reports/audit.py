@@ -123,6 +123,10 @@ def turned_over(step: Step[Body]) -> Array:
     audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
     if solution.problem.system.thread.travels:
         add_travelling(step, on, start, v, turns)
+    else:
+        weight = solution.problem.weights * solution.problem.system.weight
+        by_mean = (weight_over(step) - 1.0) * np.vdot(weight, new.q - old.q)
+        turns[[audit.EXTERNAL, audit.BY_MEAN]] += by_mean
     return turns
 
 

@@ -108,12 +108,13 @@ def static_problem(
     answer: Answer[Body],
     first: State[Body],
     began: float,
+    lapse: float = 0.0,
 ) -> Problem[Body]:
     """Return the problem of equilibrium at the part `share` of the loads. Friction opposes the way from
     `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began`
-    then [s], with all of the force that they have at its end."""
+    then [s], with all of the force that they have at its end. The thread relaxes for `lapse` [s] from `first` on."""
     time = share * duration
-    system = system.over(first, since(first, time, duration))
+    system = system.over(first, lapse)
     system = system if state.spline is None else system.on(state.spline)
     load = end_load(system, duration, share) - (share * system.weight if system.thread.travels else 0.0)
     loose = loose_points(system, state)
@@ -136,12 +137,6 @@ def static_problem(
         fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
         weight=np.where(loose, 0.0, share),
     )
-
-
-def since(first: State[Body], time: float, duration: float) -> float:
-    """Return how long the load step from a `first` state to a `time` [s] lets the system relax [s]: without a
-    `duration`, for ever."""
-    return max(time - first.time, 0.0) if duration else np.inf
 
 
 def loose_points(system: System[Body], state: State[Body]) -> Flags:
@@ -199,9 +194,9 @@ def go_downhill(
     """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
     which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
     Friction opposes the way from `state`. Arguments as for `settle`."""
-    lapse = since(state, share * duration, duration)
+    lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
     answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
-    problem = static_problem(system, state, share, duration, answer, state, began)
+    problem = static_problem(system, state, share, duration, answer, state, began, lapse)
     near = state.time > 0.0 and answer.linear and problem.contact is None
     now, down, refits = state, 0 if near else DOWN, REFITS
     failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
@@ -218,7 +213,7 @@ def go_downhill(
             if down:
                 now, answer = further(system, state, now, error)
             down = down - 1 if down else DOWN
-        problem = static_problem(system, now, share, duration, answer, state, began)
+        problem = static_problem(system, now, share, duration, answer, state, began, lapse)
     raise failed
 
 
@@ -357,7 +352,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         v=np.zeros_like(solution.iterate.q),
         organ=accept_organ(solution),
         s_dot=np.zeros_like(solution.iterate.s),
-        reaction=reactions(problem.system, residual.thread, problem.load),
+        reaction=reactions(problem, residual.thread),
         stretch=problem.law.stretch,
     )
     return with_sense(problem.system, old, new, residual.passage)

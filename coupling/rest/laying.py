@@ -215,11 +215,13 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     m, thread = system.holds, system.thread.placed(s)
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
     frame = thread.untwisted_frame(q)
+    points = thread.points(q, frame)
+    holding = np.where(system.held_flags, thread.gradient(points), 0.0)  # the organ's sites bear nothing yet
     return State(
         time=0.0,
         q=q,
         v=np.zeros_like(q),
-        N=thread.EA * thread.points(q, frame).strain,
+        N=thread.EA * points.strain,
         organ=organ,
         s=s,
         s_dot=np.zeros(m),
@@ -228,7 +230,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
         sigma=np.where(system.may_slide & ~system.rough & system.from_start, 1.0, 0.0),
         present=system.from_start,
         sense=sense(system.passage(q, s), y),
-        reaction=np.zeros((2, thread.coordinates)),
+        reaction=holding[[0, -1]],
         frame=frame,
         spline=thread.spline if thread.travels else None,
     )

@@ -189,7 +189,7 @@ def problem_of(
             system.drawn_lengths(state.time, time),
             system.pulling_forces(time),
             state.time,
-            stretches_at(system, state.s, state.N, state.present),
+            stretches_at(system.at(state), state.s, state.N, state.present),
         ),
         frame=state.frame,
         gaps=tie_gaps(system, state, time),
@@ -266,7 +266,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         sigma=z.sigma,
         present=state.present,
         sense=state.sense,
-        reaction=reactions(system, residual.thread, problem.load),
+        reaction=reactions(problem, residual.thread),
         frame=system.thread.transport_frame(state.frame, z.q),
         stretch=problem.law.stretch,
         **riding(residual),
@@ -312,10 +312,11 @@ def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
     return np.where(z.sigma == 0.0, 0.0, rate)
 
 
-def reactions(system: System[Body], residual: Array, load: Array) -> Array:
+def reactions(problem: Problem[Body], residual: Array) -> Array:
     """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
-    reaction where an end is held, else its load."""
-    weight = np.zeros_like(load) if system.thread.travels else system.weight  # which is then no part of the load
+    reaction where an end is held, else its load without the weight."""
+    system, load = problem.system, problem.load
+    weight = np.zeros_like(load) if system.thread.travels else problem.weights * system.weight
     out = np.array([load[k] - weight[k] for k in (0, -1)])
     for point, _ in prescribed_positions(system, 0.0):
         out[point, :3] = residual[point, :3]

@@ -368,14 +368,14 @@ TOOK = [  # scene, nodes and unknowns of the organ, balls, ways of solving, and 
     ("coiled_thread", 1071, 2772, 0, "whole", "numpy", 12.5),
     ("interrupted_stitches", 3025, 8415, 0, "whole", "compiled", 6.3),
     ("laceration", 1471, 4080, 30, "whole", "numpy", 10.1),
-    ("mattress", 2160, 5802, 0, "whole", "numpy", 1.0),
+    ("mattress", 9648, 28083, 16, "whole", "numpy", 1.0),
     ("million", 357075, 1047438, 0, "whole", "compiled", 88.5),
     ("paper_figure_1", 0, 0, 0, None, "compiled", 0.8),
-    ("pulley", 2392, 6498, 0, "whole", "numpy", 2.1),
+    ("pulley", 12180, 35667, 22, "whole", "numpy", 1.3),
     ("running_anastomosis", 1990, 5952, 0, "whole", "numpy", 13.4),
     ("running_stitch", 2502, 6846, 0, "whole", "compiled", 7.9),
     ("skin", 10729, 29412, 0, "whole", "numpy", 17.2),
-    ("stitch_by_stitch", 2524, 6912, 0, "whole", "numpy", 3.6),
+    ("stitch_by_stitch", 12620, 36999, 30, "whole", "numpy", 5.2),
     ("two_piercings", 5797, 15828, 0, "krylov", "compiled", 4.5),
 ]
 

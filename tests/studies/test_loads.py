@@ -189,3 +189,26 @@ def test_refusals(load: dict[str, Any], words: str) -> None:
     corner = [{"name": "corner", "box": box}]
     with pytest.raises(ScenarioError, match=words):
         assemble(parse(changed(load=[load], clamp=["right"], roller=["left"], boundary=corner)))
+
+
+@pytest.mark.parametrize("knots", ["travelling", "fixed"])
+def test_the_weight_of_a_thread_does_the_work_of_its_mean(knots: str) -> None:
+    """Independent check: in one load step or in eight, the weight of a slack thread that grows does what is stored, and
+    no end force is reported where nothing holds the end."""
+    works = []
+    for steps in (1, 8):
+        thread = {
+            "diameter": 3e-4,
+            "youngs_modulus": 1e9,
+            "density": 1e5,
+            "knots": knots,
+            "path": [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]],
+            "start": {"kind": "clamped"},
+        }
+        solve = {"kind": "static", "load_steps": steps, "gravity": [0.0, 0.0, -9.81]}
+        table = {"thread": thread, "solve": solve}
+        first, *_, last = (record for record, _ in prepare(parse(table)).advance())
+        works.append(last.energy.external_work / (last.energy.elastic_thread - first.energy.elastic_thread))
+        assert not last.end_reaction.any()
+    assert works == pytest.approx([1.0, 1.0], rel=0.05)
+    assert abs(works[1] - 1.0) < 0.1 * abs(works[0] - 1.0) + 1e-4

@@ -172,18 +172,28 @@ def add_rates(by: float, by_by: float, ride: Ride, e: int, rates: Array, out: Ri
 
 
 @loop
-def add_moves(by: float, twice: float, both: float, ride: Ride, e: int, rates: Array, moves: Pair, out: Ridden) -> None:
-    """Add a derivative `by` S, a second one, `twice`, and one by `both` S and S', to those by the two holds of span e,
-    by the `rates` of S' and the `moves` of S."""
+def add_moves(
+    by_rate: float,
+    by_move: float,
+    twice: float,
+    both: float,
+    ride: Ride,
+    e: int,
+    rates: Array,
+    moves: Pair,
+    out: Ridden,
+) -> None:
+    """Add derivatives `by_rate` S' and `by_move` S, a second one by S, `twice`, and one by `both`, to those by the two
+    holds of span e, by the `rates` of S' and the `moves` of S."""
     for side in range(2):
         k = ride.between[e, side]
         if k >= 0:
-            out.by_s[k] += by * moves[side]
-            for other in range(2):
-                j = ride.between[e, other]
+            out.by_s[k] += by_rate * rates[side] + by_move * moves[side]
+            for facing in range(2):
+                j = ride.between[e, facing]
                 if j >= 0:
-                    mixed = moves[side] * rates[other] + rates[side] * moves[other]
-                    out.by_ss[k, j] += both * mixed + twice * moves[side] * moves[other]
+                    mixed = moves[side] * rates[facing] + rates[side] * moves[facing]
+                    out.by_ss[k, j] += both * mixed + twice * moves[side] * moves[facing]
 
 
 @loop
@@ -222,7 +232,7 @@ def add_natural_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, e: int,
         return
     T, stiff = point(at.T_axial, e, g), curve.EA * curve.axial_w[e, g]
     both = -ride.axial_w[e, g] * (N[e, g] - curve.EA * dot(T, T))
-    add_moves(-stiff * at.strain[e, g], stiff, both, ride, e, ride.axial_rate[e, g], rates, out)
+    add_moves(0.0, -stiff * at.strain[e, g], stiff, both, ride, e, ride.axial_rate[e, g], rates, out)
     for i in range(4):
         add_mixed(-stiff * curve.axial_slope[e, g, i], T, ride, e, rates, curve.first[e] + i, out)
 
@@ -306,10 +316,9 @@ def add_inertia(
                 add_mixed(rho * b[i], force, ride, e, rates, first + i, out)
                 add_mixed(-factor * rho * S1 * b[i], way, ride, e, moves, first + i, out)
             by_rate = rho * (0.5 * factor * dot(R, R) - dot(gravity, P))
-            by_move, both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
+            by_move, by_both = -factor * rho * S1 * dot(R, way), -factor * rho * dot(R, way)
             twice = factor * rho * S1 * (dot(way, way) - dot(R, bend))
-            add_rates(by_rate, 0.0, ride, e, rates, out)
-            add_moves(by_move, twice, both, ride, e, rates, moves, out)
+            add_moves(by_rate, by_move, twice, by_both, ride, e, rates, moves, out)
 
 
 @loop
