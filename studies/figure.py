@@ -87,6 +87,12 @@ def curve(x: Any, y: Any, label: str | None = None, style: str = "-", colour: st
     return lambda axes: axes.plot(x, y, style, color=colour, label=label, **looks)
 
 
+def deviations(x: Any, mean: Any, deviation: Any, label: str) -> Item:
+    """Return means with their standard deviations, hollow."""
+    looks: dict[str, Any] = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5, "color": "black"}
+    return lambda axes: axes.errorbar(x, mean, deviation, label=label, **looks)
+
+
 def value(of: Value) -> Callable[[Any], float]:
     """Return the function that reads a number of a row: a field by its name, with the unit that it is drawn in, as in
     "drift [mm]"; the entry of a tuple by its place; or the function itself."""

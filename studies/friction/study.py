@@ -30,7 +30,7 @@ from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
 from thread.knots import uniform_knots
-from thread.path import rounded_path
+from thread.path import RoundedPath, rounded_path
 from thread.placed import through_holes
 from thread.quadrature import gauss_rule
 from thread.spline import Spline
@@ -118,6 +118,19 @@ def fixed_holes(
     return System(thread, ends, sites, tuple(holes))
 
 
+def laid_through(
+    places: Array, mu: float, path: RoundedPath, s: Array, ends: tuple[End, End], section: Section, spans: int,
+    stretch: float = 1.0, damping: float = 0.0,
+) -> tuple[System, State]:  # fmt: skip
+    """Lay a thread, which a `stretch` makes as long as its path, through rough holes at `places` (p, 3) [m], at its
+    abscissae `s` (p,) [m]; so many `spans` a hole, besides those of the packets."""
+    length = path.length / stretch
+    knots = through_holes(length, s, False, length / (spans * s.size))
+    system = fixed_holes(Thread(knots, section, damping=damping), ends, mu, places)
+    laid = path.position(stretch * gauss_rule(system.thread.spline, MASS_POINTS).s)
+    return system, start(system, s, laid, stretch)
+
+
 # --- a rod in a sleeve ------------------------------------------------------------------------------------
 
 
@@ -189,13 +202,10 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
     last = corners[-1] + (arm + LOOP_WAY) * sides[holes % 2]
     path = rounded_path([-arm * sides[0], *corners, last], arm / 10)
     s = np.array([path.nearest(corner)[0] for corner in corners])
-    knots = through_holes(path.length, s, False, path.length / (LOOP_SPANS * holes))
-    thread = Thread(knots, SUTURE, damping=100.0)
     way = np.array([[0.0, 0.0], [REST, 0.0], [REST + LOOP_TIME, LOOP_WAY], [REST + 2 * LOOP_TIME, 0.0]])
     hand = np.column_stack([way[:, 0], last + way[:, 1, None] * sides[holes % 2]])
-    system = fixed_holes(thread, (Pulled(-LOOP_HOLD * sides[0]), Driven(hand)), mu, corners)
-    laid = start(system, s, path.position(gauss_rule(thread.spline, MASS_POINTS).s), 1.0)
-    run = begin(system, laid, try_step)
+    hands = Pulled(-LOOP_HOLD * sides[0]), Driven(hand)
+    run = begin(*laid_through(corners, mu, path, s, hands, SUTURE, LOOP_SPANS, damping=100.0), try_step)
     for _ in range(10):
         run = run.step(REST / 10)
     for number in range(2 * LOOP_STEPS):

@@ -9,7 +9,8 @@ tension. Friction takes from it at every turn.
 hole turns the thread by 90° at the skin and by 90° below it, each over a row of rough rings fixed in space. Both hands
 pull alike. The throw turns each strand too, over rings that belong to no lip; in a mattress stitch it lies on one side
 of the wound. One μ, of thread on skin and of thread on thread alike, is fitted to the single stitch; the other pulls
-are predictions.
+are predictions. How far they would be off with a pull of the single stitch one standard deviation away, the capstan
+says.
 
 *Assumed.* How far a throw turns a strand is not published. Two strands that twist round one another by one and a half
 turns, the least that makes a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20° to 42°. How
@@ -23,25 +24,20 @@ product over the rings of `studies.theory.bent_ratio`.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from coupling.rest.laying import start
 from coupling.run.run import Run, begin
 from studies.arrays import Array
-from studies.figure import curve, draw, laws, level, panel, series, unnamed
-from studies.friction.study import fixed_holes
+from studies.figure import curve, deviations, draw, laws, level, panel, series
+from studies.friction.study import laid_through
 from studies.study import Table, described, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
 from thread.path import rounded_path
-from thread.placed import through_holes
-from thread.quadrature import gauss_rule
-from thread.thread import MASS_POINTS, Thread
 
 WOUND = 5.0  # tension of the wound [N]
 SUTURE = "3-0 polypropylene"  # assumed
@@ -50,7 +46,6 @@ RING, STRAIGHT, ARM = 4e-3, 6e-3, 8e-3  # between rings of a corner, between cor
 SLACK = 1.005  # rest length over that of the polygon of rings: the thread begins slack, and slides towards both hands
 MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
 AGREES = 1.0  # standard deviations: a prediction this near is said to agree
-MODIFIED = (4.52, 0.67)  # published of the modified pulley stitch [N]
 LEFT, RIGHT = False, True  # lip
 
 Pull = Callable[["Way", float, float], Iterator[tuple[float, Run]]]  # the equilibria of a way, with a μ and a pull [N]
@@ -73,18 +68,14 @@ class Pattern:
         return f"{self.published:g} ± {self.spread:g}"
 
 
+LOOP = ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT))  # through both lips, and back over the wound
+BACK = ((-Z, RIGHT), (-X, RIGHT), (Z, LEFT))  # through both lips the other way
 PATTERNS = {
-    "single": Pattern(5.69, 0.88, -X, ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT))),
-    "pulley": Pattern(3.46, 0.61, -X, ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT)) * 2),
-    "vertical mattress": Pattern(
-        7.25, 1.33, -X,
-        ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT), (-Z, RIGHT), (-X, RIGHT), (Z, LEFT), (-X, LEFT)),
-    ),
-    "horizontal mattress": Pattern(
-        8.11, 1.00, -Y,
-        ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (Y, RIGHT), (-Z, RIGHT), (-X, RIGHT), (Z, LEFT), (-Y, LEFT)),
-    ),
-}  # fmt: skip
+    "single": Pattern(5.69, 0.88, -X, LOOP),
+    "pulley": Pattern(3.46, 0.61, -X, LOOP * 2),
+    "vertical mattress": Pattern(7.25, 1.33, -X, (*LOOP, *BACK, (-X, LEFT))),
+    "horizontal mattress": Pattern(8.11, 1.00, -Y, (*LOOP[:3], (Y, RIGHT), *BACK, (-Y, LEFT))),
+}
 FITTED = "single"  # the stitch that μ is fitted to
 
 
@@ -100,7 +91,6 @@ class Row:
     pattern: str
     throw: float = unit_field("degree")
     rings: int = unit_field("-")  # a corner
-    fitted: float = unit_field("N")  # pull of the single stitch that μ was fitted to
     mu: float = unit_field("-")
     pull: float = unit_field("N")
     turn: float = unit_field("degree")
@@ -111,11 +101,6 @@ class Row:
     def stitch(self) -> Pattern:
         """The stitch."""
         return PATTERNS[self.pattern]
-
-    @property
-    def case(self) -> tuple[float, int, float]:
-        """Turn of the throw [degree], rings a corner and fitted pull [N]."""
-        return self.throw, self.rings, self.fitted
 
     @property
     def closing_pull(self) -> float:
@@ -130,46 +115,37 @@ class Row:
     @property
     def by_capstan(self) -> float:
         """The pull that closes the wound by the capstan alone [N]."""
-        return predicted_by_capstan(self.pattern, self.throw, self.fitted)
+        return predicted_by_capstan(self.pattern, self.throw)
 
 
 def main(
     throws: Sequence[float] = (180.0, 270.0),
     patterns: Sequence[str] = tuple(PATTERNS),
-    rings: Sequence[int] = (2,),
-    spreads: Sequence[float] = (),
+    rings: int = 2,
     load_steps: int = 4,
     control_points: int = 24,
 ) -> Iterator[Row]:
-    """Yield the load steps and strands of every stitch for every turn of a throw [degree], at the first number of
-    `rings` a corner; for the middle throw at the others too, and with μ fitted to the single stitch's pull as many
-    `spreads` of its standard deviation away; `control_points` a ring. Raises `StudyError`."""
+    """Yield the load steps and strands of every stitch for every turn of a throw [degree], with so many `rings` a
+    corner and `control_points` a ring. Raises `StudyError`."""
     require_known("patterns", patterns, PATTERNS)
-    require(
-        min(throws) > 0.0 and max(throws) <= 360.0, f"throws = {list(throws)}", "give turns above 0 up to 360 degrees"
-    )
-    given = f"rings = {list(rings)}, load_steps = {load_steps}, control_points = {control_points}"
-    remedy = "give two rings a corner or more, one load step, eight control points"
-    require(min(rings) >= 2 and load_steps >= 1 and control_points >= 8, given, remedy)
+    allowed = min(throws) > 0.0 and max(throws) <= 360.0 and rings >= 2
+    remedy = "give turns above 0 up to 360 degrees, and two rings a corner or more"
+    require(allowed, f"throws = {list(throws)}, rings = {rings}", remedy)
     require(FITTED in patterns, f"patterns = {list(patterns)}", f"μ is fitted to {FITTED!r}; add it")
-    middle, of = sorted(throws)[len(throws) // 2], PATTERNS[FITTED]
-    cases = [(throw, rings[0], of.published) for throw in throws]
-    cases += [(middle, many, of.published) for many in rings[1:]]
-    cases += [(middle, rings[0], of.published + away * of.spread) for away in spreads]
     how = partial(pulled, load_steps=load_steps, control_points=control_points)
-    yield from each([partial(stitches, *case, tuple(patterns), how) for case in cases])
+    yield from each([partial(stitches, throw, rings, tuple(patterns), how) for throw in throws])
 
 
-def stitches(throw: float, rings: int, fitted: float, patterns: Sequence[str], how: Pull) -> Iterator[Row]:
-    """Yield the rows of all stitches, pulled as `how` says, with the μ that the single one needs to be closed by the
-    pull `fitted` [N]."""
-    mu = fit(throw, rings, fitted, how)
+def stitches(throw: float, rings: int, patterns: Sequence[str], how: Pull) -> Iterator[Row]:
+    """Yield the rows of all stitches, pulled as `how` says, with the μ that the single one needs to be closed by its
+    published pull."""
+    mu = fit(throw, rings, PATTERNS[FITTED].published, how)
     for name in patterns:
         way = Way.of(PATTERNS[name], throw, rings)
         pull = WOUND / way.closing(partial(bent_ratio, mu))
         case = Row(
-            kind="load", pattern=name, throw=throw, rings=rings, fitted=fitted, mu=mu, pull=pull, turn=0.0,
-            tension=np.nan, slides=False,
+            kind="load", pattern=name, throw=throw, rings=rings, mu=mu, pull=pull, turn=0.0, tension=np.nan,
+            slides=False,
         )  # fmt: skip
         for share, run in how(way, mu, pull):
             case = replace(case, pull=share * pull, tension=across(way, run), slides=is_sliding(way, run))
@@ -182,13 +158,9 @@ def fit(throw: float, rings: int, pull: float, how: Pull) -> float:
     """Fit μ to the pull [N] that closes a single stitch: by a thread that bends, and once more by how far a run was off
     that law."""
     way = Way.of(PATTERNS[FITTED], throw, rings)
-
-    def by_law(closing: float) -> float:
-        return float(brentq(lambda mu: way.closing(partial(bent_ratio, mu)) - closing, 1e-6, MOST))
-
-    guess = by_law(WOUND / pull)
+    guess = way.friction(bent_ratio, WOUND / pull)
     *_, (_, run) = how(way, guess, pull)
-    return by_law((WOUND / pull) ** 2 / (across(way, run) / pull))
+    return way.friction(bent_ratio, (WOUND / pull) ** 2 / (across(way, run) / pull))
 
 
 # --- the way of a thread ----------------------------------------------------------------------------------
@@ -242,6 +214,10 @@ class Way:
         tensions = np.exp(-np.minimum(loss, loss[-1] - loss))[:, None] * self.headings
         return float((tensions[:-1] - tensions[1:])[self.on_right, 0].sum())
 
+    def friction(self, law: Callable[[float, float], float], closing: float) -> float:
+        """Return the μ with which a `law` of μ and the turn gives that ratio of `closing`."""
+        return float(brentq(lambda mu: self.closing(partial(law, mu)) - closing, 1e-6, MOST))
+
 
 def turned(heading: Array, towards: Array, angles: Array) -> Array:
     """Return a unit vector turned by `angles` (k,) [rad] towards another across it, shape `(k, 3)`."""
@@ -257,15 +233,10 @@ def pulled(way: Way, mu: float, pull: float, *, load_steps: int, control_points:
     corners, radius = way.corners, 0.25 * RING
     path = rounded_path(corners, radius)
     saved = radius * (2.0 * np.tan(0.5 * way.turns) - way.turns)  # by a rounded corner
-    length = SLACK * way.lengths.sum()
-    stretch = path.length / length
+    stretch = path.length / (SLACK * way.lengths.sum())
     s = (np.cumsum(way.lengths[:-1]) - np.cumsum(saved) + 0.5 * saved) / stretch
-    knots = through_holes(length, s, False, length / (control_points * s.size))
-    thread = Thread(knots, suture(SUTURE))
-    ends = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
-    system = fixed_holes(thread, ends, mu, corners[1:-1])
-    laid = path.position(stretch * gauss_rule(thread.spline, MASS_POINTS).s)
-    run = begin(system, start(system, s, laid, stretch))
+    hands = Pulled(-pull * way.headings[0]), Pulled(pull * way.headings[-1])
+    run = begin(*laid_through(corners[1:-1], mu, path, s, hands, suture(SUTURE), control_points, stretch))
     for share in np.arange(1, load_steps + 1) / load_steps:
         run = run.load(float(share), 1.0)
         yield float(share), run
@@ -287,24 +258,23 @@ def is_sliding(way: Way, run: Run) -> bool:
 
 
 def ends(rows: Sequence[Row]) -> list[Row]:
-    """Return the last load step of every stitch of every case."""
-    loads = grouped((row for row in rows if row.kind == "load"), lambda row: (row.case, row.pattern))
+    """Return the last load step of every stitch for every throw."""
+    loads = grouped((row for row in rows if row.kind == "load"), lambda row: (row.throw, row.pattern))
     return [steps[-1] for steps in loads.values()]
 
 
-def of_middle_case(rows: Sequence[Row], kind: str) -> dict[str, list[Row]]:
-    """Return the load steps, or the strands, by stitch, of the case that the others vary: the middle throw, first in
-    its order."""
+def of_middle_throw(rows: Sequence[Row], kind: str) -> dict[str, list[Row]]:
+    """Return the load steps, or the strands, by stitch, of the middle throw."""
     throws = sorted({row.throw for row in rows})
-    case = next(row.case for row in rows if row.throw == throws[len(throws) // 2])
-    return grouped((row for row in rows if (row.kind, row.case) == (kind, case)), lambda row: row.pattern)
+    case = kind, throws[len(throws) // 2]
+    return grouped((row for row in rows if (row.kind, row.throw) == case), lambda row: row.pattern)
 
 
-def predicted_by_capstan(name: str, throw: float, fitted: float) -> float:
-    """Return the pull [N] that closes the wound by the capstan alone, its own μ fitted to the single stitch."""
-    ways = {key: Way.of(PATTERNS[key], throw, 1) for key in (FITTED, name)}
-    mu = brentq(lambda mu: ways[FITTED].closing(partial(capstan, mu)) - WOUND / fitted, 1e-6, MOST)
-    return WOUND / ways[name].closing(partial(capstan, float(mu)))
+def predicted_by_capstan(name: str, throw: float, fitted: float = PATTERNS[FITTED].published) -> float:
+    """Return the pull [N] that closes the wound by the capstan alone, its own μ fitted to a pull of the single
+    stitch."""
+    mu = Way.of(PATTERNS[FITTED], throw, 1).friction(capstan, WOUND / fitted)
+    return WOUND / Way.of(PATTERNS[name], throw, 1).closing(partial(capstan, mu))
 
 
 def table(rows: Sequence[Row]) -> Table:
@@ -314,7 +284,6 @@ def table(rows: Sequence[Row]) -> Table:
         ("throw turns by [°]", lambda row: f"{row.throw:g}"),
         ("rings a corner", lambda row: f"{row.rings}"),
         ("μ [-]", lambda row: f"{row.mu:.4f}"),
-        ("fitted to [N]", lambda row: f"{row.fitted:g}"),
         ("pull [N]", lambda row: f"{row.closing_pull:.3g}"),
         ("capstan [N]", lambda row: f"{row.by_capstan:.3g}"),
         ("published [N]", lambda row: row.stitch.text),
@@ -326,31 +295,20 @@ def table(rows: Sequence[Row]) -> Table:
 
 def remarks(rows: Sequence[Row]) -> list[str]:
     """Return remarks on the fit, the agreement, the error of the capstan, and open points."""
-    out = [case_words(found) for found in grouped(ends(rows), lambda row: row.case).values()]
-    out.append(spread_words(ends(rows), of_middle_case(rows, "load")[FITTED][-1]))
-    out.append(
+    found = ends(rows)
+    out = [case_words(stitches) for stitches in grouped(found, lambda row: row.throw).values()]
+    out += [
+        spread_words(found, of_middle_throw(rows, "load")[FITTED][-1]),
         "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on neoprene: "
-        "with either of its own, μ would be one of two free numbers"
-    )
-    if pulleys := [row.closing_pull for row in ends(rows) if row.pattern == "pulley"]:
-        value, spread = MODIFIED
-        here = " to ".join(dict.fromkeys(f"{pull:.3g}" for pull in (min(pulleys), max(pulleys))))
-        out.append(
-            f"modified pulley: LEFT OPEN, published {value:g} ± {spread:g} N; the abstract does not say how it was "
-            "laid. A closed loop crosses the wound two, four or six times, and by the capstan a loop that crosses four "
-            "times, its throw over the wound, needs what the pulley does, "
-            f"{here} N here, in whatever order it passes its holes"
-        )
-    out.append(
-        "mattress stitches: the throw lies over one lip, as these stitches are tied; what exactly was pulled, and "
-        "which way, the abstract does not say"
-    )
-    stuck = [f"{row.pattern}, throw {row.throw:g}°" for row in rows if row.kind == "strand" and not row.slides]
-    return out + [f"{name}: the thread does NOT slide everywhere" for name in dict.fromkeys(stuck)]
+        "with either of its own, μ would be one of two free numbers",
+        "modified pulley: LEFT OPEN, for the abstract does not say how it was laid",
+    ]
+    stuck = [f"{row.pattern}, throw {row.throw:g}°: the thread does NOT slide everywhere" for row in found]
+    return out + [text for text, row in zip(stuck, found, strict=True) if not row.slides]
 
 
 def case_words(found: Sequence[Row]) -> str:
-    """Return the predictions of a case and their errors, in words."""
+    """Return the predictions for a throw and their errors, in words."""
     fitted, said = next(row for row in found if row.pattern == FITTED), []
     for row in found:
         if row is not fitted:
@@ -359,13 +317,13 @@ def case_words(found: Sequence[Row]) -> str:
             said.append(f"{row.pattern} {row.closing_pull:.3g} N, published {row.stitch.text}: {word} {far}")
     return (
         f"throw {fitted.throw:g}°, {fitted.rings} rings a corner: μ = {fitted.mu:.4f} by the single stitch at "
-        f"{fitted.fitted:.3g} N; " + "; ".join(said)
+        f"{fitted.stitch.published:.3g} N; " + "; ".join(said)
     )
 
 
 def spread_words(found: Sequence[Row], fitted: Row) -> str:
     """Return the spread of the predictions over that of the fitted pull, by the capstan, in words."""
-    away = [fitted.fitted + sign * fitted.stitch.spread for sign in (-1.0, 1.0)]
+    away = [fitted.stitch.published + sign * fitted.stitch.spread for sign in (-1.0, 1.0)]
     others = dict.fromkeys(row.pattern for row in found if row.pattern != FITTED)
     pulls = {name: [predicted_by_capstan(name, fitted.throw, pull) for pull in away] for name in others}
     said = ", ".join(f"{name} {few:.3g} to {many:.3g} N" for name, (few, many) in pulls.items())
@@ -374,18 +332,14 @@ def spread_words(found: Sequence[Row], fitted: Row) -> str:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Draw published and predicted pulls, their dependences, the load steps, and the tension along the thread."""
-    loads, strands, found = of_middle_case(rows, "load"), of_middle_case(rows, "strand"), ends(rows)
+    loads, strands, found = of_middle_throw(rows, "load"), of_middle_throw(rows, "strand"), ends(rows)
     names, fitted = list(loads), loads[FITTED][-1]
-    predicted = grouped(found, lambda r: f"throw {r.throw:g}°, {r.rings} rings, fitted to {r.fitted:.3g} N")
-    same = [row for row in found if row.case[1:] == found[0].case[1:]]
+    predicted = grouped(found, lambda row: f"throw {row.throw:g}°")
     stitches = [PATTERNS[name] for name in names]
-    by_hand = [np.vectorize(partial(predicted_by_capstan, name, fitted=fitted.fitted)) for name in names]
+    by_hand = [np.vectorize(partial(predicted_by_capstan, name)) for name in names]
     law = partial(bent_ratio, fitted.mu)
     closing = [Way.of(stitch, fitted.throw, fitted.rings).closing(law) for stitch in stitches]
-    sticks = {name: [row for row in steps if not row.slides] for name, steps in loads.items()}
     marks = ("o", "s", "D", "x")  # the last stands on the one before, whose numbers are the same
-    bars: dict[str, Any] = {"fmt": "k_", "capsize": 4, "label": "published, ± SD"}
-    bars |= {"y": [stitch.published for stitch in stitches], "yerr": [stitch.spread for stitch in stitches]}
     last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
     turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
     return draw(
@@ -393,23 +347,25 @@ def figure(rows: Sequence[Row]) -> Figure:
             panel(
                 "stitch", "pull that closes 5 N [N]",
                 series(predicted, lambda row: names.index(row.pattern) + 0.1, "closing_pull", ""),
-                lambda axes: axes.errorbar(range(len(names)), **bars),
+                deviations(
+                    range(len(names)), [stitch.published for stitch in stitches],
+                    [stitch.spread for stitch in stitches], "published, ± SD",
+                ),
                 lambda axes: axes.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names]),
                 ylim=high, legend=small,
             ),
             panel(
                 "turn of a strand in the throw [°]", "pull that closes 5 N [N]",
-                series(grouped(same, lambda row: row.pattern), "throw", "closing_pull", "", marks),
+                series(grouped(found, lambda row: row.pattern), "throw", "closing_pull", "", marks),
                 laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"), ylim=high, legend=small,
             ),
         ],
         [
             panel(
                 "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", "", marks),
-                series(unnamed(sticks), "pull", "tension", "", marks, markerfacecolor="white"),
                 laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
                 level("y", WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
-                title=f"load steps, throw {fitted.throw:g}°, hollow: sticks in a ring yet",
+                title=f"load steps, throw {fitted.throw:g}°",
             ),
             panel(
                 "turned since the nearer hand [°]", "tension over pull [-]",

@@ -71,11 +71,11 @@ def test_one_coefficient_meets_single_and_pulley() -> None:
     """Independent check (Marsidi et al. 2020): fitted to the single stitch, the pulley is within its deviation; the
     capstan with its own fit predicts the same."""
     single, pulled = ends(rows())
-    assert (single.pattern, pulled.pattern) == (FITTED, "pulley") and single.case == pulled.case
+    assert (single.pattern, pulled.pattern) == (FITTED, "pulley") and single.throw == pulled.throw
     assert single.closing_pull == pytest.approx(PATTERNS[FITTED].published, rel=CLOSED)
     pulley = pulled.closing_pull
     assert abs(pulley - PATTERNS["pulley"].published) < PATTERNS["pulley"].spread
-    assert pulley == pytest.approx(predicted_by_capstan("pulley", pulled.throw, pulled.fitted), rel=2.0 * CLOSED)
+    assert pulley == pytest.approx(predicted_by_capstan("pulley", pulled.throw), rel=2.0 * CLOSED)
     assert predicted_by_capstan(FITTED, 180.0, 5.0) == pytest.approx(5.0, rel=IDENTITY)
     assert WOUND / pulley > 1.2
 
@@ -97,7 +97,7 @@ def test_what_was_found_is_said() -> None:
         ({"patterns": ("double",)}, "'double' is refused"),
         ({"patterns": ("pulley",)}, "add it"),
         ({"throws": (400.0,)}, "up to 360"),
-        ({"rings": (1,)}, "two rings"),
+        ({"rings": 1}, "two rings"),
     ],
 )
 def test_refusals(given: dict[str, object], words: str) -> None:
