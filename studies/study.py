@@ -124,7 +124,7 @@ def measured(text: str, of: Callable[[Any], Any]) -> Any:
     return field(metadata=({"unit": text} if text else {}) | {"of": of})
 
 
-def measure(kind: Callable[..., R], end: Any, **known: Any) -> R:
+def measure(kind: Callable[..., R], end: Any, /, **known: Any) -> R:
     """Return a row of the known values and the fields that are `measured` at the end of a run."""
     found = {f.name: f.metadata["of"](end) for f in fields(cast(Any, kind)) if "of" in f.metadata}
     return kind(**known, **{name: plain(value) for name, value in found.items()})

@@ -62,18 +62,6 @@ def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
     return np.clip(before, hand / reach, hand * reach)
 
 
-def second_stitch_by_law(ratio: float, pull: float, hold: float, stitches: int) -> Array:
-    """Return the tension of the second stitch [N] under each pull, from its own on, when stitches are placed one after
-    the other and every hole slips at the same ratio, shape `(stitches - 1,)`."""
-    law, out = np.full(2, hold), []
-    for number in range(2, stitches + 1):
-        ratios = np.full(2 * number - 1, ratio)
-        law = tensions_by_law(np.append(law, [hold, hold]), pull, ratios)
-        out.append(law[3])
-        law = tensions_by_law(law, hold, ratios)
-    return np.array(out)
-
-
 # --- strips and sheets ------------------------------------------------------------------------------------
 
 

@@ -150,10 +150,8 @@ def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
     return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
 
 
-def beyond_bearing(what: str, tension: float, diameter: float, bite: float, youngs_modulus: float) -> list[str]:
-    """Return a remark where the bearing strain T/(d ℓ E) of a thread of a tension [N] and diameter [m] in a bite [m] of
-    tissue [Pa] is not small."""
-    strain = bearing_strain(tension, diameter, bite, youngs_modulus)
+def beyond_bearing(what: str, strain: float) -> list[str]:
+    """Return a remark where the bearing strain T/(d ℓ E) of a thread is not small."""
     if strain <= LINEAR:
         return []
     return [f"{what}: the bearing strain T/(d ℓ E) is {strain:.2g}, BEYOND the linear range (about {LINEAR})"]

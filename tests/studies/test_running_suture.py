@@ -10,24 +10,21 @@ import pytest
 from studies.figure import render_figure
 from studies.running_suture.study import (
     BACK,
-    FELT,
-    PUBLISHED_LEFT,
+    CALIBRATED,
+    LEFT,
+    ONE,
+    PLACING,
     STUDY,
     Row,
     calibrate,
-    coefficient,
     law_error,
     main,
-    placings,
-    reach,
-    reference,
     rows_at,
     runs,
     sequence,
-    sweep,
 )
 from studies.study import StudyError
-from studies.theory import second_stitch_by_law, tensions_by_law
+from studies.theory import tensions_by_law
 from studies.verdicts import SETTLED
 from tests.bounds import ADAPTED, IDENTITY
 
@@ -36,7 +33,7 @@ MUS, HOLD = (0.1, 0.2), 0.4
 
 @cache
 def rows() -> tuple[Row, ...]:
-    return tuple(main(MUS, stitches=3, holds=(HOLD,), unchecked=True, organ="fixed points"))
+    return tuple(main(MUS, stitches=3, holds=(HOLD,), fixed=True))
 
 
 def test_law_of_segments() -> None:
@@ -56,20 +53,11 @@ def test_law_of_segments() -> None:
     np.testing.assert_array_equal(tensions_by_law(back, 0.5, ratios), back)
 
 
-def test_law_of_placing() -> None:
-    """Independent check (Coulomb): a hold of none leaves what each pull alone brings; one that holds what the fourth
-    stitch's pull has brought leaves it for good."""
-    anew = 3.0 * 3.0 ** (-np.arange(6) / 2)
-    ratio = 3.0**0.25
-    np.testing.assert_allclose(second_stitch_by_law(ratio, 3.0, 1e-6, 7), anew, rtol=IDENTITY)
-    np.testing.assert_allclose(second_stitch_by_law(ratio, 3.0, 0.4, 7)[2:], 1.0, rtol=IDENTITY)
-    assert second_stitch_by_law(ratio, 3.0, 1.0, 7)[-1] == pytest.approx(3.0**0.5, rel=IDENTITY)
-
-
 def test_a_pull_falls_off_by_the_law_of_a_ring() -> None:
     """Independent check: elastica at each hole with the turn measured there, two holes a stitch; at rest when seen."""
-    assert [run[0].mu for run in sweep(rows())] == [*MUS] and reference(rows())[0].mu == calibrate(rows())[0]
-    for run in (*sweep(rows()), reference(rows())):
+    (reference,) = runs(rows(), CALIBRATED)
+    assert [run[0].mu for run in runs(rows(), ONE)] == [*MUS] and reference[0].mu == calibrate(rows())
+    for run in (*runs(rows(), ONE), reference):
         assert 0.0 < law_error(run) < ADAPTED
         tensions = [row.tension for _, row in sorted(rows_at(run).items())]
         assert all(b < a / (1 + run[0].mu) ** 2 for a, b in pairwise(tensions))
@@ -78,33 +66,30 @@ def test_a_pull_falls_off_by_the_law_of_a_ring() -> None:
 
 def test_one_number_is_calibrated() -> None:
     """The coefficient found by interpolation leaves the published tension; more friction leaves less."""
-    assert rows_at(reference(rows()))[BACK].tension == pytest.approx(PUBLISHED_LEFT, rel=ADAPTED)
-    mu, more, less = calibrate(rows())
+    assert rows_at(runs(rows(), CALIBRATED)[0])[BACK].tension == pytest.approx(LEFT, rel=ADAPTED)
+    more, mu, less = (calibrate(rows(), left) for left in (1.1 * LEFT, LEFT, 0.9 * LEFT))
     assert MUS[0] < more < mu < less < MUS[1]
 
 
 def test_a_pull_let_back_leaves_tension() -> None:
     """Independent check (Coulomb): next to the hand the holes slip back, and more is left than the hand holds."""
-    let = [row for row in reference(rows()) if row.moment == "let back"]
-    last = {row.stitches_back: row for row in let if row.hand == let[-1].hand}
+    let = [row for row in rows() if (row.kind, row.moment) == (CALIBRATED, "let back")]
+    last = {row.stitches_back: row for row in let}
     assert last[0].tension == pytest.approx(last[0].hand, rel=ADAPTED)
     assert last[1].tension == pytest.approx(last[1].law, rel=ADAPTED)
-    assert last[1].tension > (1 + 2 * calibrate(rows())[0]) * last[1].hand
+    assert last[1].tension > (1 + 2 * calibrate(rows())) * last[1].hand
 
 
 def test_stitches_placed_one_after_the_other() -> None:
     """Independent check: what a pull reaches by slip obeys the law of a ring, whatever the stitches went through."""
-    (placed,) = placings(rows())
+    (placed,) = runs(rows(), PLACING)
     assert {row.stitches for row in placed} == {2, 3}
     assert law_error(placed) < ADAPTED
     assert rows_at(placed)[0].tension == pytest.approx(3.0, rel=ADAPTED)
-    before, pulled = ([row for row in placed if (row.moment, row.stitches) == (m, 3)] for m in ("before", "pulled"))
-    changed = [b.stitches_back for a, b in zip(before, pulled, strict=True) if abs(b.tension - a.tension) >= FELT]
-    assert max(changed) <= reach(placed) <= BACK
 
 
 def test_what_disagrees_is_said() -> None:
-    run = rows_at(reference(rows()))
+    run = rows_at(runs(rows(), CALIBRATED)[0])
     same = {**run, 3: replace(run[2], stitches=5)}
     assert "DISAGREES" not in sequence(same)
     assert "(DISAGREES)" in sequence({**same, 2: replace(run[2], tension=1.4)})
@@ -123,12 +108,12 @@ def test_what_cannot_be_calibrated_is_refused(given: dict[str, object]) -> None:
 
 def test_coefficients_that_do_not_bracket_are_refused() -> None:
     with pytest.raises(StudyError, match="or none less, than"):
-        coefficient(rows(), 2.9)
+        calibrate(rows(), 2.9)
 
 
 def test_table_and_figure() -> None:
     shown = STUDY.table(rows())
-    assert len(shown.lines) == 1 + len(runs(rows())) == 1 + 3 + 1
+    assert len(shown.lines) == 1 + len(runs(rows(), ONE, CALIBRATED, PLACING)) == 1 + 3 + 1
     assert {len(line) for line in shown.lines} == {len(shown.head)}
     text = render_figure(STUDY.figure, rows(), "sample")["svg"].decode()
     assert all(label in text for label in ("stitches back from the pull [-]", "tension of stitch 2 [N]", "ring law"))

@@ -33,7 +33,7 @@ from studies.study import (
     measured,
     unit_field,
 )
-from studies.verdicts import beyond_bearing, beyond_linear, not_settled, too_coarse
+from studies.verdicts import bearing_strain, beyond_bearing, beyond_linear, not_settled, too_coarse
 from studies.workers import Processes
 
 
@@ -219,8 +219,8 @@ def test_marks() -> None:
     assert "cells of 1.1 footprint radii, TOO COARSE" in too_coarse("run", 1.1e-3, 1e-3)[0]
     assert not_settled("run", 1e-7, 1e-3) == [] and "2 of the elastic" in not_settled("run", 2.0, 1.0)[0]
     assert "inf of the elastic" in not_settled("run", 1e-9, 0.0)[0] and not_settled("run", 0.0, 0.0) == []
-    assert beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 3e6) == []
-    assert "T/(d ℓ E) is 0.67, BEYOND" in beyond_bearing("run", 1.0, 0.3e-3, 5e-3, 1e6)[0]
+    assert beyond_bearing("run", bearing_strain(1.0, 0.3e-3, 5e-3, 3e6)) == []
+    assert "T/(d ℓ E) is 0.67, BEYOND" in beyond_bearing("run", bearing_strain(1.0, 0.3e-3, 5e-3, 1e6))[0]
 
 
 def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
