@@ -157,11 +157,6 @@ def half_ball() -> tuple[Array, Array]:
     return ball.points[below], 2.0 * ball.weights[below]
 
 
-def bend_length(EI: float, tension: float, turn: float) -> float:
-    """Return the length that an elastica of stiffness EI [N m²] takes to turn by `turn` [degree] from its line [m]."""
-    return float(2.0 * np.sqrt(EI / tension) * (1.0 - np.cos(np.radians(turn) / 2.0)))
-
-
 def hooke(slope: Array, nu: float) -> Array:
     """Return the stress over E for displacement gradients `(k, 3, 3)`."""
     strain = 0.5 * (slope + np.swapaxes(slope, 1, 2))

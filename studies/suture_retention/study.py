@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 import tissue
+from coupling.errors import CouplingError
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
@@ -26,7 +27,6 @@ from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
-from studies.until_failure import steps_until_failure
 from thread.catalogue import suture
 
 LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.
@@ -153,8 +153,14 @@ def main(
 def run(case: Case) -> Iterator[Row]:
     """Yield every load step; if one fails, the last equilibrium again with the name of the failure."""
     simulation = prepare(scenario(case))
-    for now, failed in steps_until_failure(simulation):
-        yield row_of(case, simulation, now, failed)
+    now = simulation.beginning()
+    while now.number < simulation.steps:
+        try:
+            now = simulation.next(now)
+        except CouplingError as error:
+            yield row_of(case, simulation, now, f"{type(error).__name__}: {error}")
+            return
+        yield row_of(case, simulation, now, "")
 
 
 def scenario(case: Case) -> Scenario:
