@@ -1,38 +1,45 @@
 """Realistic scenarios drawn at random from a seed, with all defaults.
 
-A block of tissue, 2 kPa to 2 MPa, is pierced from above at one to six holes by a suture of the catalogue, 2-0 to 8-0,
-which goes down and up through them in turn. One end is held, loaded or free, the other is driven or pulled. The
-`demand` of a scenario is how far a linear estimate, 0.6 F/(E a), moves its holes, in footprints a.
+A block of tissue, 2 kPa to 2 MPa, is pierced from above at one to six holes by a suture of the
+catalogue, 2-0 to 8-0, which goes down and up through them in turn. One end is held, loaded or free,
+the other is driven or pulled. The `demand` of a scenario is how far a linear estimate, 0.6 F/(E a),
+moves its holes, in footprints a. Many ask for more: rest, ties, tracts, cuts, schedules, finite
+strain, lips in contact. Each of these changes the tables of a case by draws of its own, so that the
+cases themselves stay what their seed makes them.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from studies.arrays import Array
+from studies.scenario.stitch import unit
 
-SUTURES = tuple(
-    f"{size} {material}"
-    for size in ("2-0", "3-0", "4-0", "5-0", "6-0", "7-0", "8-0")
-    for material in ("polypropylene", "nylon", "silk")
-)
+Tables = dict[str, Any]
+Random = np.random.Generator
+SUTURES = tuple(f"{size}-0 {material}" for size in range(2, 9) for material in ("polypropylene", "nylon", "silk"))
 KINDS = ("driven", "ramped", "dead", "sudden")
 ESTIMATE = 0.6  # of F/(E a): displacement of a footprint under a force F
 GENTLE = 3.0  # footprints
 UP = np.array([0.0, 0.0, 1.0])
 SETTLING = 0.1  # [s] of a run after its load has grown
+BITE, PITCH, DEEP = (4e-3, 7e-3), 8e-3, 5e-3  # m: half of a stitch's width, distance of stitches, depth of a bite
+# Of a stitch that is tied, from hand to hand: across the wound over half its width, along it, up [m].
+LOOP = np.array([[-1, -1.5e-3, 6e-3], [0, 0, 3e-3], [1, 0, 0], [1, 0, -DEEP], [-1, 0, -DEEP], [-1, 0, 0], [0, 0, 3e-3],
+                 [1, 1.5e-3, 6e-3]])  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Case:
-    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and what else it asks for, `ask`."""
+    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and what else it
+    asks for, `ask`."""
 
     number: int
     kind: str
     demand: float
-    tables: dict[str, Any]
+    tables: Tables
     ask: str = "motion"
 
     @property
@@ -47,125 +54,90 @@ def cases(seed: int, count: int, first: int = 0) -> Iterator[Case]:
         yield case(np.random.default_rng([seed, number]), number)
 
 
-def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(random: Random, low: float, high: float) -> float:
     """Draw a number whose logarithm is uniform."""
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
-def case(random: np.random.Generator, number: int) -> Case:
+def case(random: Random, number: int) -> Case:
     """Draw one case."""
     holes = int(random.integers(1, 7))
     footprint = float(random.choice([0.5e-3, 1e-3, 1.5e-3]))
     modulus = log_uniform(random, 2e3, 2e6)
-    spacing = random.uniform(5.0, 10.0, holes - 1) * 1e-3
-    x = np.concatenate([[0.0], np.cumsum(spacing)])
-    x -= x.mean()
-    at = np.column_stack([x, random.uniform(-2e-3, 2e-3, holes), np.zeros(holes)])
+    x = np.concatenate([[0.0], np.cumsum(random.uniform(5.0, 10.0, holes - 1) * 1e-3)])
+    at = np.column_stack([x - x.mean(), random.uniform(-2e-3, 2e-3, holes), np.zeros(holes)])
     path = path_through(random, at)
     kind = str(random.choice(KINDS, p=(0.4, 0.25, 0.2, 0.15)))
     start, end, force, duration = ends_of(random, kind, path, modulus * footprint * holes)
-    sliding = random.random() < 0.6
-    friction = {} if sliding else {"friction": friction_of(random)}
-    piercings = [
-        {"name": f"hole{k + 1}", "at": at[k].tolist(), "footprint": footprint, "direction": direction_of(random, k)}
-        | friction
-        for k in range(holes)
-    ]
+    mu = 0.0 if random.random() < 0.6 else float(random.uniform(0.05, 0.3))
+    hole = {"footprint": footprint} | ({"friction": {"static": mu * 1.2, "kinetic": mu}} if mu else {})
     tables = {
-        "title": f"case {number}: {kind}",
+        "piercing": [
+            {"name": f"hole{k + 1}", "at": at[k].tolist(), "direction": direction_of(random, k)} | hole
+            for k in range(holes)
+        ],
         "tissue": {
-            "youngs_modulus": modulus,
-            "poisson_ratio": float(random.choice([0.3, 0.45])),
-            "density": 1060.0,
-            "rayleigh": [10.0, 1e-4],
-            "clamp": ["bottom"],
-            "inertia": bool(random.random() < 0.5),
-            "mesh": mesh_of(random, at, footprint),
+            "youngs_modulus": modulus, "poisson_ratio": float(random.choice([0.3, 0.45])), "density": 1060.0,
+            "rayleigh": [10.0, 1e-4], "clamp": ["bottom"], "inertia": bool(random.random() < 0.5),
+            "mesh": {
+                "kind": "block", "generator": "structured",
+                "size": [float(np.ptp(at[:, 0]) + 0.03), 0.03, float(random.uniform(0.01, 0.02))],
+                "h": 6e-3, "h_site": 2.0 * footprint, "accuracy": "given",  # wide enough, with coarse cells
+            },
         },
         "thread": {"suture": str(random.choice(SUTURES)), "path": path.tolist(), "start": start, "end": end}
         | ({"damping": 20.0} if random.random() < 0.5 else {}),
-        "piercing": piercings,
-        "solve": {"dt": 1e-3, "duration": duration},
-        "output": {"every": 1000},
-    }
+        "solve": {"dt": 1e-3, "duration": duration}, "output": {"every": 1000},
+    }  # fmt: skip
     return Case(number, kind, demand_of(tables, force), tables)
 
 
-def demand_of(tables: dict[str, Any], force: float) -> float:
+def demand_of(tables: Tables, force: float) -> float:
     """Return how far a force [N] would move a hole by the linear estimate, in footprints."""
     return ESTIMATE * force / (tables["tissue"]["youngs_modulus"] * tables["piercing"][0]["footprint"] ** 2)
 
 
-def path_through(random: np.random.Generator, at: Array) -> Array:
-    """Return the corners of a path that comes from the left above the block, goes down and up through the holes, and
-    leaves to the right; below the block where the number of holes is odd. Shape `(k, 3)` [m]."""
+def path_through(random: Random, at: Array) -> Array:
+    """Return the corners of a path that comes from the left above the block, goes down and up
+    through the holes, and leaves to the right; below the block where the number of holes is odd.
+    Shape `(k, 3)` [m]."""
     tail, head = random.uniform(15e-3, 40e-3, 2)
     rise = random.uniform(4e-3, 10e-3)
     rows = [at[0] + [-tail, random.uniform(-5e-3, 5e-3), random.uniform(5e-3, 25e-3)], at[0] + [0, 0, rise]]
-    for k, place in enumerate(at):
-        down = k % 2 == 0
-        depth = random.uniform(4e-3, 7e-3)
-        if down:
-            rows.append(place - depth * UP)
-            if k + 1 < len(at):
-                rows.append(at[k + 1] - depth * UP)
-        else:
-            rows.append(place + rise * UP)
-            if k + 1 < len(at):
-                rows.append(at[k + 1] + rise * UP)
-    last = rows[-1]
+    for k in range(len(at)):
+        height = random.uniform(4e-3, 7e-3)
+        rows += list(at[k : k + 2] + (rise if k % 2 else -height) * UP)
     up = 1.0 if len(at) % 2 == 0 else -1.0
-    way = head, random.uniform(-10e-3, 10e-3), up * random.uniform(2e-3, 25e-3)
-    rows.append(last + np.array(way))
-    return np.array(rows)
+    return np.array([*rows, rows[-1] + [head, random.uniform(-10e-3, 10e-3), up * random.uniform(2e-3, 25e-3)]])
 
 
-def ends_of(
-    random: np.random.Generator, kind: str, path: Array, stiffness: float
-) -> tuple[dict[str, Any], dict[str, Any], float, float]:
-    """Draw the two ends of the thread: the tables of start and end, the force [N] that the holes will feel, and the
-    duration of the run [s]. `stiffness` [N/m] is that of all holes together, of E a."""
-    away = path[0] - path[1]
-    away /= np.linalg.norm(away)
-    out = path[-1] - path[-2]
-    out /= np.linalg.norm(out)
-    turned = out + 0.5 * random.standard_normal(3)
-    turned /= np.linalg.norm(turned)
+def ends_of(random: Random, kind: str, path: Array, stiffness: float) -> tuple[Tables, Tables, float, float]:
+    """Draw the two ends of the thread: the tables of start and end, the force [N] that the holes
+    will feel, and the duration of the run [s]. `stiffness` [N/m] is that of all holes together,
+    of E a."""
+    away, turned = unit(path[0] - path[1]), unit(unit(path[-1] - path[-2]) + 0.5 * random.standard_normal(3))
     pull = log_uniform(random, 0.05, 3.0)
     hold = str(random.choice(["free", "fixed", "clamped", "pulled"], p=(0.2, 0.3, 0.1, 0.4)))
     tail = float(min(pull, log_uniform(random, 0.01, 0.3)))
-    starts = {
-        "free": {"kind": "free"},
-        "fixed": {"kind": "fixed"},
-        "clamped": {"kind": "clamped"},
-        "pulled": {"kind": "pulled", "force": (tail * away).tolist(), "ramp": 0.05},
-    }
     time = float(random.uniform(0.1, 0.3))
     if kind == "driven" or (kind == "ramped" and random.random() < 0.3):
-        way = random.uniform(5e-3, 40e-3)
-        if hold in ("fixed", "clamped"):
-            way *= 0.3
-        place = path[-1] + way * turned
-        end = {"kind": "driven", "waypoints": [[0.0, *path[-1]], [time, *place]]}
+        way = random.uniform(5e-3, 40e-3) * (0.3 if hold in ("fixed", "clamped") else 1.0)
         force = {"free": 0.0, "pulled": tail}.get(hold, way * stiffness / ESTIMATE)
-        return starts[hold], end, float(force), time + 0.05
-    if hold in ("free", "pulled"):
-        hold = "fixed"
+        start = {"kind": hold} | ({"force": (tail * away).tolist(), "ramp": 0.05} if hold == "pulled" else {})
+        return start, driven(path[-1], way * turned, time), float(force), time + 0.05
+    load = {"kind": "pulled"} | {"ramped": {"ramp": time}, "sudden": {"ramp": 0.0}}.get(kind, {})
     if kind in ("dead", "sudden") and random.random() < 0.5:
-        end = {"kind": "driven", "waypoints": [[0.0, *path[-1]], [time, *(path[-1] + 5e-3 * turned)]]}
-        load = {"kind": "pulled", "force": (pull * away).tolist()} | ({"ramp": 0.0} if kind == "sudden" else {})
-        return load, end, pull, time
-    ramp = {"ramp": time} if kind == "ramped" else ({"ramp": 0.0} if kind == "sudden" else {})
-    return starts[hold], {"kind": "pulled", "force": (pull * turned).tolist()} | ramp, pull, time + SETTLING
+        return load | {"force": (pull * away).tolist()}, driven(path[-1], 5e-3 * turned, time), pull, time
+    start = {"kind": hold if hold == "clamped" else "fixed"}
+    return start, load | {"force": (pull * turned).tolist()}, pull, time + SETTLING
 
 
-def friction_of(random: np.random.Generator) -> dict[str, float]:
-    """Draw the friction of all holes."""
-    mu = float(random.uniform(0.05, 0.3))
-    return {"static": mu * 1.2, "kinetic": mu}
+def driven(place: Array, way: Array, time: float) -> Tables:
+    """Return the table of an end that is led on its `way` [m] from a place within a `time` [s]."""
+    return {"kind": "driven", "waypoints": [[0.0, *place], [time, *(place + way)]]}
 
 
-def direction_of(random: np.random.Generator, k: int) -> Any:
+def direction_of(random: Random, k: int) -> Any:
     """Draw the direction of a hole: mostly the surface's normal."""
     kind = random.choice(["normal", "free", "needle"], p=(0.6, 0.25, 0.15))
     if kind != "needle":
@@ -174,13 +146,111 @@ def direction_of(random: np.random.Generator, k: int) -> Any:
     return [float(lean[0]), float(lean[1]), -1.0 if k % 2 == 0 else 1.0]
 
 
-def mesh_of(random: np.random.Generator, at: Array, footprint: float) -> dict[str, Any]:
-    """Draw the block: wide enough for its holes, with coarse cells."""
-    return {
-        "kind": "block",
-        "generator": "structured",
-        "size": [float(np.ptp(at[:, 0]) + 0.03), 0.03, float(random.uniform(0.01, 0.02))],
-        "h": 6e-3,
-        "h_site": 2.0 * footprint,
-        "accuracy": "given",  # many quick runs
-    }
+# --- what else a scenario asks for --------------------------------------------------------------------------
+
+
+def at_rest(random: Random, tables: Tables) -> None:
+    """Ask for the equilibrium under the loads of the case."""
+    tables["solve"] = {"kind": "static", "load_steps": 10, "duration": tables["solve"]["duration"]}
+
+
+def scheduled(random: Random, tables: Tables) -> None:
+    """Let a piercing begin late, or end early."""
+    piercing = tables["piercing"][int(random.integers(len(tables["piercing"])))]
+    time = float(random.uniform(0.2, 0.7) * tables["solve"]["duration"])
+    piercing["from" if random.random() < 0.5 else "until"] = time
+
+
+def cut(random: Random, tables: Tables) -> None:
+    """Cut the thread on its way."""
+    length = length_of(tables["thread"]["path"])
+    time = float(random.uniform(0.3, 0.7) * tables["solve"]["duration"])
+    tables["cut"] = [{"s": float(random.uniform(0.15, 0.85) * length), "time": time}]
+
+
+def length_of(path: Any) -> float:
+    """Return the length of a polygon through points of three numbers [m]."""
+    return float(np.linalg.norm(np.diff(np.array(path), axis=0), axis=1).sum())
+
+
+def with_tracts(random: Random, tables: Tables) -> None:
+    """Let the thread bear on the tissue between each hole down and the next one up."""
+    holes = [hole["name"] for hole in tables["piercing"]]
+    shared = {key: value for key, value in tables["piercing"][0].items() if key == "friction"}
+    tables["tract"] = [{"between": list(pair)} | shared for pair in zip(holes[::2], holes[1::2], strict=False)]
+
+
+def stiffening(random: Random, tables: Tables) -> None:
+    """Make the tissue one at finite strain."""
+    law: Tables = {"material": "neo-hookean"} if random.random() < 0.5 else {"material": "exponential"}
+    law |= {"stiffening": float(random.uniform(1.0, 8.0))} if law["material"] == "exponential" else {}
+    tables["tissue"] |= law | {"inertia": False, "rayleigh": [0.0, 0.0]}
+    if random.random() < 0.6:
+        at_rest(random, tables)
+
+
+def over_a_wound(random: Random, tables: Tables, stitches: int) -> Array:
+    """Put the holes on both sides of a wound, those of one stitch after the other, and return
+    where, (stitches, 2, 3) [m]; the lips touch in half of the cases."""
+    half, hole = float(random.uniform(*BITE)), tables["piercing"][0] | {"direction": "normal"}
+    y = (np.arange(stitches) - 0.5 * (stitches - 1)) * PITCH
+    at, slit = np.array([[[-half, each, 0.0], [half, each, 0.0]] for each in y]), bool(random.random() < 0.4)
+    tables["tissue"]["mesh"] = {
+        "kind": "wound", "shape": "slit" if slit else "ellipse", "size": [0.05, 0.05, 0.02], "depth": 0.008, "h": 5e-3,
+        "length": float(max(stitches * PITCH + 0.008, 0.02)), "h_site": 2.0 * hole["footprint"],
+    } | ({} if slit else {"width": float(random.uniform(1e-3, 4e-3))})  # fmt: skip
+    tables["tissue"]["contact"] = bool(slit or random.random() < 0.5)
+    tables["piercing"] = [hole | {"name": f"hole{k}", "at": x} for k, x in enumerate(at.reshape(-1, 3).tolist(), 1)]
+    return at
+
+
+def running(random: Random, tables: Tables) -> float:
+    """Draw a running stitch over a wound, and return the pull on it [N]."""
+    at, bite = over_a_wound(random, tables, int(random.integers(1, 4))), [4e-3, -DEEP]
+    path = [pair[k] + height * UP for pair in at for k, way in ((0, bite), (1, bite[::-1])) for height in way]
+    path = [at[0, 0] + [-0.02, 0.0, 0.02], *path, at[-1, 1] + [0.02, 0.0, 0.02]]
+    pull = float(random.uniform(0.05, 0.6))
+    end: Tables = {"kind": "pulled", "force": [0.7 * pull, 0.0, 0.7 * pull]}
+    tables["thread"] |= {"path": np.array(path).tolist(), "start": {"kind": "fixed"}, "end": end}
+    if random.random() < 0.6:
+        at_rest(random, tables)
+    else:
+        end["ramp"] = 0.5 * tables["solve"]["duration"]
+    return pull
+
+
+def tied(random: Random, tables: Tables) -> float:
+    """Tie single stitches over a wound, cut from one another, and return the force of the hands
+    [N]."""
+    at = over_a_wound(random, tables, int(random.integers(1, 4)))
+    loops = np.array([LOOP * [right[0], 1.0, 1.0] + [0.0, right[1], 0.0] for _, right in at])
+    ends = [[*loops[:k].reshape(-1, 3), 0.5 * (loops[k - 1, -1] + loops[k, 0])] for k in range(1, len(loops))]
+    holes = tables["piercing"]
+    tables["piercing"] = [hole for pair in zip(holes[1::2], holes[::2], strict=True) for hole in pair]
+    names, free = [hole["name"] for hole in tables["piercing"]], {"kind": "free"}
+    force, duration = float(random.uniform(0.05, 0.8)), tables["solve"]["duration"]
+    path = {"path": loops.reshape(-1, 3).tolist(), "cuts": [length_of(end) for end in ends]}
+    tables["thread"] |= path | {"start": free, "end": free}
+    tie = {"force": force, "until": 0.75 * duration, "ramp": 0.6 * duration}
+    pairs = zip(names[::2], names[1::2], strict=True)
+    tables["tie"] = [{"name": f"knot{k}", "between": list(pair)} | tie for k, pair in enumerate(pairs, 1)]
+    if random.random() < 0.6:
+        at_rest(random, tables)
+    return force
+
+
+ASKS: dict[str, tuple[float, Callable[[Random, Tables], float | None]]] = {
+    "motion": (0.3, lambda random, tables: None), "rest": (0.15, at_rest), "schedule": (0.08, scheduled),
+    "cut": (0.07, cut), "tract": (0.1, with_tracts), "finite strain": (0.12, stiffening), "wound": (0.08, running),
+    "ties": (0.1, tied),
+}  # fmt: skip
+
+
+def asked(seed: int, count: int, first: int = 0) -> Iterator[Case]:
+    """Yield the cases of a seed, each with what else it asks for."""
+    names, shares = list(ASKS), [share for share, _ in ASKS.values()]
+    for drawn in cases(seed, count, first):
+        random = np.random.default_rng([seed, drawn.number, 1])
+        case = replace(drawn, ask=names[int(random.choice(len(names), p=shares))])
+        force = ASKS[case.ask][1](random, case.tables)
+        yield case if force is None else replace(case, kind="ramped", demand=demand_of(case.tables, force))

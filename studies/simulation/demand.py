@@ -1,7 +1,7 @@
 """Estimates of the displacement and turn of a scenario's holes, before the first step.
 
 The thread is taken as taut from hole to hole and free of friction, or as slack in arcs; each hole as a footprint on a
-half-space, wider where its cells are coarse. Of 138 random scenarios (`studies.campaign.asks`, seeds 21 and 22, on
+half-space, wider where its cells are coarse. Of 138 random scenarios (`studies.campaign.generator`, seeds 21 and 22, on
 which the estimate was made) 99 in 100 of those whose run left the linear range, or passed the suture's strength, are
 found so, and 89 in 100 of those found did. Of a thread in pieces the loops of ties alone are judged: its strands end
 at cuts.

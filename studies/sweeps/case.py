@@ -41,13 +41,15 @@ class Result:
     """A case that was run: its exit status as that of ``suture run``, its summary, the wall-clock `seconds`, and the
     number of `cells` of its organ, None without one.
 
-    `lasting`: whether the same would come of it again; not of a want of memory or disk."""
+    `lasting`: whether the same would come of it again; not of a want of memory or disk. `failure`: the name of the
+    error that ended it, "refused" of one that did not begin, empty for a run that completed."""
 
     exit_status: int
     summary: dict[str, Any]
     seconds: float
     lasting: bool = True
     cells: int | None = None
+    failure: str = ""
 
     def record(self) -> dict[str, Any]:
         """Return the case as its file has it."""
@@ -62,12 +64,17 @@ def run_case(data: Mapping[str, Any]) -> Result:
             scenario = parsed(data)
             simulation = prepare(scenario, KEPT)
         except REFUSALS as error:
-            return Result(REFUSED, {"status": "refused", "error": str(error)}, perf_counter() - began)
+            summary, name = {"status": "refused", "error": str(error)}, "refused"
+            return Result(REFUSED, summary, perf_counter() - began, failure=name)
         except SHORTAGES as error:
-            return Result(FAILED, {"status": "failed", "error": in_words(error)}, perf_counter() - began, False)
-        status, summary, lasting = simulate(simulation)
-    topology = simulation.topology
-    return Result(status, summary, perf_counter() - began, lasting, None if topology is None else len(topology.cells))
+            summary, name = {"status": "failed", "error": in_words(error)}, type(error).__name__
+            return Result(FAILED, summary, perf_counter() - began, False, failure=name)
+        summary, failure = simulate(simulation)
+    cells = None if simulation.topology is None else len(simulation.topology.cells)
+    seconds, lasting = perf_counter() - began, not isinstance(failure, SHORTAGES)
+    if failure is None:
+        return Result(COMPLETED, summary, seconds, cells=cells)
+    return Result(FAILED, summary, seconds, lasting, cells, type(failure).__name__)
 
 
 def run_start(data: Mapping[str, Any]) -> Result | None:
@@ -103,11 +110,12 @@ def tally_of(simulation: Simulation) -> Tally:
     return Tally(run.scenario, run.tissue_dofs, run.remarks, refinement=run.refinement)
 
 
-def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
-    """Run a simulation without files: return its exit status, the summary that `suture run` writes of it, and whether
-    the same would come of it again."""
+def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
+    """Run a simulation without files: return the summary that `suture run` writes of it, and the error that ended it,
+    None if it completed."""
     tally = tally_of(simulation)
-    error, last = None, None
+    error: Exception | None = None
+    last = None
     try:
         for step, frame in simulation.advance():
             tally.count(step)
@@ -119,9 +127,7 @@ def simulate(simulation: Simulation) -> tuple[int, dict[str, Any], bool]:
         error = raised
     if last is not None:  # as a run writes its last frame
         tally.see(last().organ)
-    if error is None:
-        return COMPLETED, tally.summary("completed"), True
-    return FAILED, tally.summary("failed", in_words(error)), not isinstance(error, SHORTAGES)
+    return (tally.summary("completed") if error is None else tally.summary("failed", in_words(error))), error
 
 
 def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> OrganRecord | None:

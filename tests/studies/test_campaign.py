@@ -3,43 +3,19 @@
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from coupling.errors import (
-    ConstraintError,
-    CouplingError,
-    InversionError,
-    StepError,
-    TogetherError,
-    TurnedHoleError,
-    UphillError,
-)
+from coupling.errors import StepError
 from studies.campaign import study
-from studies.campaign.asks import ASKS, asked
-from studies.campaign.generator import GENTLE, KINDS, SUTURES, cases
-from studies.campaign.quarter import forces_apart, lengths_apart, with_shorter_steps
-from studies.campaign.study import (
-    AGREED,
-    ALIKE,
-    CAUSES,
-    CREATED,
-    CREATED_BDF2,
-    TELLING,
-    Row,
-    cause_of,
-    figure,
-    remarks,
-    run,
-    table,
-)
+from studies.campaign.generator import ASKS, GENTLE, KINDS, SUTURES, Case, asked, cases
+from studies.campaign.study import AGREED, ALIKE, TELLING, Row, apart, figure, remarks, run, table
 from studies.scenario import parse
+from studies.simulation import Simulation
 from studies.study import AT_WORK
-
-FLIP = InversionError(0.0, "hole")
+from studies.sweeps.case import Result, run_case
 
 
 def test_a_case_follows_from_the_seed_and_its_number_alone() -> None:
@@ -68,28 +44,27 @@ def test_everything_that_a_scenario_may_ask_for_is_asked() -> None:
         parse(case.tables)
 
 
-@pytest.mark.parametrize(
-    ("error", "ratio", "turned", "cause"),
-    [
-        (FLIP, 3.0, 1.0, "flip: spans longer than the bending layer"),
-        (FLIP, 1.0, 0.5, "flip: hole turned beyond a linear organ"),
-        (FLIP, 1.0, 1.0, "flip"),
-        (UphillError(0.0, 1e-3, "up"), 1.0, 1.0, "another branch"),
-        (StepError(0.0, 1e-3, "no"), 1.0, 1.0, "no step found"),
-        (TurnedHoleError(0.0, 1e-3, "no"), 1.0, 1.0, "hole turned beyond a linear organ"),
-        (TogetherError(0.0, "drawn to nothing"), 1.0, 1.0, "holes drawn together"),
-        (ConstraintError(0.0, "two"), 1.0, 1.0, "constraints"),
-    ],
-)
-def test_every_error_has_its_cause(
-    monkeypatch: pytest.MonkeyPatch, error: CouplingError, ratio: float, turned: float, cause: str
-) -> None:
-    """Independent check: the cause is read from the error, the spans over the layer and the turn of the holes."""
-    monkeypatch.setattr(study, "span_ratio", lambda system, state: ratio)
-    y = np.array([[0, 0, 0, turned, 0, 0, 0, 1.0, 0]])
-    now = SimpleNamespace(system=None, state=SimpleNamespace(y=y, present=np.array([True])))
-    assert cause_of(error, now) == cause  # type: ignore[arg-type]
-    assert cause in CAUSES
+def short(number: int) -> Case:
+    """A case of seed 1, three steps long."""
+    (case,) = cases(1, 1, number)
+    return replace(case, tables={**case.tables, "solve": {"dt": 1e-3, "duration": 3e-3}})
+
+
+def test_an_error_and_a_refusal_are_the_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: what is raised at a step, what is refused before it, and what completes."""
+    going = Simulation.next
+
+    def failing(self: Simulation, now: Any) -> Any:
+        if now.number == 1:
+            raise StepError(0.0, 1e-3, "no")
+        return going(self, now)
+
+    assert run(short(22)).cause == "completed"
+    monkeypatch.setattr(Simulation, "onward", lambda self, now: [failing(self, now)])
+    stopped = run(short(22))
+    assert (stopped.cause, stopped.time) == ("StepError", 1e-3)
+    wrong = replace(short(22), tables=short(22).tables | {"cut": [{"s": -1.0, "time": 0.1}]})
+    assert (run(wrong).cause, run(wrong).time) == ("refused", 0.0)
 
 
 def test_the_workers_of_a_study_do_the_cases() -> None:
@@ -115,50 +90,50 @@ def test_a_thread_that_slides_as_its_swinging_is_damped_is_told() -> None:
     (case,) = cases(1, 1, 65)
     for hole in case.tables["piercing"]:  # as long as the footprints are wide
         hole.update({"channel": 2.0 * hole["footprint"]} if hole["direction"] != "free" else {})
-    end = study.followed(case.tables, 20_000)
-    assert "numerical-dissipation" in TELLING & set(end.said)
+    said = {remark["code"] for remark in run_case(case.tables).summary["remarks"]}
+    assert "numerical-dissipation" in TELLING & said
 
 
 def test_what_did_not_arrive_is_counted_and_listed() -> None:
-    """Independent check: a case stopped by its bound is no completed one, and table, remarks and figure say so."""
-    (case,) = cases(1, 1, 22)
-    stopped = run(case, most=2)
-    assert stopped.cause == "corrections spent" and 0.0 < stopped.time < stopped.duration
-    done = replace(stopped, cause="completed", time=stopped.duration, created=2.0 * CREATED)
-    taken = replace(done, created=0.0, created_bdf2=3.0 * CREATED_BDF2)
-    rows: list[Row] = [stopped, done, taken]
-    lines = {line[0]: line[1] for line in table(rows).lines}
-    assert lines["all"] == "2 of 3" and lines[case.kind] == "2 of 3"
+    """Independent check: a case that an error stopped is no completed one, and table, remarks and figure say so."""
+    done = run(short(22))
+    stopped = replace(done, cause="StepError", time=0.5 * done.time)
+    rows: list[Row] = [stopped, done, replace(done, said="spans energy-created")]
+    lines = {line[0]: line[1:] for line in table(rows).lines}
+    assert lines["all"] == lines[done.kind] == ["2 of 3", "1"] and table(rows).head[2] == "StepError"
     said = "\n".join(remarks(rows))
-    assert "TOO FEW" in said and f"case {case.number}" in said
-    for scheme, most in (("backward Euler", done.created), ("BDF2", taken.created_bdf2)):
-        [line] = [text for text in said.split("\n") if scheme in text]
-        assert f"1 of 3, at most {most:.2g}" in line
+    assert "TOO FEW" in said and f"case {done.number} ({done.kind}, motion" in said
+    assert "cases whose steps created energy: 1 of 3 22" in said
     assert figure(rows).axes
 
 
 def test_a_case_agrees_with_itself_in_shorter_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: a case compared with itself is no way apart; one whose holes pull a tenth more, and one that
     does not complete in shorter steps, are told by name, and without a remark that would tell so."""
-    (case,) = cases(1, 1, 22)
-    end = study.followed({**case.tables, "solve": {"dt": 1e-3, "duration": 3e-3}}, 1000)
-    assert end.cause == "completed" and end.tally is not None
-    now = end.tally.now
-    assert forces_apart(now, now) == lengths_apart(now, now) == 0.0
-    more = replace(now, state=replace(now.state, lam=1.1 * now.state.lam))
-    assert forces_apart(more, now) == pytest.approx(0.1)
-    assert with_shorter_steps(case.tables)["solve"]["dt"] == 0.25 * case.tables["solve"]["dt"]
-    found = study.row(case, replace(end, said=()))
-    monkeypatch.setattr(study, "followed", lambda tables, most: replace(end, cause="another branch"))
-    rows = [study.compared(case, found, end, 1000), replace(found, forces_apart=0.0, lengths_apart=0.0), found]
+    case, steps = short(22), []
+    result = run_case(case.tables)
+    found, holes = run(case), result.summary["piercings"]
+    assert apart(result, result, found.suture) == 0.0
+    more = {name: hole | {"force": 1.1 * np.array(hole["force"])} for name, hole in holes.items()}
+    assert apart(replace(result, summary={"piercings": more}), result, found.suture) == pytest.approx(0.1)
+    longest = max(abs(hole["slip"]) for hole in holes.values()) + 1e-3
+    less = {name: hole | {"slip": hole["slip"] + longest} for name, hole in holes.items()}
+    assert apart(replace(result, summary={"piercings": less}), result, found.suture) > 1.0
+
+    def again(tables: Any) -> Result:
+        steps.append(tables["solve"]["dt"])
+        return result if len(steps) == 1 else replace(result, failure="StepError")
+
+    monkeypatch.setattr(study, "run_case", again)
+    rows = [replace(run(case, quarter=True), said=""), replace(found, apart=0.0), found]
+    assert steps == [1e-3, 0.25e-3]
     said = "\n".join(remarks(rows))
-    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps, 0 of them not at rest" in said
-    assert "forces by inf" in said and "says nothing" in said
+    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps" in said and "inf apart; it says nothing" in said
     near = [
-        replace(found, forces_apart=0.5 * ALIKE, lengths_apart=share * ALIKE, said=words)
+        replace(found, apart=share * ALIKE, said=words)
         for share, words in ((0.5, "spans forces-swing"), (0.5, "no-tract"), (2.0, "forces-swing"))
     ]
-    assert "remarked on that agree within 0.2% all the same: 1 of 2" in "\n".join(remarks(near))
-    far = [replace(found, forces_apart=2.0 * AGREED, lengths_apart=0.0, said=words) for words in ("not-at-rest", "")]
+    assert "cases remarked on, yet within 0.2%: 1 of 2" in "\n".join(remarks(near))
+    far = [replace(found, apart=2.0 * AGREED, said=words) for words in ("not-at-rest", "")]
     told = replace(far[0], said="not-at-rest numerical-dissipation")
-    assert "0 of 3, 2 of the others WITHOUT A REMARK on the steps, 1 of them not" in "\n".join(remarks([*far, told]))
+    assert "0 of 3, 2 of the others WITHOUT A REMARK on the steps" in "\n".join(remarks([*far, told]))

@@ -9,8 +9,7 @@ import pytest
 
 from meshes.quality import size_at
 from studies.arrays import Array
-from studies.campaign.asks import asked
-from studies.campaign.generator import cases
+from studies.campaign.generator import asked, cases
 from studies.output.remarks import EARLY, SMALL_ROTATION, SMALL_STRAIN
 from studies.scenario import Scenario, load, parse
 from studies.simulation import demand, prepare
