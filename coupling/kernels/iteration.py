@@ -55,7 +55,8 @@ from thread.kernels.travel import (
 from thread.kernels.vectors import add_row, dot, sum_of
 
 SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how one ends
-KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain is known to `coupling.step.newton.ROUND_OFF`
+ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
+KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain is known to that
 LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
 HOW, TOTAL, SETS, OF_SET = range(4)  # in the numbers of a trail
 TINY = 2.2250738585072014e-308
@@ -98,13 +99,13 @@ class Given(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What counts as solved and how far a correction goes: `force` of the largest force, and `rounded` [N] besides,
-    which is `along` times that for a force along a thread whose knots travel; the `least` largest force [N]; `gap` [m],
-    `direction`; `longest` move [m]; margin between two solved sets; `iterations` for one set, how many `sets`, and how
-    many `returns` to one of them; whether the thread `floats`."""
+    """What counts as solved and how far a correction goes: `force` of the largest force, and besides what forces are
+    `rounded` by, (1,) [N], which is `along` times that for a force along a thread whose knots travel; the `least`
+    largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets; `iterations` for one
+    set, how many `sets`, and how many `returns` to one of them; whether the thread `floats`."""
 
     force: float
-    rounded: float
+    rounded: Array
     along: float
     least: float
     gap: float
@@ -166,6 +167,16 @@ class Found(NamedTuple):
     strain: Array
     trail: Trail
     ridden: Ridden
+
+
+def force_rounded(EA: float, by_place: float, span: float, place: float) -> float:
+    """Return the round-off of forces that cancel [N], of stiffnesses `EA` [N] and `by_place` [N/m] at the largest
+    `place` [m]. That of the axial force is of a strain, a difference of places over a `span` [m]: it has fewer digits
+    where the thread is many spans from the origin."""
+    return ROUND_OFF * (EA * max(1.0, place / (KNOWN_SPANS * span)) + by_place * place)
+
+
+rounded_force = loop(force_rounded)
 
 
 @loop
@@ -320,7 +331,7 @@ def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknow
         for x in range(3):
             if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
                 return False
-    along = force + (bounds.along - 1.0) * bounds.rounded if given.ride.on else force
+    along = force + (bounds.along - 1.0) * bounds.rounded[0] if given.ride.on else force
     limits = force, bounds.gap, bounds.direction, along
     return are_holds_solved(law, z.sigma, given.rows, limits, r.holds, r.site, given.rounded)
 
@@ -512,7 +523,7 @@ def solve_set(
             return NOT_CONVERGED, scale
         if not scale < LARGEST:
             return RAN_AWAY, scale
-        if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded, z, r):
+        if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded[0], z, r):
             return SOLVED, scale
         A, border = thread_matrix(curve, knots, given, z, r), border_of(law, given, z, r)
         if given.stiffen:
@@ -583,7 +594,7 @@ def solve_step(
         made[SETS] += 1
         made[OF_SET] = 0
         often = times_seen(seen, made[SETS], z.sigma)
-        margin = bounds.margin * (bounds.force * scale + bounds.rounded)
+        margin = bounds.margin * (bounds.force * scale + bounds.rounded[0])
         if not next_set(law, given, z, r, margin, seen, made[SETS]):
             return made[TOTAL], scale
         if often > bounds.returns:

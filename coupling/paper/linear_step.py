@@ -41,10 +41,11 @@ from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE, Border
 from coupling.kernels.bordered import PHI, S, SingularError, newton_direction, values_at_holds
 from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
+from coupling.kernels.iteration import ROUND_OFF
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.step.configuration import Configuration
-from coupling.step.newton import ROUND_OFF, Iterate, Problem, Residual, Solution, border_of, failure
+from coupling.step.newton import Iterate, Problem, Residual, Solution, border_of, failure
 from coupling.step.sliding import Law, law_of, prescribed
 from coupling.step.stepping import Step, Take, dynamic_problem, organ_answer, reactions, with_ends, with_sense
 from coupling.system import State, System, forgetful

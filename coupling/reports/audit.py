@@ -214,7 +214,7 @@ def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:
     q, v, s, s_dot, lam, y, sigma, reaction, f_y = map(
         plain, (state.q, state.v, state.s, state.s_dot, state.lam, y, state.sigma, state.reaction, f_y)
     )
-    return Motion(q, v, PLANE, s, s_dot, lam, y, sigma, NONE, reaction, NONE, f_y, NONE, NONE, NONE, NONE, NONE)
+    return Motion(q, v, PLANE, s, s_dot, lam, y, sigma, NONE, reaction, NONE, f_y, *(NONE,) * 6)
 
 
 def met_by(step: Step[Body]) -> Met:

@@ -1,8 +1,9 @@
 """The arrays of whole steps in compiled loops (`coupling.kernels.steps`), from those of the first one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from coupling.integrators import BDF2, Scheme
 from coupling.interfaces import Answer, Modal, ModalMotion, Steady
 from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE
+from coupling.kernels.constraints import Passage
 from coupling.kernels.friction import Law
 from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
 from coupling.kernels.steps import march
@@ -21,17 +23,19 @@ from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Along
+from coupling.kernels.steps.watch import Shares
 from coupling.recent import Recent
+from coupling.reports.observation import Seen
 from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
-from coupling.step import newton, tables
+from coupling.step import tables
 from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
 from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, plain, solver_for, tables_of
 from coupling.step.tension import along_of
-from coupling.system import State, System
+from coupling.system import State, System, forgetful
 from thread.kernels.curve import Curve
 from thread.kernels.travel import Field
 from thread.placed import Placed
@@ -86,7 +90,7 @@ class Fixture:
     """Arrays that steps of a scheme share as long as the same holds are present, and room for results.
 
     The references and loads among them are those of the step that is made; `solver` is the address of the compiled
-    step for arrays like these, and `nothing` the room of a course that keeps none of its steps.
+    step for arrays like these.
     """
 
     tables: Tables
@@ -96,7 +100,6 @@ class Fixture:
     bounds: Bounds
     scene: Scene
     room: Scratch
-    nothing: Kept
     curve: Curve
     solver: int
 
@@ -140,6 +143,7 @@ def make_fixture(
     given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
     one, other = (with_own(field, "at", "S", "c") for field in given.fields)
     given = given._replace(fields=(one, other))
+    strands = with_own(strands_of(system, state, taut), "taut")
     room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
     return Fixture(
         tables=tables,
@@ -147,9 +151,8 @@ def make_fixture(
         law=law,
         given=given,
         bounds=bounds,
-        scene=scene_of(problem, state.present, with_own(strands_of(system, state, taut), "taut")),
+        scene=scene_of(problem, state.present, strands, CREATED_BDF2 if isinstance(scheme, BDF2) else CREATED),
         room=room,
-        nothing=room_to_keep(motion, 0),
         curve=curve,
         solver=solver_for(curve, tables.knots, law, given, bounds, room.z, room.found),
     )
@@ -161,53 +164,45 @@ def with_own(arrays: Arrays, *names: str) -> Arrays:
 
 
 class Course:
-    """Steps of a scheme from a state, as far as they are `made`: the motion `now` and `earlier`, one step before, the
-    `energies` and the `iterations` of each, and whether there was an event in the only one, `happened`; and what is
-    `kept` of so many of them as are to be kept, `keep`. `taut` (k + 1,): which strands are at its start."""
+    """Steps of a scheme from a state, as far as they are `made`: the `energies`, `iterations` and largest axial
+    `strains` of each, and whether there was an event in the only one, `happened`. `taut` (k + 1,): which strands are at
+    its start; `remembers`: whether a state is to remember the one before it."""
 
     def __init__(
-        self,
-        system: System[Any],
-        scheme: Scheme,
-        state: State[Any],
-        body: Body,
-        taut: Flags,
-        keep: int = 0,
+        self, system: System[Any], scheme: Scheme, state: State[Any], body: Body, taut: Flags, remembers: bool
     ) -> None:
-        self._like, self._holes, self._body = state, len(system.piercings), body
+        self._like, self._holes, self._body, self._remembers = state, len(system.piercings), body, remembers
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
         self._fixture = fixture_of(system, scheme, state, body.answer, self._now, taut)
-        self.made, self.energies, self.iterations, self.happened = 0, np.empty(0), np.zeros(0, np.int64), False
-        self.kept = room_to_keep(self._now, keep) if keep else self._fixture.nothing
 
-    def make_steps(self, energies: Sequence[float], ends: tuple[Array, ...]) -> None:
-        """Make as many steps as go smoothly between the `ends` that `coupling.run.march.tabled_ends` gives; the other
-        arguments are those of `coupling.kernels.steps.march.march`."""
-        self.energies, self.iterations = np.array(energies), np.zeros(len(ends[0]), np.int64)
-        given = self._fixture
+    def make_steps(self, energies: Sequence[float], times: Sequence[float], ends: tuple[Array, ...]) -> None:
+        """Make as many steps to the `times` [s] as go smoothly between the `ends` that
+        `coupling.run.march.tabled_ends` gives."""
+        given, iterations, kept = self._fixture, np.zeros(len(times), np.int64), room_to_keep(self._now, len(times))
         self.made, why = run_march(
             given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
-            self._body.organ, Ends(*ends), self._now, self._earlier, given.room, self.energies, self.iterations,
-            self.kept, given.solver,
+            self._body.organ, Ends(*ends), self._now, self._earlier, given.room, np.array(energies), iterations, kept,
+            given.solver,
         )  # fmt: skip
-        self.happened = why == march.HAPPENED
+        self.happened, self._times = why == march.HAPPENED, times[: self.made]
+        self.iterations, self._kept = iterations[: self.made], kept
+        self.energies, self.strains = kept.energies[: self.made].tolist(), kept.strain[: self.made]
+        self._ends = motion_on(kept.ends[: self.made], self._now[:-1])
 
-    def now(self, time: float, before: State[Any] | None = None) -> State[Any]:
-        """Return the state that the steps have come to, at a `time` [s], which remembers the one `before` it."""
-        return self._state(self._now, time, before)
+    def states(self, first: int = 0) -> list[State[Any]]:
+        """Return the states at the ends of the steps from the `first` on."""
+        each = [self._state(step) for step in range(max(first - 1, 0), self.made)]
+        each = each if first else [forgetful(self._like), *each]
+        if not self._remembers:
+            return each[1:]
+        dt = self._fixture.pace.dt
+        return [replace(new, before=old, dt_before=dt) for old, new in pairwise(each)]
 
-    def earlier(self, time: float) -> State[Any]:
-        """Return the state one step before, at a `time` [s]."""
-        return self._state(self._earlier, time)
-
-    def end_of(self, step: int, time: float, before: State[Any] | None = None) -> State[Any]:
-        """Return the state at the end of a step that is kept, at a `time` [s], likewise."""
-        return self._state(Motion(*[each[step] for each in self.kept.ends]), time, before)
-
-    def _state(self, motion: Motion, time: float, before: State[Any] | None = None) -> State[Any]:
+    def _state(self, step: int) -> State[Any]:
+        motion = Motion(*[each[step] for each in self._ends])
         f_y = motion.f_y[: self._holes].ravel()
         return State(
-            time=time,
+            time=self._times[step],
             q=motion.q,
             v=motion.v,
             N=motion.N,
@@ -222,9 +217,17 @@ class Course:
             reaction=motion.reaction,
             stretch=motion.stretch,
             **riding_of(self._fixture.tables.thread, motion),
-            before=before,
-            dt_before=None if before is None else self._fixture.pace.dt,
         )
+
+    def seen(self) -> Seen:
+        """Return what there is to see of the thread at the ends of all steps."""
+        at, ends = self._kept.at, self._ends
+        first = at.first[: self.made].ravel()
+        b, D = (x[: self.made].reshape(-1, *x.shape[2:]) for x in (at.b, at.D))
+        drive = ends.drive.ravel() if self._fixture.given.ride.on else None
+        holes = ends.s, ends.sigma, ends.stretch, ends.lam, ends.y, Passage(first, b, D, drive)
+        elastic = self._kept.elastic[: self.made]
+        return Seen(self._like.present, np.array(self._times), ends.q, elastic, *holes)
 
 
 @cache
@@ -253,12 +256,13 @@ def pace_of(scheme: Scheme) -> Pace:
     return Pace(float(scheme.dt), float(scheme.a), float(scheme.d), now, before, isinstance(scheme, BDF2))
 
 
-def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
-    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,) and
-    the thread's `strands`."""
+def scene_of(problem: Problem[Any], present: Flags, strands: Strands, create: float) -> Scene:
+    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,),
+    the thread's `strands`, and the share of the energy there is that a step may `create`."""
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
     by_place = thread.largest_bending + factor * thread.largest_mass
+    give = float((thread.spline.end - thread.spline.start) / thread.EA)
     return Scene(
         weight=plain(system.weight),
         along=with_own(along_of(system), "breaks", "axial", "greville", "share"),
@@ -270,13 +274,9 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands) -> Scene:
         strength=strength,
         damping=float(thread.damping),
         epsilon=float(system.epsilon),
-        round_off=float(newton.ROUND_OFF * by_place),
-        rounded=float(newton.ROUND_OFF * thread.EA),
+        by_place=float(by_place),
         borne=float(borne_pressure(thread, factor) / thread.EA),
-        create=CREATED,
-        create_bdf2=CREATED_BDF2,
-        there=TRACE,
-        turned=SHARE,
+        shares=Shares(create, TRACE, SHARE, give),
         strands=strands,
         fit=fit_of(thread),
     )
@@ -295,13 +295,20 @@ def motion_of(state: State[Any], body: ModalMotion) -> Motion:
     U, V, A, f_y, drift = body
     stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
     drive = np.zeros_like(state.s) if state.drive is None else state.drive
-    all_of = (*names, state.reaction, stretch, over_holds(f_y, len(state.s)), U, V, A, [drift], drive)
-    return Motion(*[np.array(x, dtype=float, order="C") for x in all_of])
+    all_of = *names, state.reaction, stretch, over_holds(f_y, len(state.s)), U, V, A, np.array([drift]), drive
+    return motion_on(np.concatenate([x.ravel() for x in all_of], dtype=float), all_of)
+
+
+def motion_on(numbers: Array, like: Sequence[Array]) -> Motion:
+    """Return the `numbers` (…, size) of motions as arrays shaped `(…, *shape)`, `like` those of one."""
+    parts = np.split(numbers, np.cumsum([x.size for x in like[:-1]]), axis=-1)
+    shapes = [(*numbers.shape[:-1], *x.shape) for x in like]
+    return Motion._make([*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)), numbers])
 
 
 def empty_room(motion: Motion, points: int) -> Scratch:
     """Return room for what is made in steps of a motion, with so many `points` of the bending on a span."""
-    end, m = Motion(*[np.zeros_like(x) for x in motion]), len(motion.s)
+    end, m = motion_on(np.zeros_like(motion.numbers), motion[:-1]), len(motion.s)
     z = Unknowns(end.q, end.N, end.s, end.lam, end.y, end.sigma)
     return Scratch(
         z=z,
@@ -320,7 +327,7 @@ def empty_room(motion: Motion, points: int) -> Scratch:
 def room_to_keep(motion: Motion, steps: int) -> Kept:
     """Return room for what is known of so many steps of a motion."""
     return Kept(
-        ends=Motion(*[np.empty((steps, *x.shape)) for x in motion]),
+        ends=np.empty((steps, motion.numbers.size)),
         elastic=np.empty((steps, *motion.q.shape)),
         strain=np.empty(steps),
         at=empty_passing(steps, len(motion.s)),

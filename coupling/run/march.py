@@ -8,53 +8,25 @@ or slack, and a step uphill.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Flags
 from coupling.calls import ask_before_correction
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Body
-from coupling.kernels.constraints import Passage
 from coupling.reports.audit import Energies
-from coupling.reports.observation import Seen
 from coupling.run.tautness import taut_strands
 from coupling.step.newton import Iterate, Solution, evaluate
 from coupling.step.solver import covers
 from coupling.step.stepping import Step, Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
-from coupling.system import State, System, forgetful
+from coupling.system import State, System
 from thread.placed import Placed
 
 if TYPE_CHECKING:
     from coupling.run.course import Course
-
-
-@dataclass(frozen=True)
-class Marched(Generic[Body]):
-    """Where the loops come to: the `state` after so many steps `made`, its `energies`, the Newton `iterations` of all
-    of them, and whether there was an event in the only one, `happened`."""
-
-    made: int
-    state: State[Body]
-    energies: Energies
-    iterations: int
-    happened: bool
-
-
-@dataclass(frozen=True)
-class Marks(Generic[Body]):
-    """Where the loops come to step by step: the `states` at their ends, with the `energies` and the Newton `iterations`
-    of each, what there is to see of the thread in them, `seen`, with its largest axial `strains` (k,) [-], and whether
-    there was an event in the only one, `happened`."""
-
-    states: list[State[Body]]
-    energies: list[Energies]
-    iterations: list[int]
-    seen: Seen
-    strains: Array
-    happened: bool
 
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
@@ -95,75 +67,26 @@ def march(
     times: Sequence[float],
     take: Take[Body],
     taut: Flags | None = None,
-) -> Marched[Body] | None:
+) -> "Course | None":
     """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
     where the first does not, or the loops do not cover it. `taut` (k + 1,) says which strands
     are, None that those are whose tension alone says so.
 
     The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
     """
-    course = run_course(system, state, energies, dt, times, take, taut)
-    if course is None:
-        return None
-    made, before = course.made, None
-    if take is bdf2_step:
-        before = course.earlier(times[made - 2]) if made > 1 else forgetful(state)
-    new = course.now(times[made - 1], before)
-    return Marched(made, new, Energies(*course.energies.tolist()), int(course.iterations.sum()), course.happened)
-
-
-def march_by_steps(
-    system: System[Body],
-    state: State[Body],
-    energies: Energies,
-    dt: float,
-    times: Sequence[float],
-    take: Take[Body],
-    taut: Flags | None = None,
-) -> Marks[Body] | None:
-    """Make the steps that `march` makes, and return where each of them comes to."""
-    course = run_course(system, state, energies, dt, times, take, taut, len(times))
-    if course is None:
-        return None
-    made, ends = course.made, course.kept.ends
-    states = [course.end_of(step, times[step]) for step in range(made)]
-    if take is bdf2_step:
-        before = [forgetful(state), *states[:-1]]
-        states = [replace(new, before=old, dt_before=dt) for old, new in zip(before, states, strict=True)]
-    first, kept = course.kept.at.first[:made].ravel(), course.kept.at
-    b, D = (x[:made].reshape(-1, *x.shape[2:]) for x in (kept.b, kept.D))
-    drive = kept.drive[:made].ravel() if system.thread.travels else None
-    at = Passage(first, b, D, drive)
-    q, s, sigma, stretch, lam, y = (x[:made] for x in (ends.q, ends.s, ends.sigma, ends.stretch, ends.lam, ends.y))
-    seen = Seen(state.present, np.array(times[:made]), q, course.kept.elastic[:made], s, sigma, stretch, lam, y, at)
-    booked = [Energies(*each) for each in course.kept.energies[:made].tolist()]
-    return Marks(states, booked, course.iterations[:made].tolist(), seen, course.kept.strain[:made], course.happened)
-
-
-def run_course(
-    system: System[Body],
-    state: State[Body],
-    energies: Energies,
-    dt: float,
-    times: Sequence[float],
-    take: Take[Body],
-    taut: Flags | None,
-    keep: int = 0,
-) -> "Course | None":
-    """Return the course of the steps that the loops make, of which so many are kept, None where they make none; the
-    other arguments are those of `march`."""
     scheme = covered_scheme(system, state, dt, take)
     if scheme is None:
         return None
     from coupling.run.course import Course, body_of
 
-    if take is bdf2_step and state.dt_before != dt:
+    remembers = take is bdf2_step
+    if remembers and state.dt_before != dt:
         times = times[:1]  # the next one looks back at another step
     body = body_of(system, scheme, state, times)
     if body is None:
         return None
-    course = Course(system, scheme, state, body, taut_strands(system, state) if taut is None else taut, keep)
-    course.make_steps(list(vars(energies).values()), tabled_ends(system, state.time, times, dt))
+    course = Course(system, scheme, state, body, taut_strands(system, state) if taut is None else taut, remembers)
+    course.make_steps(list(vars(energies).values()), times, tabled_ends(system, state.time, times, dt))
     for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
         ask_before_correction()
     return course if course.made else None

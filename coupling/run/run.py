@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, chain
-from typing import Any, Generic
+from typing import TYPE_CHECKING, Generic
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from coupling.rest.equilibrium import refuse_unbalanced
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
-from coupling.run.march import march, march_by_steps, step_between
+from coupling.run.march import march, step_between
 from coupling.run.tautness import carried_over, still_taut, taut_strands
 from coupling.run.tying import TieObservation, begin_tie, let_go_of_cut, lock_tie, observe_ties
 from coupling.run.watch import Watch
@@ -37,6 +37,9 @@ from coupling.step.packets import fitted, fitting, know_holes
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
 from tissue.errors import FactorError
+
+if TYPE_CHECKING:
+    from coupling.run.course import Course
 
 log = logging.getLogger(__name__)
 
@@ -158,40 +161,46 @@ class Run(Generic[Body]):
     def _smoothly(self, dt: float, times: Sequence[float]) -> "Run[Body] | None":
         """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
         where that is none."""
-        before = self._before_due(dt, times)
-        if not before:
+        course = self._course(dt, times)
+        if course is None:
             return None
-        found = march(self.system, self.state, self.energies, dt, before, self.take, self.taut)
-        if found is None:
-            return None
-        made = self._marched(found.made, state=found.state, energies=found.energies, at_once=found.iterations)
-        return self._switched(made, dt) if found.happened else made
+        (state,) = course.states(course.made - 1)
+        run = self._marched(course.made, state, course.energies[-1], int(course.iterations.sum()))
+        return self._switched(run, dt) if course.happened else run
 
     def _each_smoothly(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
         """Return the runs after each of those steps, none where the loops make none."""
-        before = self._before_due(dt, times)
-        if not before:
+        course = self._course(dt, times)
+        if course is None:
             return []
-        found = march_by_steps(self.system, self.state, self.energies, dt, before, self.take, self.taut)
-        if found is None:
-            return []
-        sights = look(self.system, self.s_begun, found.seen, found.states, found.strains)
-        each = zip(found.states, found.energies, found.iterations, sights, strict=True)
-        runs = [
-            self._marched(made, state=state, energies=energies, at_once=iterations, seen=sight)
-            for made, (state, energies, iterations, sight) in enumerate(each, 1)
-        ]
-        return [self._switched(runs[0], dt)] if found.happened else runs
+        states = course.states()
+        sights = look(self.system, self.s_begun, course.seen(), states, course.strains)
+        each = zip(states, course.energies, course.iterations.tolist(), sights, strict=True)
+        runs = [self._marched(made, *one) for made, one in enumerate(each, 1)]
+        return [self._switched(runs[0], dt)] if course.happened else runs
 
-    def _marched(self, made: int, **end: Any) -> "Run[Body]":
-        """Return the run after so many steps `made` by the loops, with the fields that these leave at the `end`."""
-        left: dict[str, Any] = {
-            "fresh": False,
-            "taken": (),
-            "events": (),
-            "seen": None,
-        }
-        return replace(self, number=self.number + made, system=self.system.at(end["state"]), **(left | end))
+    def _course(self, dt: float, times: Sequence[float]) -> "Course | None":
+        """Return the steps of `dt` [s] to the `times` [s] that the loops make before anything is scheduled, None if
+        they make none."""
+        before = self._before_due(dt, times)
+        return march(self.system, self.state, self.energies, dt, before, self.take, self.taut) if before else None
+
+    def _marched(
+        self, made: int, state: State[Body], energies: Sequence[float], iterations: int, seen: Sight[Body] | None = None
+    ) -> "Run[Body]":
+        """Return the run after so many steps `made` by the loops, which lead to a `state` with its `energies` [J]."""
+        return replace(
+            self,
+            number=self.number + made,
+            system=self.system.at(state),
+            state=state,
+            energies=Energies(*energies),
+            at_once=iterations,
+            seen=seen,
+            fresh=False,
+            taken=(),
+            events=(),
+        )
 
     def _switched(self, new: "Run[Body]", dt: float) -> "Run[Body]":
         """Return the run after a step of `dt` [s] of the loops, `new`, with the events in it: that holds slip or stick,

@@ -71,9 +71,9 @@ class Watch:
         problem = step.solution.problem
         thread, there = problem.system.thread, LOOSENED if self.refitted else TRACE
         give = float((thread.spline.end - thread.spline.start) / thread.EA)
-        shares = Shares(created(step), there, SHARE, float(rounded_force(problem)), give)
+        shares = Shares(created(step), there, SHARE, give)
         energies = (np.array(astuple(each)) for each in (old, new))
-        made, lent, bound, loose = watch.ask(shares, memory_of(step), *energies)
+        made, lent, bound, loose = watch.ask(shares, rounded_force(problem), memory_of(step), *energies)
         return made, lent, loose if step.dt <= self.least or self.refitted else bound, loose
 
 

@@ -39,7 +39,7 @@ from coupling.joins.rubbing import Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_direction
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import KNOWN_SPANS, holds_solved, share, share_between
+from coupling.kernels.iteration import force_rounded, holds_solved, share, share_between
 from coupling.step.configuration import Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
 from coupling.system import System
@@ -60,7 +60,6 @@ MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
-ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
 ALONG = 4.0  # of that round-off: the force along a thread whose knots travel is a difference of sums over two strands
 LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
 RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
@@ -299,13 +298,11 @@ def force_tolerance(problem: Problem[Body], r: Residual) -> float:
 
 
 def rounded_force(problem: Problem[Body]) -> float:
-    """Return the round-off of forces that cancel [N]. That of the axial force is of a strain, a difference of places
-    over a span: it has fewer digits where the thread is many spans from the origin."""
+    """Return the round-off of forces that cancel [N]."""
     thread, place = problem.system.thread, np.abs(problem.q_ref[:, :3]).max()
     by_place = thread.largest_bending + problem.mass_factor * thread.largest_mass
     span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
-    far = max(1.0, place / (KNOWN_SPANS * span))
-    return ROUND_OFF * float(thread.EA * far + by_place * place)
+    return float(force_rounded(thread.EA, by_place, span, place))
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:

@@ -122,7 +122,7 @@ def bounds_of(problem: Problem) -> Bounds:
     thread, spline = problem.system.thread, problem.system.thread.spline
     return Bounds(
         newton.FORCE_TOLERANCE,
-        newton.rounded_force(problem),
+        np.array([newton.rounded_force(problem)]),
         newton.ALONG,
         float(thread.force_unit),
         newton.GAP_TOLERANCE * thread.section.diameter,

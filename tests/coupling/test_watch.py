@@ -11,10 +11,10 @@ import pytest
 import coupling.run.watch
 import coupling.step.stepping
 from coupling.errors import LentError, StepError, UphillError
+from coupling.kernels.iteration import ROUND_OFF
 from coupling.reports.audit import Energies, is_of_bdf2
 from coupling.run.run import Run, begin
 from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
-from coupling.step.newton import ROUND_OFF
 from coupling.step.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
 from studies.scenario import parse

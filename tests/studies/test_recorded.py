@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import coupling.run.run
-from coupling.run.march import Marks, march_by_steps
+from coupling.run.course import Course
+from coupling.run.march import march
 from studies.output.records import StepRecord
 from studies.scenario import Scenario, load
 from studies.simulation import prepare, simulation
@@ -53,12 +54,12 @@ def made_at_once(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A list of how many steps each call of the loops makes from now on."""
     made: list[int] = []
 
-    def watched(*given: Any) -> Marks[Any] | None:
-        found = march_by_steps(*given)
-        made.append(len(found.states) if found else 0)
+    def watched(*given: Any) -> Course | None:
+        found = march(*given)
+        made.append(found.made if found else 0)
         return found
 
-    monkeypatch.setattr(coupling.run.run, "march_by_steps", watched)
+    monkeypatch.setattr(coupling.run.run, "march", watched)
     return made
 
 

@@ -36,7 +36,7 @@ BODY = 7
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`; `f_y` (m, 9) are the forces on the sites. Of modes of
     the organ `U`, `V`, `A` (n,) and what their check leaves open so far, or the largest forces, `drift` (1,). Where
-    knots travel −∂Π/∂s, `drive` (m,) [N]."""
+    knots travel −∂Π/∂s, `drive` (m,) [N]. All of them lie one after the other in `numbers`."""
 
     q: Array
     v: Array
@@ -55,6 +55,7 @@ class Motion(NamedTuple):
     A: Array
     drift: Array
     drive: Array
+    numbers: Array
 
 
 class Works(NamedTuple):

@@ -15,7 +15,17 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.address import by_address
 from coupling.kernels.friction import Law
 from coupling.kernels.holes import AT_U, AT_V, FIRST
-from coupling.kernels.iteration import KNOWN_SPANS, Bounds, Found, Given, Knots, Passing, Unknowns, solve
+from coupling.kernels.iteration import (
+    Bounds,
+    Found,
+    Given,
+    Knots,
+    Passing,
+    Unknowns,
+    copy_into,
+    rounded_force,
+    solve,
+)
 from coupling.kernels.steps.audit import (
     ELASTIC,
     Holes,
@@ -65,11 +75,9 @@ class Scene(NamedTuple):
     """What does not change in steps: the `weight` (n, 3) [N]; abscissae of the thread, `along`; holds that are
     `present`, those of them that have a place (`here`), those that may `slide`, those that are `rough`, and those where
     a hand has the thread, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N];
-    `damping` [1/s], ε [kg]; what places are multiplied by for `round_off` of forces [N/m], and what of that is of the
-    thread itself [N]; the pressure that the thread bears [N] over EA, `borne`; shares of energies that a step may
-    make [-]: of what there is `create`, one of BDF2 `create_bdf2` besides what it gives back, and with that `there`, or
-    `turned` of what it turns over; the `strands` between the holds; and when the packets of a thread whose knots travel
-    `fit`."""
+    `damping` [1/s], ε [kg]; the largest stiffness against moving places, `by_place` [N/m]; the pressure that the thread
+    bears [N] over EA, `borne`; the `shares` of energies that a step may make; the `strands` between the holds; and when
+    the packets of a thread whose knots travel `fit`."""
 
     weight: Array
     along: Along
@@ -81,13 +89,9 @@ class Scene(NamedTuple):
     strength: Array
     damping: float
     epsilon: float
-    round_off: float
-    rounded: float
+    by_place: float
     borne: float
-    create: float
-    create_bdf2: float
-    there: float
-    turned: float
+    shares: Shares
     strands: Strands
     fit: Fit
 
@@ -110,11 +114,11 @@ class Scratch(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of steps, of as many as there is room for, (steps, …) each: the state at the `ends` of them, the
+    """What is kept of steps, (steps, …) each: the numbers of the state at the `ends` of them, `Motion.numbers`, the
     `elastic` forces (n, 3) [N] on the thread there, its largest axial `strain` [-], and its passage `at` the holes; the
     `energies` (10,)."""
 
-    ends: Motion
+    ends: Array
     elastic: Array
     strain: Array
     at: Passing
@@ -255,48 +259,11 @@ def copy_all(a: Array, b: Array) -> None:
 
 
 @loop
-def copy_row(a: Array, b: Array) -> None:
-    """Write the entries of an array of one axis into another."""
-    for i in range(len(a)):
-        b[i] = a[i]
-
-
-@loop
-def copy_motion(a: Motion, b: Motion) -> None:
-    """Write one state into another."""
-    copy_all(a.q, b.q)
-    copy_all(a.v, b.v)
-    copy_all(a.N, b.N)
-    copy_all(a.lam, b.lam)
-    copy_all(a.y, b.y)
-    copy_all(a.f_y, b.f_y)
-    copy_all(a.reaction, b.reaction)
-    copy_row(a.s, b.s)
-    copy_row(a.s_dot, b.s_dot)
-    copy_row(a.sigma, b.sigma)
-    copy_row(a.sense, b.sense)
-    copy_row(a.stretch, b.stretch)
-    copy_row(a.U, b.U)
-    copy_row(a.V, b.V)
-    copy_row(a.A, b.A)
-    copy_row(a.drift, b.drift)
-    copy_row(a.drive, b.drive)
-
-
-@loop
 def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
-    """Keep what is known of a step that is made, where there is room for it."""
-    if step >= len(kept.energies):
-        return
-    of = kept.ends
-    place = Motion(
-        of.q[step], of.v[step], of.N[step], of.s[step], of.s_dot[step], of.lam[step], of.y[step], of.sigma[step],
-        of.sense[step], of.reaction[step], of.stretch[step], of.f_y[step], of.U[step], of.V[step], of.A[step],
-        of.drift[step], of.drive[step],
-    )  # fmt: skip
-    copy_motion(end, place)
+    """Keep what is known of a step that is made."""
+    copy_into(end.numbers, kept.ends[step])
     copy_all(r.elastic, kept.elastic[step])
-    copy_row(energies, kept.energies[step])
+    copy_into(energies, kept.energies[step])
     kept.strain[step] = r.strain[0, 0]
     for e in range(len(r.strain)):
         for g in range(r.strain.shape[1]):
@@ -306,30 +273,6 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
         copy_all(r.b[k], kept.at.b[step, k])
         copy_all(r.D[k], kept.at.D[step, k])
         kept.at.drive[step, k] = end.drive[k]
-
-
-@loop
-def go_on(now: Motion, earlier: Motion, new: Motion) -> None:
-    """Make the end of a step the start of the next."""
-    copy_motion(now, earlier)
-    copy_motion(new, now)
-
-
-@loop
-def bounds_at(bounds: Bounds, rounded: float) -> Bounds:
-    """Return the bounds of a step whose forces are rounded by so much [N]."""
-    return Bounds(
-        bounds.force, rounded, bounds.along, bounds.least, bounds.gap, bounds.direction, bounds.longest,
-        bounds.margin, bounds.iterations, bounds.sets, bounds.returns, bounds.floats,
-    )  # fmt: skip
-
-
-@loop
-def rounded_force(scene: Scene, knots: Knots, largest: float) -> float:
-    """Return the round-off of forces that cancel [N] where the largest place is so far away [m]."""
-    span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
-    far = max(1.0, largest / (KNOWN_SPANS * span))
-    return scene.rounded * far + scene.round_off * largest
 
 
 @loop
@@ -375,12 +318,12 @@ def audit(
 
 @owning
 def end_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, organ: Organ, ends: Ends, step: int,
-    now: Motion, earlier: Motion, room: Scratch, energies: Array, rounded: float,
+    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, organ: Organ,
+    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array,
 ) -> int:  # fmt: skip
-    """Look at a solved step, whose forces are `rounded` [N], and audit it; returns why it is not made, MADE where it
-    is, EVENT where it is although something happened."""
-    copy_row(law.stretch, room.end.stretch)
+    """Look at a solved step, and audit it; returns why it is not made, MADE where it is, EVENT where it is although
+    something happened."""
+    copy_into(law.stretch, room.end.stretch)
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
@@ -392,10 +335,7 @@ def end_step(
         return TOO_NARROW
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
-    create, weight = (scene.create_bdf2, pace.before) if pace.two_step else (scene.create, 0.0)
-    give = (knots.breaks[-1] - knots.breaks[0]) / curve.EA
-    shares = Shares(create, scene.there, scene.turned, rounded, give)
-    return UPHILL if goes_uphill(shares, weight, energies, room.after) else happened
+    return UPHILL if goes_uphill(scene.shares, bounds.rounded[0], pace.before, energies, room.after) else happened
 
 
 def march_of(digest: int) -> Any:
@@ -414,23 +354,25 @@ def march_of(digest: int) -> Any:
         `solver` is the address of `coupling.kernels.iteration.solve`.
         """
         assert digest
+        span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
         for step in range(len(iterations)):
             largest = begin_step(curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room)
             if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
                 return step, REFIT
-            here = bounds_at(bounds, rounded_force(scene, knots, largest))
+            bounds.rounded[0] = rounded_force(curve.EA, scene.by_place, span, largest)
             predict(pace, given, ends, step, now, room.z)
-            found, _ = solve_at(solver, (curve, knots, law, given, here, room.z, room.found))
+            found, _ = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
             if found < 0:
                 return step, NOT_SOLVED
             why = end_step(
-                curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room, energies, here.rounded
+                curve, knots, law, given, bounds, scene, pace, organ, ends, step, now, earlier, room, energies
             )
             if why != MADE and (why != EVENT or step > 0):
                 return step, why
-            copy_row(room.after, energies)
+            copy_into(room.after, energies)
             keep(kept, step, room.found, room.end, energies)
-            go_on(now, earlier, room.end)
+            copy_into(now.numbers, earlier.numbers)
+            copy_into(room.end.numbers, now.numbers)
             iterations[step] = found
             if why == EVENT:
                 return 1, HAPPENED

@@ -249,7 +249,7 @@ def audit_ride(
     on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
     start = Motion(
         old.q, at_v, old.N, old.s, old.s_dot, old.lam, old.y, old.sigma, old.sense, old.reaction, old.stretch,
-        old.f_y, old.U, old.V, old.A, old.drift, old.drive,
+        old.f_y, old.U, old.V, old.A, old.drift, old.drive, old.numbers,
     )  # fmt: skip
     audit_step(works, holes, on, start, new, met, out)
     m = len(new.s)

@@ -30,13 +30,11 @@ from thread.kernels.loops import entry, loop
 
 class Shares(NamedTuple):
     """Shares of energies that a step may make [-]: of what there is `create` besides what it gives back, and with that
-    `there`, or `turned` of what it turns over; the round-off of its forces, `rounded` [N], and by how much a force
-    draws the thread out, `give` [m/N]."""
+    `there`, or `turned` of what it turns over; and by how much a force draws the thread out, `give` [m/N]."""
 
     create: float
     there: float
     turned: float
-    rounded: float
     give: float
 
 
@@ -54,28 +52,29 @@ stake, lent = loop(at_stake), loop(given_back)
 
 
 @loop
-def rounded_work(shares: Shares, there: float) -> float:
-    """Return the work of the round-off F of forces where so much energy is `there` [J]: on the way √(2 E L/EA) on which
-    a thread that is drawn out stores that energy E, and on the way F L/EA on which F itself draws it out."""
-    return shares.rounded * (sqrt(2.0 * shares.give * max(there, 0.0)) + shares.give * shares.rounded)
+def rounded_work(give: float, rounded: float, there: float) -> float:
+    """Return the work of the round-off F of forces, `rounded`, where so much energy is `there` [J] and L/EA is what the
+    thread may `give` [m/N]: on the way √(2 E L/EA) on which a thread that is drawn out stores that energy E, and on the
+    way F L/EA on which F itself draws it out."""
+    return rounded * (sqrt(2.0 * give * max(there, 0.0)) + give * rounded)
 
 
 @loop
-def weigh(shares: Shares, weight: float, old: Array, new: Array) -> tuple[float, float, float, float]:
+def weigh(shares: Shares, rounded: float, weight: float, old: Array, new: Array) -> tuple[float, float, float, float]:
     """Return what a step makes, what of that it may give back, what it may make besides that, and what it may make in
-    all [J], from the energies before and after it, those of `coupling.reports.audit.Energies`; `weight` is as for
-    `given_back`, zero of backward Euler."""
+    all [J], from the energies before and after it, those of `coupling.reports.audit.Energies`. Its forces are `rounded`
+    [N]; `weight` is as for `given_back`, zero of backward Euler."""
     there = stake(new[0], new[1], new[2], old[9], new[3])
     moved = abs(new[3] - old[3]) + abs(new[0] - old[0]) + abs(new[1] - old[1]) + abs(new[2] - old[2])
-    least = rounded_work(shares, there)
+    least = rounded_work(shares.give, rounded, there)
     loose = max(shares.turned * moved, shares.there * there, least)
     return old[6] - new[6], lent(weight, old[8]), max(shares.create * there, least), loose
 
 
 @loop
-def goes_uphill(shares: Shares, weight: float, old: Array, new: Array) -> bool:
+def goes_uphill(shares: Shares, rounded: float, weight: float, old: Array, new: Array) -> bool:
     """Whether a step makes more than it may; the arguments are those of `weigh`."""
-    made, back, bound, loose = weigh(shares, weight, old, new)
+    made, back, bound, loose = weigh(shares, rounded, weight, old, new)
     return not (made - back <= bound and made <= loose)
 
 
