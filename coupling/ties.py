@@ -29,7 +29,7 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.errors import CouplingError
 
-ON_TIME = 1e-9  # of the time in which a tie is drawn: round-off of the time of a step is less
+ON_TIME = 1e-9  # of a step, or of the time in which a tie is drawn: so near an end of it a time is that end
 
 
 @dataclass(frozen=True)

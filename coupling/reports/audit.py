@@ -17,16 +17,15 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
-from coupling.kernels.constraints import Passage, driving_force, site_force, thread_force
+from coupling.kernels.constraints import Passage, driving_force
 from coupling.kernels.iteration import Passing
 from coupling.kernels.steps import audit
 from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works
 from coupling.kernels.steps.watch import at_stake
 from coupling.step.packets import points_at_start
 from coupling.step.stepping import Step, scheme_of, thread_motion
-from coupling.step.tables import plain
 from coupling.system import State, System
-from thread.riding import potential_rates, put_on
+from thread.riding import plain, potential_rates, put_on
 
 NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 
@@ -285,17 +284,3 @@ def is_by_mean(step: Step[Body]) -> bool:
 def is_of_bdf2(step: Step[Body]) -> bool:
     """Whether a step was made by BDF2."""
     return step.new.before is not None and isinstance(scheme_of(step.old, step.dt), BDF2)
-
-
-def multiplier_imbalance(system: System[Body], state: State[Body]) -> tuple[float, float]:
-    """Return the total force [N] and moment [N m] of the multipliers on thread and organ together: zero but for
-    round-off.
-
-    The moment is taken on the site variables, x×f_x + u×f_u + v×f_v (Φ is invariant under a common rotation).
-    """
-    at = system.passage_of(state)
-    on_thread, on_sites = thread_force(at, state.lam, state.y), site_force(at, state.lam, state.y).reshape(-1, 3, 3)
-    force = on_thread[:, 0].sum(axis=0) + on_sites[:, 0].sum(axis=0)
-    moment = np.cross(at.P, on_thread[:, 0]) + np.cross(at.T, on_thread[:, 1])
-    moment += np.cross(state.y.reshape(-1, 3, 3), on_sites).sum(axis=1)
-    return float(np.abs(force).max(initial=0.0)), float(np.abs(moment.sum(axis=0)).max(initial=0.0))

@@ -38,11 +38,11 @@ from coupling.interfaces import Answer, Body, Creeping, Floats
 from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
-    has_turned,
-    refuse_crossing,
+    FARTHEST_TURN,
     refuse_held_end,
     refuse_together,
     refuse_turning,
+    turn_of_holes,
 )
 from coupling.step.motion import what_it_does
 from coupling.step.newton import (
@@ -65,8 +65,8 @@ from coupling.step.stepping import (
     emptied_holds,
     end_configuration,
     end_load,
-    left_by,
     reactions,
+    refuse_impossible,
     release,
     riding,
     tie_gaps,
@@ -525,8 +525,7 @@ def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[B
     """Return a load step that has been halved `depth` times, told whether its tissue snapped, and the holes that the
     thread ran out of in it, shape `(holds,)`. Raises `StepError` where the loads are to be halved, `ConstraintError`
     where a hand has drawn the thread out."""
-    gone = left_by(system, step.old, step.new)
-    refuse_crossing(system, step.old, step.new)
+    gone = refuse_impossible(system, step)
     if depth < DEEPEST:
         refuse_folding(step)
     step = told_to_snap(system, step, depth)
@@ -541,9 +540,11 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
-        refuse_jump(system.organ, step)
+        if has_jumped(system.organ, step):
+            cause = "the tissue jumped past a barrier of energy: that is another branch"
+            raise StepError(step.old.time, step.dt, cause)
         return step
-    turned = has_turned(system, step.old, step.new).any()
+    turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
     return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
 
 
@@ -554,12 +555,6 @@ def refuse_folding(step: Step[Body]) -> None:
     was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
     if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
         raise StepError(step.old.time, step.dt, "the thread turned back on itself within a span")
-
-
-def refuse_jump(organ: Creeping, step: Step[Body]) -> None:
-    """Raise `StepError` where tissue at finite strain came past a barrier of energy in a step."""
-    if has_jumped(organ, step):
-        raise StepError(step.old.time, step.dt, "the tissue jumped past a barrier of energy: that is another branch")
 
 
 def has_jumped(organ: Creeping, step: Step[Body]) -> bool:

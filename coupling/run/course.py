@@ -25,6 +25,7 @@ from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Along
 from coupling.kernels.steps.watch import Shares
 from coupling.recent import Recent
+from coupling.reports.audit import NONE, PLANE
 from coupling.reports.observation import Seen
 from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
@@ -33,17 +34,16 @@ from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
-from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, plain, solver_for, tables_of
+from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, solver_for, tables_of
 from coupling.step.tension import along_of
 from coupling.system import State, System, forgetful
 from thread.kernels.curve import Curve
 from thread.kernels.travel import Field
 from thread.placed import Placed
+from thread.riding import plain
 from thread.spline import ORDERS
-from thread.thread import Thread
 
 KEPT = "march.march_of."  # begins the names of the loops' files on disk
-NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)
 
 
@@ -200,7 +200,7 @@ class Course:
 
     def _state(self, step: int) -> State[Any]:
         motion = Motion(*[each[step] for each in self._ends])
-        f_y = motion.f_y[: self._holes].ravel()
+        f_y, spline = motion.f_y[: self._holes].ravel(), self._fixture.tables.thread.spline
         return State(
             time=self._times[step],
             q=motion.q,
@@ -216,7 +216,8 @@ class Course:
             sense=motion.sense,
             reaction=motion.reaction,
             stretch=motion.stretch,
-            **riding_of(self._fixture.tables.thread, motion),
+            spline=spline.moved(motion.s) if isinstance(spline, Placed) else None,
+            drive=motion.drive if isinstance(spline, Placed) else None,
         )
 
     def seen(self) -> Seen:
@@ -280,13 +281,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands, create: fl
         strands=strands,
         fit=fit_of(thread),
     )
-
-
-def riding_of(thread: Thread, motion: Motion) -> dict[str, Any]:
-    """Return what a state has besides where knots travel (`coupling.system.State`)."""
-    if not isinstance(thread.spline, Placed):
-        return {}
-    return {"spline": thread.spline.moved(motion.s), "drive": motion.drive}
 
 
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:

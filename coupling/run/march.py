@@ -19,7 +19,7 @@ from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Body
 from coupling.reports.audit import Energies
 from coupling.run.tautness import taut_strands
-from coupling.step.newton import Iterate, Solution, evaluate
+from coupling.step.newton import Iterate, Problem, Solution, evaluate
 from coupling.step.solver import covers
 from coupling.step.stepping import Step, Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System
@@ -99,8 +99,7 @@ def step_between(system: System[Body], old: State[Body], new: State[Body], dt: f
     problem = dynamic_problem(system, old, dt, organ_answer(system, scheme, old), scheme)
     law = problem.law if new.stretch is None else replace(problem.law, stretch=new.stretch)
     problem = replace(problem, law=law)
-    z = Iterate(new.q, new.N, new.s, new.lam, new.y, new.sigma)
-    solution = Solution(problem, z, evaluate(problem, z), 0)
+    solution = solved(problem, new)
     return Step(old, new, dt, solution, solution.residual.configuration)
 
 
@@ -109,6 +108,11 @@ def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
     from there, of any length, since neither its inertia nor its loads count in these."""
     scheme = BackwardEuler(1.0)
     problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
+    return solved(problem, state)
+
+
+def solved(problem: Problem[Body], state: State[Body]) -> Solution[Body]:
+    """Return the solution of a problem that a state is."""
     z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
     return Solution(problem, z, evaluate(problem, z), 0)
 

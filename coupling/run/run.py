@@ -36,6 +36,7 @@ from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.packets import fitted, fitting, know_holes
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
 from coupling.system import State, System, forgetful
+from coupling.ties import ON_TIME
 from tissue.errors import FactorError
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 AT_ONCE = 500  # steps at most, for nobody can call them off in between
-ON_TIME = 1e-9  # of a step: a time this near the end of a step is that of its end
 
 
 @dataclass(frozen=True)

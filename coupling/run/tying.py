@@ -15,13 +15,13 @@ from coupling.arrays import Array
 from coupling.errors import FormingError
 from coupling.interfaces import Body
 from coupling.run.events import Event
+from coupling.run.impact import CORRECTIONS
 from coupling.step.stepping import release
 from coupling.system import State, System, forgetful
 from coupling.ties import Tie
 from thread.spline import Spline
 
 SAMPLES = 400  # places on each strand at which the search for the nearest two begins
-CORRECTIONS = 50  # of that search, at most
 FARTHEST = 1.0  # of the distance between the two holes: strands further apart are not brought together
 
 TieState = Literal["open", "held", "drawn", "tied", "slips"]

@@ -114,16 +114,11 @@ def span_faults(system: System[Body], state: State[Body]) -> list[str]:
     span, conditions = spline.spans_of(state.s), 1 + system.rows[:, 3].astype(int)
     return [
         f"{names[i]} (s = {state.s[i]:.6g} m) and {names[j]} (s = {state.s[j]:.6g} m) lie in one span of the spline, "
-        f"{span_length(spline.breaks, span[i]):.3g} m long: there are too few control points between them for two "
+        f"{np.diff(spline.breaks)[span[i]]:.3g} m long: there are too few control points between them for two "
         "directions; raise thread.control_points, or set direction to free at one of them"
         for i, j in pairwise(holds_along_thread(system, state))
         if span[i] == span[j] and conditions[i] + conditions[j] >= TRANSVERSE
     ]
-
-
-def span_length(breaks: Array, span: int) -> float:
-    """Return the length of a span [m]."""
-    return float(breaks[span + 1] - breaks[span])
 
 
 def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
@@ -186,14 +181,8 @@ def turn_of_holes(system: System[Body], old: State[Body], new: State[Body]) -> A
     return np.asarray(np.arccos(np.clip(dot(before, after), -1.0, 1.0)) * here)
 
 
-def has_turned(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
-    """Tell which holes tissue has turned from one equilibrium to the next by more than FARTHEST_TURN, shape `(m,)`: on
-    its own branch it turns by less, the less the smaller the load step."""
-    return turn_of_holes(system, old, new) > FARTHEST_TURN
-
-
 def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `StepError` where tissue has turned a hole as only another branch does (`has_turned`)."""
+    """Raise `StepError` where tissue has turned a hole further than any on one branch, by FARTHEST_TURN."""
     angles = turn_of_holes(system, old, new).tolist()
     for piercing, angle in zip(system.piercings, angles, strict=False):  # clamped ends and ties come behind
         if angle > FARTHEST_TURN:

@@ -32,10 +32,9 @@ from coupling.joins.contact import (
     find_pressed,
     find_sets,
     first_of,
-    forces,
     misfits,
 )
-from coupling.joins.rubbing import Rubbing
+from coupling.joins.rubbing import NO_PAIRS, Rubbing
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_direction
 from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
@@ -65,7 +64,6 @@ LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down t
 RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
 STICK_OR_SLIP = "stick and slip of the friction alternate without end"
 TOUCH_OR_OPEN = "friction's or the lips' active sets alternate without end"
-NO_PAIRS = np.zeros(0, dtype=bool)
 NO_GAPS = np.zeros((0, 3))
 
 
@@ -517,11 +515,8 @@ def forces_that_close(contact: Contact[Body] | None, z: Iterate, r: Residual) ->
 
 def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
     """Return p of a solved iterate, shape `(k,)` [N]."""
-    if contact is None:
-        return NO_FORCES
-    if contact.rubs:
-        return closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
-    return forces(contact, z.pressed, r.f_y.ravel())
+    p = forces_that_close(contact, z, r)
+    return p if contact is None or contact.rubs else np.maximum(p, 0.0)
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a try that runs away is refused in words

@@ -39,6 +39,7 @@ That force enters as a given one, f = `injected`. So does a friction found elsew
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,7 @@ from coupling.kernels.constraints import Passage, hold_arrays
 from coupling.kernels.friction import Joints, Ruled, fit, rule
 from coupling.kernels.friction import Law as Table
 from coupling.system import System
+from thread.riding import plain
 
 NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
 
@@ -62,8 +64,7 @@ class Law:
     [N], a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-],
     in the place of |T| where knots travel; `strands` (t, 2) of ties in force; `loops` (k, 2), first and last hole of
     those that slide in them as one; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or
-    empty where there is none; `factor`, by which all friction is multiplied; `tie_compliance` [m/N] of the thread, by
-    which the balance of a tie becomes a length.
+    empty where there is none; `tie_compliance` [m/N] of the thread, by which the balance of a tie becomes a length.
     """
 
     s_old: Array
@@ -83,7 +84,6 @@ class Law:
     loops: Indices = field(default_factory=lambda: NO_PAIRS)
     by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     own: tuple[FrictionLaw | None, ...] = ()
-    factor: float = 1.0
     tie_compliance: float = 1.0
 
     @cached_property
@@ -94,15 +94,14 @@ class Law:
     @cached_property
     def table(self) -> Table:
         """The law as the kernels read it, without laws of one's own."""
-        plain = lambda x: np.ascontiguousarray(x, dtype=float)  # noqa: E731
         none = np.zeros(len(self.s_old))
         return Table(
             s_old=plain(self.s_old),
             s_held=plain(self.s_held),
-            static=plain(self.factor * self.static),
-            kinetic=plain(self.factor * self.kinetic),
-            grip=plain(self.factor * self.grip),
-            barb=plain(self.factor * self.barb),
+            static=plain(self.static),
+            kinetic=plain(self.kinetic),
+            grip=plain(self.grip),
+            barb=plain(self.barb),
             per_channel=plain(self.per_channel),
             rough=self.rough,
             may_slide=self.may_slide,
@@ -185,23 +184,9 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
 
 def side_by_side(law: Law, times: int) -> Law:
     """Return the law of the same holds so many times, one after the other, as if nothing tied one to another."""
-    return Law(
-        s_old=np.tile(law.s_old, times),
-        s_held=np.tile(law.s_held, times),
-        static=np.tile(law.static, times),
-        kinetic=np.tile(law.kinetic, times),
-        grip=np.tile(law.grip, times),
-        barb=np.tile(law.barb, times),
-        per_channel=np.tile(law.per_channel, times),
-        rough=np.tile(law.rough, times),
-        may_slide=np.tile(law.may_slide, times),
-        inertia=np.tile(np.broadcast_to(law.inertia, law.s_old.shape), times),
-        s_free=np.tile(law.s_free, times),
-        injected=np.tile(law.injected, times),
-        stretch=np.tile(law.stretch, times),
-        own=law.own * times,
-        factor=law.factor,
-    )
+    alike = {name: x for name, x in vars(law).items() if isinstance(x, np.ndarray) and x.shape == law.s_old.shape}
+    tiled: dict[str, Any] = {name: np.tile(x, times) for name, x in alike.items()}
+    return replace(law, own=law.own * times, strands=NO_PAIRS, loops=NO_PAIRS, **tiled)
 
 
 def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0) -> Ruled:
@@ -224,7 +209,7 @@ def with_own_laws(law: Law, N: Array) -> Table:
     for part, values in own.items():
         for k, each in enumerate(law.own):
             if each is not None:
-                values[k] = law.factor * getattr(each, part)(float(N[k]))
+                values[k] = getattr(each, part)(float(N[k]))
     return law.table._replace(own_static=own["static"], own_kinetic=own["kinetic"], own_slope=own["slope"])
 
 

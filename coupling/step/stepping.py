@@ -66,27 +66,22 @@ def end_load(system: System[Body], time: float, share: float = 1.0) -> Array:
     return load
 
 
-def prescribed_positions(system: System[Body], time: float) -> list[tuple[int, Array]]:
-    """Return the control points that are held, with their positions at `time` [m]: P(start) = q_0, P(end) = q_(n−1)."""
-    places = [(point, end.position(time)) for point, end in zip((0, -1), system.ends, strict=True)]
-    return [(point, place) for point, place in places if place is not None]
-
-
-def prescribed_angles(system: System[Body], time: float) -> list[tuple[int, float]]:
-    """Return the control points whose angle is held, with their angles at `time` [rad]: none without twist."""
-    if not system.thread.twist:
-        return []
-    angles = [(point, end.angle(time)) for point, end in zip((0, -1), system.ends, strict=True)]
-    return [(point, angle) for point, angle in angles if angle is not None]
+def prescribed_values(system: System[Body], time: float) -> list[tuple[int, slice, Array | float]]:
+    """Return the control points that are held, which of their values, and these at `time`: P(start) = q_0 and
+    P(end) = q_(n−1) [m], with twist angles [rad]."""
+    out: list[tuple[int, slice, Array | float]] = []
+    for point, end in zip((0, -1), system.ends, strict=True):
+        place, angle = end.position(time), end.angle(time) if system.thread.twist else None
+        out += [] if place is None else [(point, slice(3), place)]
+        out += [] if angle is None else [(point, slice(3, 4), angle)]
+    return out
 
 
 def with_ends(q: Array, system: System[Body], time: float) -> Array:
     """Return the control values with the prescribed ends in place and turned."""
     q = q.copy()
-    for point, place in prescribed_positions(system, time):
-        q[point, :3] = place
-    for point, angle in prescribed_angles(system, time):
-        q[point, 3] = angle
+    for point, held, values in prescribed_values(system, time):
+        q[point, held] = values
     return q
 
 
@@ -318,10 +313,8 @@ def reactions(problem: Problem[Body], residual: Array) -> Array:
     system, load = problem.system, problem.load
     weight = np.zeros_like(load) if system.thread.travels else problem.weights * system.weight
     out = np.array([load[k] - weight[k] for k in (0, -1)])
-    for point, _ in prescribed_positions(system, 0.0):
-        out[point, :3] = residual[point, :3]
-    for point, _ in prescribed_angles(system, 0.0):
-        out[point, 3] = residual[point, 3]
+    for point, held, _ in prescribed_values(system, 0.0):
+        out[point, held] = residual[point, held]
     return out
 
 

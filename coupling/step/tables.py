@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from coupling.arrays import Array, Flags, Indices
+from coupling.arrays import Array, Indices
 from coupling.kernels import iteration
 from coupling.kernels.address import address_of
 from coupling.kernels.border import NINE
@@ -23,6 +23,7 @@ from thread.energies.continuous import Continuous
 from thread.kernels.curve import Curve
 from thread.kernels.loops import files_of
 from thread.kernels.travel import Ridden
+from thread.riding import plain
 from thread.spline import ORDERS
 from thread.thread import Thread
 
@@ -74,11 +75,6 @@ def tables_of(thread: Thread) -> Tables:
     return RECENT.of((thread,), lambda: Tables(thread))
 
 
-def plain(x: Array) -> Array:
-    """Return an array as the loops want it, in the order of C."""
-    return np.ascontiguousarray(x, dtype=float)
-
-
 def given_of(problem: Problem) -> Given:
     """Return what a step is solved under."""
     system, (y_free, C) = problem.system, problem.organ_at_holds
@@ -91,7 +87,7 @@ def given_of(problem: Problem) -> Given:
         plain(y_free),
         plain(C),
         problem.rows,
-        plain_flags(system.rows[:, 3]),
+        np.ascontiguousarray(system.rows[:, 3]),
         spans,
         piece,
         float(problem.mass_factor),
@@ -101,11 +97,6 @@ def given_of(problem: Problem) -> Given:
         problem.ride,
         problem.fields_read,
     )
-
-
-def plain_flags(x: Flags) -> Flags:
-    """Return flags as the loops want them, in the order of C."""
-    return np.ascontiguousarray(x)
 
 
 def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:

@@ -19,7 +19,7 @@ from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
 from coupling.paper.linear_step import linear_step
 from coupling.paper.staggered import staggered_step
 from coupling.paper.two_pass import two_pass
-from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.audit import Energies, audit_step, initial_energies
 from coupling.run import begin
 from coupling.run.run import schedule_piercings
 from coupling.step import stepping
@@ -35,6 +35,7 @@ from studies.scenario import ScenarioError, load
 from studies.simulation import prepare
 from studies.simulation.recording import contact_record, contact_records, observed_wounds
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import (
     ABSCISSAE,
     LENGTH,

@@ -12,11 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from coupling.kernels.constraints import phi
-from coupling.reports.audit import audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.audit import audit_step, initial_energies
 from coupling.reports.observation import observe
 from coupling.step.stepping import advance
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import GAP, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import (
     ABSCISSAE,
     FREE,

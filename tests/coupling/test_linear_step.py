@@ -24,13 +24,14 @@ from coupling.paper.linear_step import (
     velocity_terms,
 )
 from coupling.paper.two_pass import two_pass
-from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.audit import Energies, audit_step, initial_energies
 from coupling.step.stepping import advance, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import ScenarioError, Solve, load
 from studies.simulation import prepare
 from studies.simulation.simulation import method
 from tests.bounds import IDENTITY, ORDER, RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.studies.samples import CONTRACT
 from tests.thread.threads import (
     ABSCISSAE,

@@ -13,7 +13,6 @@ import pytest
 from coupling.errors import CouplingError, FormingError, StepError
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
-from coupling.reports.audit import multiplier_imbalance
 from coupling.rest.equilibrium import settle
 from coupling.rest.laying import start
 from coupling.run import run
@@ -29,6 +28,7 @@ from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import Array
 from thread.catalogue import suture
 from thread.ends import Fixed, Free
@@ -350,7 +350,7 @@ def test_a_loop_that_slides_is_at_the_edge_of_sticking() -> None:
     assert z.sigma[pair].all() and abs(f[1] - f[0]) > 1e-3 * f[0]
     stuck = np.where(np.isin(np.arange(len(z.s)), pair), 0.0, z.sigma)
     for factor, slides in ((1.0 + 1e-9, False), (1.0 - 1e-9, True)):
-        known = replace(law, factor=factor), stuck, solution.residual.passage
+        known = replace(law, static=factor * law.static, kinetic=factor * law.kinetic), stuck, solution.residual.passage
         assert ruled(*known, z.s, z.lam, z.y).fits[pair].all() == slides
 
 

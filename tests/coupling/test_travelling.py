@@ -10,7 +10,7 @@ import pytest
 
 from coupling.integrators import BackwardEuler
 from coupling.paper.assembled import Monolith, monolithic_solve
-from coupling.reports.audit import audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.audit import audit_step, initial_energies
 from coupling.run import begin
 from coupling.step import newton, solver
 from coupling.step.stepping import dynamic_problem, organ_answer, predict, try_step
@@ -20,6 +20,7 @@ from studies.scenario import Scenario
 from studies.simulation import prepare
 from studies.simulation.sharing import thread_key
 from tests.bounds import GAP, RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import ABSCISSAE, LENGTH, RADIUS, Z, block_organ, hairpin, laid
 from thread.catalogue import suture
 from thread.ends import Fixed, Pulled

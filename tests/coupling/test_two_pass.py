@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from coupling.paper.two_pass import two_pass
-from coupling.reports.audit import multiplier_imbalance
 from coupling.reports.observation import observe
 from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import (
     ABSCISSAE,
     LENGTH,

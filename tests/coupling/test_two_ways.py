@@ -9,11 +9,12 @@ import pytest
 from coupling.integrators import BackwardEuler
 from coupling.kernels.constraints import driving_force, phi
 from coupling.paper.assembled import Monolith, equation_of, monolithic_solve
-from coupling.reports.audit import Energies, audit_step, initial_energies, multiplier_imbalance
+from coupling.reports.audit import Energies, audit_step, initial_energies
 from coupling.step.newton import solve
 from coupling.step.stepping import Step, dynamic_problem, organ_answer, predict, try_step
 from coupling.system import State, System
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
+from tests.coupling.multipliers import multiplier_imbalance
 from tests.thread.threads import (
     ABSCISSAE,
     LENGTH,
