@@ -17,7 +17,7 @@ import numpy as np
 from coupling.arrays import Array
 from coupling.integrators import BDF2
 from coupling.interfaces import Body
-from coupling.kernels.constraints import Passage, driving_force
+from coupling.kernels.constraints import Passage, driving_force, site_force
 from coupling.kernels.iteration import Passing
 from coupling.kernels.steps import audit
 from coupling.kernels.steps.audit import Holes, Met, Motion, OnThread, Works

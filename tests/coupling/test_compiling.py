@@ -117,7 +117,7 @@ def test_steps_at_once_have_no_code_of_the_step() -> None:
     for own in ("solve_set", "newton_direction", "thread_matrix"):
         assert any(own in name for name in step)
         assert not any(own in name for name in steps)
-    assert any("audit_step" in name for name in steps)
+    assert any("audit_march" in name for name in steps)
 
 
 def defined(function: Any) -> list[str]:
