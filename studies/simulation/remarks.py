@@ -700,8 +700,8 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
     """Judge how deep [m] a strand that has to cross the surface without a hole lies in the tissue."""
     text = (
         f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue and crosses its surface "
-        "without a hole, so it meets no resistance there; add a [[piercing]], or lead thread.path around the "
-        "organ"
+        "without a hole, so it meets no resistance there; add a [[tract]] if the strand is a bite through a wound, "
+        "else a [[piercing]], or lead thread.path around the organ"
     )
     return judged(depth > IN_TISSUE * diameter, "no-hole", hole, text)
 
