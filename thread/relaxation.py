@@ -1,19 +1,19 @@
 """A thread whose stretch relaxes: a Prony series of its axial force, as of tissue (Simo, Comput. Methods Appl. Mech.
 Eng. 60, 1987).
 
-    N = EA (1 − Σ g_i) ε + EA Σ g_i h_i,    dh_i/dt + h_i/τ_i = dε/dt
+    N = EA (1 − Σ g_i) ε + EA Σ Q_i,    dQ_i/dt + Q_i/τ_i = g_i dε/dt
 
 EA is that of a sudden pull. Over a step of Δt in which the strain of a material point goes evenly from ε to ε⁺, with
 x_i = Δt/τ_i and φ(x) = (1 − e⁻ˣ)/x,
 
-    h_i⁺ = e^(−x_i) h_i + φ(x_i) (ε⁺ − ε)
+    Q_i⁺ = e^(−x_i) Q_i + g_i φ(x_i) (ε⁺ − ε)
 
 so the force at its end is that of an elastic thread with another stiffness and a natural strain ε̄, and the step is a
 minimum as before:
 
-    N = EA γ (ε⁺ − ε̄),    γ = 1 − Σ g_i (1 − φ_i),    γ ε̄ = Σ g_i (φ_i ε − e^(−x_i) h_i).
+    N = EA γ (ε⁺ − ε̄),    γ = 1 − Σ g_i (1 − φ_i),    γ ε̄ = Σ g_i φ_i ε − Σ e^(−x_i) Q_i.
 
-ε and h_i are known at points of the material, which knots that travel pass by: nothing is transferred. A point has the
+ε and Q_i are known at points of the material, which knots that travel pass by: nothing is transferred. A point has the
 strain of the span that it is on, and a span has the mean of ε̄ over its points, since the jump of strain at a hole stays
 in the material where the hole was, narrower than the spans that come there.
 """
@@ -37,52 +37,68 @@ class Series(Protocol):
     def shares(self) -> Sequence[Any]:
         """g_i, `b` numbers [-]."""
 
+    @property
+    def total(self) -> Any:
+        """Σ g_i [-]."""
+
     def decays(self, dt: float) -> Array:
         """Return e^(−Δt/τ_i), shape `(b,)`."""
 
     def means(self, dt: float) -> Array:
         """Return φ(Δt/τ_i), shape `(b,)`."""
 
+    def met(self, dt: float) -> Any:
+        """Return γ, the part of the stiffness that a step of Δt meets [-]."""
+
+    def held(self, stresses: Array, S: Array, dt: float) -> Array:
+        """Return Σ (e^(−x_i) Q_i − g_i φ_i S) of `stresses` Q_i `(b, …)` and `S` `(…)`."""
+
+    def after(self, stresses: Array, change: Array, dt: float) -> Array:
+        """Return Q_i after a step of Δt in which S changed by `change` `(…)`, shape `(b, …)`."""
+
 
 @dataclass(frozen=True)
 class Memory:
     """The strain that a thread remembers at the start of a step of `dt` [s], at the abscissae `s` (…) [m]: `strain` (…)
-    [-], and of each time of the series the strain h_i that is `held` (b, …) [-]."""
+    [-], and of each time of the series the part Q_i of the force that is `held`, over EA, (b, …) [-]."""
 
     s: Array
     strain: Array
     held: Array
     dt: float
 
-    def part(self, series: Series) -> float:
-        """Return γ, the part of the stiffness that the step meets [-]."""
-        return 1.0 - float(np.asarray(series.shares) @ (1.0 - series.means(self.dt)))
-
     def natural(self, series: Series) -> Array:
         """Return ε̄, the strain without force at the end of the step, shape `(…)` [-]."""
-        shares, decays, means = np.asarray(series.shares), series.decays(self.dt), series.means(self.dt)
-        kept = (shares @ means) * self.strain - np.tensordot(shares * decays, self.held, 1)
-        return np.asarray(kept / self.part(series))
+        return np.asarray(-series.held(self.held, self.strain, self.dt) / series.met(self.dt))
 
     def held_after(self, series: Series, strain: Array) -> Array:
-        """Return h_i at the end of the step under the `strain` (…) there, shape `(b, …)` [-]."""
-        rows = zip(series.decays(self.dt), series.means(self.dt), self.held, strict=True)
-        return np.stack([decay * held + mean * (strain - self.strain) for decay, mean, held in rows])
+        """Return Q_i over EA at the end of the step under the `strain` (…) there, shape `(b, …)` [-]."""
+        return series.after(self.held, strain - self.strain, self.dt)
+
+    def stored(self, series: Series, strain: Array) -> Array:
+        """Return the energy of the springs at the end of the step under the `strain` (…), per EA, shape `(…)` [-]."""
+        return 0.5 * ((1.0 - series.total) * strain**2 + over_shares(series, self.held_after(series, strain) ** 2))
 
     def dissipated(self, series: Series, strain: Array) -> Array:
-        """Return ∫Σ g_i h_i²/τ_i dt over the step to the `strain` (…), per EA, shape `(…)` [-].
+        """Return ∫Σ Q_i²/(g_i τ_i) dt over the step to the `strain` (…), per EA, shape `(…)` [-].
 
-        It is the work Σ g_i ∫h_i dε less what h_i stores more, with the mean φ h + φ₂ Δε of h_i over the step.
+        It is the work Σ ∫Q_i dε less the energy that the springs gain, with the mean φ Q + g φ₂ Δε of Q over the step.
         """
         after, change, means = self.held_after(series, strain), strain - self.strain, series.means(self.dt)
-        rows = zip(means, second_means(series.decays(self.dt), means), self.held, strict=True)
-        over = np.stack([mean * held + second * change for mean, second, held in rows])
-        return np.tensordot(np.asarray(series.shares), change * over - 0.5 * (after**2 - self.held**2), 1)
+        rows = zip(means, second_means(series.decays(self.dt), means), series.shares, self.held, strict=True)
+        mean = sum(mean * held + share * second * change for mean, second, share, held in rows)
+        return np.asarray(change * mean - 0.5 * over_shares(series, after**2 - self.held**2))
 
-    def over(self, low: Array, high: Array) -> "Memory":
-        """Return the memory of spans from abscissae `low` to `high` (…) [m], each by its means."""
-        mean = lambda row: (integral(self.s, row, high) - integral(self.s, row, low)) / (high - low)  # noqa: E731
-        return Memory(0.5 * (low + high), mean(self.strain), np.stack([mean(row) for row in self.held]), self.dt)
+    def over(self, breaks: Array) -> "Memory":
+        """Return the memory of the spans between `breaks` (n + 1,) [m], each by its means, one a row: (n, 1)."""
+        mean = lambda row: (np.diff(integral(self.s, row, breaks)) / np.diff(breaks))[:, None]  # noqa: E731
+        middles = 0.5 * (breaks[:-1] + breaks[1:])[:, None]
+        return Memory(middles, mean(self.strain), np.stack([mean(row) for row in self.held]), self.dt)
+
+
+def over_shares(series: Series, squares: Array) -> Array:
+    """Return Σ Q_i²/g_i of the `squares` (b, …), where a share of zero holds nothing, shape `(…)`."""
+    return np.asarray(sum(each / share for each, share in zip(squares, series.shares, strict=True) if share > 0.0))
 
 
 def integral(s: Array, values: Array, to: Array) -> Array:

@@ -218,7 +218,7 @@ class Thread:
         """Axial stiffness that the step meets [N]."""
         if self.relaxation is None or self.memory is None:
             return self.section.EA
-        return self.section.EA * self.memory.part(self.relaxation)
+        return self.section.EA * float(self.relaxation.met(self.memory.dt))
 
     @property
     def EI(self) -> float:
@@ -410,9 +410,8 @@ class Thread:
 
     @cached_property
     def _memory_of_spans(self) -> Memory | None:
-        """What each span remembers, None where the thread remembers nothing."""
-        breaks = self.spline.breaks
-        return None if self.memory is None else self.memory.over(breaks[:-1], breaks[1:])
+        """What each span remembers, `(spans, 1)`, None where the thread remembers nothing."""
+        return None if self.memory is None else self.memory.over(self.spline.breaks)
 
     @cached_property
     def _natural(self) -> tuple[Array, Array] | None:
@@ -421,8 +420,8 @@ class Thread:
         if self.relaxation is None or self._memory_of_spans is None:
             return None
         natural, breaks = self._memory_of_spans.natural(self.relaxation), self.spline.breaks
-        ends = self.natural_at(np.stack([breaks[:-1], breaks[1:]], axis=1))
-        return natural, (ends - natural[:, None]) / np.diff(breaks)[:, None]
+        at = self.natural_at(breaks)
+        return natural[:, 0], (np.stack([at[:-1], at[1:]], axis=1) - natural) / np.diff(breaks)[:, None]
 
     def natural_at(self, s: Array) -> Array:
         """Return the natural strain at abscissae `s` [m], of the shape of `s` [-]."""
@@ -454,7 +453,7 @@ class Thread:
         span = np.searchsorted(self.spline.breaks, material, side="right") - 1
         strain = of_spans[np.clip(span, 0, len(of_spans) - 1)]
         if self.memory is None:
-            return Memory(material, strain, np.tile(strain, (len(self.relaxation.shares), 1)), dt)
+            return Memory(material, strain, np.outer(self.relaxation.shares, strain), dt)
         return Memory(material, strain, self.memory.held_after(self.relaxation, strain), dt)
 
     def stored_energy(self, points: Points) -> float:
@@ -462,19 +461,15 @@ class Thread:
         energy, series, memory = self.energy(points), self.relaxation, self._memory_of_spans
         if series is None or memory is None:
             return energy
-        shares, springs = np.asarray(series.shares), np.zeros(points.strain.shape)
-        for g, strain in enumerate(self.whole_strain(points.strain).T):
-            springs[:, g] = (1.0 - shares.sum()) * strain**2 + shares @ memory.held_after(series, strain) ** 2
-        of_step = self.EA * points.strain**2
-        return energy + 0.5 * float(np.sum(self.axial_rule.w * (self.section.EA * springs - of_step)))
+        stored = self.section.EA * memory.stored(series, self.whole_strain(points.strain))
+        return energy + float(np.sum(self.axial_rule.w * (stored - 0.5 * self.EA * points.strain**2)))
 
     def dissipated(self, points: Points) -> float:
         """Return what relaxation has taken in the step [J]."""
         series, memory = self.relaxation, self._memory_of_spans
         if series is None or memory is None:
             return 0.0
-        each = self.whole_strain(points.strain).T
-        taken = np.stack([memory.dissipated(series, strain) for strain in each], axis=1)
+        taken = memory.dissipated(series, self.whole_strain(points.strain))
         return float(self.section.EA * np.sum(self.axial_rule.w * taken))
 
     # -- twist -------------------------------------------------------------------------------------------------

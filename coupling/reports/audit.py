@@ -276,7 +276,7 @@ def drawing_works(step: Step[Body]) -> Array:
 
 
 def is_by_mean(step: Step[Body]) -> bool:
-    """Whether the works from outside and of a friction that goes on are by the mean of the forces at both ends of a
+    """Whether the works from outside and of friction in steady sliding are by the mean of the forces at both ends of a
     step: at rest, and by BDF2."""
     return step.solution.problem.stiffen or is_of_bdf2(step)
 

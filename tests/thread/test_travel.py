@@ -84,7 +84,7 @@ def remembering(thread: Thread) -> Thread:
     s = np.linspace(0.0, LENGTH, 50)
     strain = 0.02 * s / LENGTH
     relaxing = replace(thread, relaxation=Prony([0.3, 0.2], [1.0, 20.0]))
-    return relaxing.with_memory(Memory(s, strain, np.array([0.2 * strain - 1e-3, 0.8 * strain]), 0.5))
+    return relaxing.with_memory(Memory(s, strain, np.array([0.06 * strain - 3e-4, 0.16 * strain]), 0.5))
 
 
 @pytest.mark.parametrize("relaxes", [False, True])

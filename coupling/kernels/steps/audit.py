@@ -5,11 +5,11 @@ is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, pl
 belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
 a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All these works are those of the
 forces at the end of the step along it, a rectangle rule of first order; what separates it from the exact work stands
-with the integrator's share. After a step of BDF2 and after a load step the works from outside, of damping and of a
-friction that goes on are those of the mean of the forces at both ends, the trapezoidal rule, and so the integrator's
-share is of second order as the motion is. Friction counts so where the thread slides on, the same way and without ε:
-elsewhere its force jumps, and what the force at the end takes is never negative. Where a hand draws the thread through
-a hole, by a length or with a force, −Φ_sᵀλ Δs is its work, and external.
+with the integrator's share. After a step of BDF2 and after a load step the works from outside, of damping and of
+friction in steady sliding are those of the mean of the forces at both ends, the trapezoidal rule, and so the share of
+the integrator is of second order as the motion is. Friction counts so where the thread slides on, the same way and
+without ε: elsewhere its force jumps, and what the force at the end takes is never negative. Where a hand draws the
+thread through a hole, by a length or with a force, −Φ_sᵀλ Δs is its work, and external.
 """
 
 from typing import NamedTuple
