@@ -12,22 +12,24 @@ from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 
-# Bytes, measured on runs of 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and P2: 25 a node on
-# structured meshes, up to 49 on others (displacement and stress, compressed; the mesh itself goes with them), 90 a
-# control point, 140 with twist and tracts, 200 a row of energy.csv and of steps.csv, 250 to 500 one of piercings.csv.
+# Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and P2. A node
+# takes 25 on structured meshes and up to 49 on others (displacement and stress, compressed, with the mesh). A
+# control point takes 90, or 140 with twist and tracts. A row of energy.csv and of steps.csv takes 200, a row of
+# piercings.csv 250 to 500.
 PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
-# Seconds of one processor, measured on the shipped scenes and 70 of the campaign: of a step by compiled loops, for each
-# hole, and where an organ is solved whole for that and for each unknown; of a step in a Krylov space, and once for an
-# unknown, of which some 40 vectors are made; of a correction in numpy, for a control point, a hole and an unknown at
-# finite strain, with so many corrections a step; of an estimated byte of a frame; and to load the program and its
-# loops and draw the picture. What steps and frames of 78 of 82 runs took is a half to twice that, and of all whole runs
-# 0.6 to 1.4.
+# Seconds of one processor, measured on the shipped scenes and 70 scenes of the campaign. STEP…: a step by
+# compiled loops, then the addition for each hole, and for an organ solved whole, also for each of its unknowns.
+# …KRYLOV…: a step in a Krylov space, and once per unknown (about 40 vectors are made). CORRECTION…: a
+# correction in numpy, then per control point, per hole, and per unknown at finite strain; CORRECTIONS is their
+# number per step. FRAME_BYTE: an estimated byte of a frame. BEGINNING: loading the program and its loops, and
+# the picture. For 78 of 82 runs, steps and frames took 0.5 to 2 times the estimate, and whole runs 0.6 to 1.4
+# times.
 STEP, STEP_HOLE, STEP_FACTORED, STEP_UNKNOWN = 6e-4, 7.5e-4, 3.4e-3, 1.1e-6
 STEP_KRYLOV, KRYLOV_UNKNOWN = 1e-3, 3.3e-4
 CORRECTION, CORRECTION_POINT, CORRECTION_HOLE, CORRECTION_FINITE = 5e-3, 5e-5, 1e-3, 4e-6
 CORRECTIONS, FRAME_BYTE, BEGINNING = {"dynamic": 3, "static": 20}, 4e-7, 6.0
-REFERENCE = 3.1e-3  # [s] that `pace` takes where these were measured
+REFERENCE = 3.1e-3  # [s] the time of `pace` on the machine of these measurements
 GIGA, KIBI = 1e9, 1024.0
 UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
@@ -47,8 +49,10 @@ def row_bytes(scenario: Scenario) -> float:
 
 
 def peak_memory() -> float | None:
-    """Return the peak memory of this process [byte], None if the system does not report it. Preparation takes most of a
-    run's memory."""
+    """Return the peak memory of this process [byte], None if the system does not report it.
+
+    Preparation takes most of a run's memory.
+    """
     if sys.platform == "win32":
         return None
     import resource
@@ -60,8 +64,11 @@ def peak_memory() -> float | None:
 def seconds_of(
     scenario: Scenario, topology: OrganTopology | None, unknowns: int, balls: int, by: Mapping[str, str | None]
 ) -> float:
-    """Estimate the processor time of steps and frames [s], without preparation, for the `unknowns` of an organ, the
-    `balls` of tracts, and the methods that the run is solved `by` (`Simulation.methods`)."""
+    """Estimate the processor time of steps and frames [s], without preparation.
+
+    `unknowns` is the number of an organ's unknowns, `balls` the number of balls of tracts. The methods `by` are
+    those of `Simulation.methods`.
+    """
     solve, points, organ = scenario.solve, scenario.thread.control_points, scenario.tissue
     holes = len(scenario.piercing) + balls
     inertia = unknowns * (organ is not None and organ.inertia and solve.kind == "dynamic")
@@ -77,26 +84,26 @@ def seconds_of(
 
 
 def pace() -> float:
-    """Return how much longer this machine takes to add numbers than that on which the seconds were measured [-]."""
+    """Return the time for a sum on this machine over the time on the machine of the measurements [-]."""
     return min(repeat(partial(sum, range(200_000)), timer=process_time, repeat=5, number=1)) / REFERENCE
 
 
 def size_text(size: float) -> str:
-    """Write a size [byte] to two digits or more, in the largest unit that it is one of."""
+    """Return a size [byte] in words: two digits or more, in the largest unit that does not exceed the size."""
     unit, name = next(((unit, name) for unit, name in UNITS if size >= unit), UNITS[-1])
     return f"{size / unit:{'.0f' if size >= 9.95 * unit else '.2g'}} {name}"
 
 
 def check_disk(folder: Path | str, scenario: Scenario, topology: OrganTopology | None) -> None:
-    """Refuse a run that would fill the disk that a folder is on. Raises `ScenarioError`."""
+    """Refuse a run that would fill the disk of a folder. Raises `ScenarioError`."""
     frames, rows, free = frame_bytes(scenario, topology), row_bytes(scenario), shutil.disk_usage(folder).free
     if frames + rows <= free:
         return
-    takes = f"about {(frames + rows) / GIGA:.3g} GB in {folder}, where {free / GIGA:.3g} GB are free"
+    takes = f"about {(frames + rows) / GIGA:.3g} GB in {folder}, but only {free / GIGA:.3g} GB are free"
     if frames > rows:
         raise ScenarioError(
-            refusal("output.every", scenario.output.every, f"the frames take {takes}; raise it, or free some space")
+            refusal("output.every", scenario.output.every, f"the frames take {takes}; raise it, or free disk space")
         )
     key = "load_steps" if scenario.solve.kind == "static" else "dt"
-    reason = f"{scenario.solve.steps} steps take {takes}; take fewer, or free some space"
+    reason = f"{scenario.solve.steps} steps take {takes}; take fewer steps, or free disk space"
     raise ScenarioError(refusal(f"solve.{key}", getattr(scenario.solve, key), reason))

@@ -1,8 +1,8 @@
-"""Checkpoints: all that the next step depends on, in one file, complete or absent.
+"""Checkpoints: everything that the next step depends on, in one file, complete or absent.
 
-``checkpoint.npz`` holds one record, in which every array of a run's memory is in full precision, under the name of the
-field it comes from: a file of its own for each of eighty arrays took five times as long. A run that goes on from it
-computes the same numbers, bit by bit, as one that was never interrupted.
+``checkpoint.npz`` holds one record with every array of a run's memory in full precision, under the name of its
+field. Eighty files, one per array, took five times as long. A resumed run computes the same numbers, bit by
+bit, as a run that was never interrupted.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ Record = TypeVar("Record")
 
 
 def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
-    """Return the fields of a dataclass as arrays, those of a dataclass in it under ``name.field``; None is left out."""
+    """Return the fields of a dataclass as arrays; a nested dataclass has names ``name.field``, and None is left out."""
     out: dict[str, NDArray[Any]] = {}
     for field in fields(record):
         value, key = getattr(record, field.name), f"{name}.{field.name}"
@@ -41,10 +41,10 @@ def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
 
 
 def unpack(like: Record, arrays: Arrays, name: str, nested: Mapping[str, Any] = MappingProxyType({})) -> Record:
-    """Build a dataclass such as ``like`` from its arrays; ``nested`` are like the dataclasses in it, by field, where
-    ``like`` has None.
+    """Build a dataclass of the type of ``like`` from its arrays.
 
-    Raises ``KeyError`` where one is missing that ``like`` has.
+    If a field of ``like`` is None, ``nested`` gives a model of the dataclass in this field. Raises ``KeyError``
+    if an array is missing for a field that is not None in ``like``.
     """
     values: dict[str, Any] = {}
     for field in fields(like):  # type: ignore[arg-type]
@@ -72,9 +72,10 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
 
 
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
-    """Read the folder's checkpoint; None if a run did not get as far as its first.
+    """Read the folder's checkpoint; None if the run was stopped before its first checkpoint.
 
-    Raises `ScenarioError` for one that is not as it was written, to the last bit, or by another version.
+    Raises `ScenarioError` if the file differs from the written one in any bit, or was written by another
+    version.
     """
     path = folder / CHECKPOINT
     if not path.is_file():
@@ -84,7 +85,7 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
     except OSError as error:
         raise ScenarioError(f"{path} cannot be read ({error.strerror}); {ANEW}") from None
     if not is_sealed(data):
-        raise ScenarioError(f"{path} is not as it was written: its checksum differs; {ANEW}")
+        raise ScenarioError(f"{path} is damaged: its checksum differs; {ANEW}")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         if file.files != ["record"]:
             raise ScenarioError(f"{path} is of another version of this code; {ANEW}")
@@ -93,9 +94,10 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
 
 
 def sealed(archive: bytes) -> bytes:
-    """Return a zip archive without a comment with the checksum of all that is before it as its comment.
+    """Return a zip archive with the checksum of its content as its comment.
 
-    The last two bytes of an archive are the length of its comment (PKWARE, .ZIP File Format Specification, 4.3.16).
+    The given archive has no comment. The last two bytes of an archive are the length of its comment (PKWARE,
+    .ZIP File Format Specification, 4.3.16).
     """
     body = archive[:-2] + CHECKSUM_LENGTH.to_bytes(2, "little")
     return body + hashlib.sha256(body).hexdigest().encode()
@@ -108,7 +110,7 @@ def is_sealed(data: bytes) -> bool:
 
 
 def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
-    """Return the old and new value of the first key that `changes` found, in words, or None."""
+    """Return in words the old and new value of the first key found by `changes`, or None."""
     for key, values in changed.items():
         was, now = ("not given" if value is None else repr(value) for value in values)
         return f"{key} was {was} and is {now}"
@@ -116,7 +118,8 @@ def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
 
 
 def changes(before: str, now: str) -> dict[str, tuple[Any, Any]]:
-    """Return the keys in which two scenarios in TOML differ, in order, with both values; None for a missing value."""
+    """Return the keys that differ between two scenarios in TOML, in order, with both values; None for a missing
+    value."""
     old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
     keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
     return {key: (old.get(key), new.get(key)) for key in keys}

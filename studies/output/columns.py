@@ -1,8 +1,8 @@
 """The quantities of a results folder, each defined once: name, unit, meaning and source.
 
-A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a line of
-the manual (``python -m studies.output.columns`` writes those lines into it anew). To add a quantity, add its field to a
-record of ``studies.output.records`` and one line here.
+A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a
+line of the manual (``python -m studies.output.columns`` updates these lines). To add a quantity, add its field
+to a record of ``studies.output.records`` and one line here.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -38,20 +38,22 @@ from studies.scenario import Piercing, PulledEnd, Thread
 Row = TypeVar("Row")
 Item = TypeVar("Item")
 Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
-StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and what of it the row is about
+StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and the item of the step that this row describes
 
 AXES = ("x", "y", "z")
-STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, where text has no place
-TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3, "held": 4}  # of `state` of a tie in the frames
+STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, which cannot hold text
+TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3, "held": 4}  # codes of the `state` of a tie in the frames
 MANUAL = Path(__file__).with_name("README.md")
 
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A quantity: `name` (lower_snake_case), `unit` ("-" for a number without unit, empty for text), `meaning` for the
-    manual, and `source`, a function of a row's record that returns the value or None; without it, the field `name`.
+    """A quantity of a results folder.
 
-    `kind` is that of a number in it. `parts` are the names of a vector's components in a table; none for a scalar.
+    `name` is in lower_snake_case. `unit` is "-" for a number without unit and empty for text. `meaning` is for
+    the manual. `source` is a function of a row's record that returns the value or None; without `source` the
+    value is the field `name`. `kind` is the kind of a value. `parts` are the names of a vector's components in
+    a table; empty for a scalar.
     """
 
     name: str
@@ -94,7 +96,7 @@ def headings(columns: Iterable[Column[Any]]) -> list[str]:
 
 
 def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
-    """Take the quantities of a record by name."""
+    """Return the quantities of a record by name."""
     return {column.name: column.of(record) for column in columns}
 
 
@@ -460,10 +462,9 @@ RUN: tuple[Column[RunRecord], ...] = (
 
 @dataclass(frozen=True)
 class Layout(Generic[Row]):
-    """The layout of a table: its columns, of which the step is the second, and `rows`, a function of a step that
-    returns its rows.
+    """The layout of a table: its columns and `rows`, a function that returns the rows of a step.
 
-    `every_step`: whether each step has exactly one row.
+    The second column is the step. `every_step`: whether each step has exactly one row.
     """
 
     name: str
@@ -483,7 +484,7 @@ def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
 
 
 def _part_column(place: int, column: Column[Any]) -> Column[Any]:
-    """Return the column of a pair that takes its value from one of the two."""
+    """Return the column of a pair whose value comes from one of the two."""
     return replace(column, source=lambda pair: column.of(pair[place]))
 
 
@@ -517,7 +518,7 @@ STITCHES = listed(
     (STITCH_NAME, STITCH_PAIR, *STITCH),
     lambda step: [stitch for pair in step.contact for stitch in pair.stitches],
 )
-# In the order in which they are written: where a table with a row for every step has a step, those before it have too.
+# The order of writing: if a table with one row per step has a step, the tables before it have this step too.
 TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, STITCHES, TIES)
 
 
@@ -525,8 +526,10 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, S
 
 
 def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thread | None = None) -> dict[str, Any]:
-    """Return energy, thread, piercings, contact and ties of a step for ``summary.json``, with the displacement of the
-    scenario's `holes` to the surface and the ramps of its `thread`."""
+    """Return energy, thread, piercings, contact and ties of a step for ``summary.json``.
+
+    The scenario's `holes` give the distances moved to the surface, and its `thread` the ramps.
+    """
     found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     contact = {"contact": {pair.pair: _contact_summary(pair) for pair in step.contact}} if step.contact else {}
     ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
@@ -547,7 +550,7 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thre
 
 
 def _contact_summary(pair: ContactRecord) -> dict[str, Any]:
-    """Take what two surfaces do from their record, and by name what each stitch bears of them."""
+    """Return the quantities of two surfaces from their record, and by name the shares of their stitches."""
     return {**values(CONTACT, pair), "stitches": {one.stitch: values(STITCH, one) for one in pair.stitches}}
 
 
@@ -573,7 +576,7 @@ def krylov_summary(extremes: Extremes, now: KrylovRecord) -> dict[str, Value]:
 
 
 def end_columns(end: str) -> tuple[Column[Any], ...]:
-    """Return the columns of an end of the thread by the names that the summary gives them."""
+    """Return the columns of an end of the thread with the names of the summary."""
     start = f"{end}_"
     return *(
         replace(
@@ -603,13 +606,13 @@ SUMMARY: dict[tuple[str, ...], tuple[Column[Any], ...]] = {  # by the place in `
 
 
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
-    """Take the reaction at an end of the thread from a step, and the torque where there is one."""
+    """Return the reaction at an end of the thread from a step, and the torque if there is one."""
     found = values(ENDS[end], step)
     return {name.removeprefix(f"{end}_"): value for name, value in found.items() if value is not None}
 
 
 def _growth_summary(end: object) -> dict[str, Value]:
-    """Take how the dead load on an end of the thread grows from its table in the scenario; nothing of one without."""
+    """Return the ramp of a pulled end from its table in the scenario; empty for another end."""
     return values((GROWS,), end) if isinstance(end, PulledEnd) else {}
 
 
@@ -617,7 +620,7 @@ def _growth_summary(end: object) -> dict[str, Value]:
 
 
 def markdown(columns: Iterable[Column[Any]], what: str) -> str:
-    """Make a list in Markdown; `what` is "column" (components by name), "array" or "key" (vectors whole)."""
+    """Return a list in Markdown; `what` is "column" (components by name), "array" or "key" (whole vectors)."""
     lines = []
     for column in columns:
         names = _in_short(column.parts) if what == "column" and column.parts else column.name
@@ -627,13 +630,13 @@ def markdown(columns: Iterable[Column[Any]], what: str) -> str:
 
 
 def _in_short(parts: tuple[str, ...]) -> str:
-    """Write the names of components as ``force_x/y/z``."""
+    """Return the names of components in short, as ``force_x/y/z``."""
     return "/".join((parts[0], *(part.rpartition("_")[2] for part in parts[1:])))
 
 
 def manual_tables() -> dict[str, str]:
-    """Make the tables of the manual, by the name of their file."""
-    tables = {*HOLE, *ENERGY, *CONTACT, *STITCH, *TIE, *LOAD}  # have a table of their own
+    """Return the tables of the manual by the name of their file."""
+    tables = {*HOLE, *ENERGY, *CONTACT, *STITCH, *TIE, *LOAD}  # these have their own table
     keys = [
         replace(column, name=".".join(["NAME" if part == ANY else part for part in place] + [column.name]))
         for place, columns in SUMMARY.items()

@@ -1,5 +1,7 @@
-"""Fields of thread and organ to be drawn: plain arrays, in classes that the process of a picture reads without the
-solver's libraries."""
+"""Fields of thread and organ for pictures: plain arrays.
+
+The process of a picture reads these classes without the solver's libraries.
+"""
 
 from dataclasses import dataclass
 
@@ -18,9 +20,9 @@ class ThreadRecord:
     tension: Array  # (m,) [N]
     curvature: Array  # (m,) [1/m]
     radius: float  # of the thread [m]
-    pieces: tuple[int, ...] = ()  # points of each piece of a thread that is cut; none where it is whole
+    pieces: tuple[int, ...] = ()  # number of points of each piece of a cut thread; empty if the thread is whole
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
-    bearing: Array | None = None  # (m, 3) of the tissue along tracts on the thread [N/m], zero elsewhere; None without
+    bearing: Array | None = None  # (m, 3) of tracts on the thread [N/m], zero elsewhere; None without tracts
 
     def split(self) -> list[Array]:
         """Return the points of each piece, (k, 3) [m]."""
@@ -43,21 +45,21 @@ class OrganRecord:
     stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
     von_mises: Array  # (nodes,) [Pa]
     principal_stress: Array  # (nodes, 3) falling [Pa]
-    first_direction: Array  # (nodes, 3) of the largest of them, unit
-    third_direction: Array  # (nodes, 3) of the smallest, unit
+    first_direction: Array  # (nodes, 3) direction of the largest principal stress, unit
+    third_direction: Array  # (nodes, 3) direction of the smallest principal stress, unit
     strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
     energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
     volume_ratio: Array  # (cells,) volume between the corners of each cell over that of the reference shape [-]
-    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices, between them the mean of both ends [-]
-    strained: float  # share of the strain energy in cells strained beyond what is small [-]
-    rotated: float  # the same in cells rotated beyond [-]
-    pressed_turn: float = 0.0  # largest angle between a normal under a pressure and that of the reference [rad]
-    contact_pressure: Array | None = None  # (nodes,) [Pa], zero off the lips; None without contact
-    lip_gap: Array | None = None  # (nodes,) [m], not a number off the lips
-    crossed: float = 0.0  # how far lips that do not touch are through one another, over their extent [-]
-    principal_stretch: Array | None = None  # (cells, 3) falling [-]; None of a linear organ
-    first_stretch: Array | None = None  # (cells, 3) direction of the largest of them in the deformed shape, unit
-    third_stretch: Array | None = None  # (cells, 3) of the smallest, unit
+    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices; at a mid-edge node the mean of both ends [-]
+    strained: float  # share of the strain energy in cells whose strain is not small [-]
+    rotated: float  # share of the strain energy in cells whose rotation is not small [-]
+    pressed_turn: float = 0.0  # largest angle between a pressed normal and its reference direction [rad]
+    contact_pressure: Array | None = None  # (nodes,) [Pa], zero outside the lips; None without contact
+    lip_gap: Array | None = None  # (nodes,) [m], not a number outside the lips
+    crossed: float = 0.0  # overlap of lips without contact, over their extent [-]
+    principal_stretch: Array | None = None  # (cells, 3) falling [-]; None for a linear organ
+    first_stretch: Array | None = None  # (cells, 3) direction of the largest stretch in the deformed shape, unit
+    third_stretch: Array | None = None  # (cells, 3) direction of the smallest stretch, unit
     hole_strain: Array | None = None  # (p,) largest `strain` of the cells on which each hole bears [-]
-    hole_energy: Array | None = None  # (p,) largest `energy_density` of them [Pa]
+    hole_energy: Array | None = None  # (p,) largest `energy_density` of these cells [Pa]

@@ -1,5 +1,7 @@
-"""Files that are complete or absent: written under a temporary name in their folder, then renamed. What is torn all the
-same is read as nothing."""
+"""Files that are complete or absent: written under a temporary name in their folder, then renamed.
+
+A file that is damaged nevertheless is read as empty.
+"""
 
 import json
 import math
@@ -11,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file about to be renamed, and the process that wrote it
+UNFINISHED = re.compile(r"\.(.+)\.\d+")  # a file before its renaming: its later name and the process that writes it
 
 
 def unfinished(folder: Path, names: Container[str] | None = None) -> list[Path]:
-    """List the files of a folder that a killed process was about to rename to one of the names, None: to any."""
+    """List the temporary files of a killed process for the given names; None for any name."""
     here = folder.iterdir() if folder.is_dir() else ()
     found = ((path, UNFINISHED.fullmatch(path.name)) for path in here)
     return [path for path, match in found if match and (names is None or match[1] in names)]
@@ -57,7 +59,7 @@ def as_json(value: Mapping[str, Any]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return the same with plain lists and numbers, and None for what is not finite."""
+    """Return the value with plain lists and numbers, and None for a number that is not finite."""
     match value:
         case Mapping():
             return {str(key): _plain(item) for key, item in value.items()}

@@ -2,16 +2,15 @@
 
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
-- ``provenance.json``, ``scenario.toml`` (and ``mesh/``, a copy of the mesh file) before the first step,
-- ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``, ``contact.csv`` and ``stitches.csv`` of wounds and
-  surfaces that may touch, ``loads.csv`` of an organ under loads, ``tracts.csv`` of a thread that bears on tissue
-  between holes and ``ties.csv`` of a thread that is tied: whole lines, after every step,
-- ``results.pvd`` and ``frames/``: every ``output.every`` steps, the first and the last,
-- ``checkpoint.npz`` after every frame that was due, from which ``--resume`` goes on,
-- ``gap_profile.csv`` of these, and
-  ``summary.json``, at the end, also of a failed or an interrupted run.
+- before the first step: ``provenance.json``, ``scenario.toml`` and ``mesh/``, a copy of a mesh file,
+- after every step, in whole lines: ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``; for wounds
+  and contact surfaces ``contact.csv`` and ``stitches.csv``; for loads ``loads.csv``; for tracts ``tracts.csv``;
+  for ties ``ties.csv``,
+- every ``output.every`` steps, first and last: ``results.pvd`` and ``frames/``,
+- after every frame that was due: ``checkpoint.npz``, from which ``--resume`` continues,
+- at the end, also of a failed or interrupted run: ``summary.json``, and for wounds ``gap_profile.csv``.
 
-Files are written under a temporary name and renamed: a killed run leaves every finished frame readable.
+Files are written under a temporary name and renamed, so a killed run leaves every finished frame readable.
 """
 
 import hashlib
@@ -48,15 +47,15 @@ from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_file
 
 DURATION = "solve.duration"
-SHOWN = 3  # names of missing files in a message
+SHOWN = 3  # number of names of missing files in a message
 
 
 class Recorder:
     """Writes a run into a folder; leaving the ``with`` block writes the summary.
 
-    The last frame is written even when it is not due, so a frame is handed over as a function that makes it. With the
-    ``checkpoint`` of the folder a run is taken up again: what was written after it is taken out, and the first step
-    that is recorded must be that of the checkpoint.
+    The last frame is written even if it is not due, so a frame is passed as a function that makes it. With the
+    folder's ``checkpoint`` a run is resumed: rows and frames after the checkpoint are removed, and the first
+    recorded step must be the step of the checkpoint.
     """
 
     def __init__(
@@ -76,7 +75,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
-        self._tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # refuses before all
+        self._tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # can refuse, so comes first
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             refuse_foreign(self.folder, scenario)
@@ -89,7 +88,7 @@ class Recorder:
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
-            text = f"{len(self._series.missing)} files of earlier frames are not there ({gone}); they are left out"
+            text = f"{len(self._series.missing)} files of earlier frames are missing ({gone}) and left out"
             self.remark(remark("frames-missing", "results.pvd", text))
         self._tables = [
             (layout, CsvFile(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
@@ -144,7 +143,7 @@ class Recorder:
             self._write_profile()
 
     def _write_profile(self) -> None:
-        """Write how wounds gape along their rims as of the last recorded step."""
+        """Write the gaps of wounds along their rims at the last recorded step."""
         if self._wounds and self.last_step is not None:
             write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
 
@@ -170,11 +169,11 @@ class Recorder:
             write_json(self.folder / "summary.json", self.summary(*self._outcome))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
-        """Make the contents of ``summary.json`` as of the last recorded step."""
+        """Return the contents of ``summary.json`` after the last recorded step."""
         return self._tally.summary(status, error) | {"provenance": self._origin()}
 
     def _origin(self) -> dict[str, Any]:
-        """Return where the run comes from, its methods as of the last recorded step."""
+        """Return the origin of the run, with its methods up to the last recorded step."""
         methods, step = dict(self.provenance.get("methods", {})), self._tally.whole_from
         if methods.get("organ") is not None:
             begun = methods["organ"].partition(",")[0]
@@ -190,7 +189,7 @@ class Recorder:
 
 
 def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -> None:
-    """Raise `ScenarioError` where a table has other columns, or does not reach the step of the checkpoint."""
+    """Raise `ScenarioError` if a table has other columns, or ends before the step of the checkpoint."""
     for layout in layouts:
         path, reason = folder / f"{layout.name}.csv", ""
         try:
@@ -198,15 +197,15 @@ def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -
         except (OSError, ValueError, IndexError) as error:
             raise ScenarioError(f"{path} cannot be read ({error}); {ANEW}") from None
         if head != head_of(layout.columns):
-            reason = f"the columns of {path} are those of another version of this code"
+            reason = f"the columns of {path} are from another version of this code"
         elif layout.every_step and len(rows) != step + 1:
-            reason = f"{path} lacks rows before step {step}, that of the checkpoint"
+            reason = f"{path} lacks rows before the checkpoint's step {step}"
         if reason:
             raise ScenarioError(f"--resume is refused: {reason}; {ANEW}")
 
 
 def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
-    """Raise `ScenarioError` where ``results.pvd`` cannot be read, or does not name the frames before the checkpoint."""
+    """Raise `ScenarioError` if ``results.pvd`` cannot be read or lacks a frame before the checkpoint."""
     index = folder / "results.pvd"
     try:
         named = steps_in(index)
@@ -218,10 +217,10 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
 
 
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
-    """Return whether a run in a folder can go on; not where it never got as far as its scenario.
+    """Return whether a run in a folder can be continued; false if the run stopped before it wrote its scenario.
 
-    Raises `ScenarioError` if the folder holds the run of another scenario. A longer duration alone makes no other
-    scenario of one in time.
+    Raises `ScenarioError` if the folder holds the run of another scenario. A dynamic scenario with only a
+    longer duration counts as the same.
     """
     folder = Path(folder)
     before = manifest(folder)
@@ -234,29 +233,31 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
 
 
 def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tuple[Any, Any]], more: str = "") -> None:
-    """Refuse to go on with the run of another scenario, for the first of the keys that `changed` or for one `more`
-    reason."""
+    """Refuse to continue the run of another scenario: for the first key in `changed`, or for the reason `more`."""
     longer = _is_longer(scenario, changed)
     left = {key: values for key, values in changed.items() if not (longer and key == DURATION)}
     if reason := first_in_words(left) or more:
         raise ScenarioError(
-            f"--resume is refused: {folder} holds the run of another scenario ({reason}); restore the scenario (in "
-            f"time, solve.duration may grow), give another folder, or {ANEW}"
+            f"--resume is refused: {folder} holds the run of another scenario ({reason}); restore the scenario (in a "
+            f"dynamic run, solve.duration can grow), give another folder, or {ANEW}"
         )
 
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
-    """Read the summary of a run that came to the end of the scenario; None if it did not, or that is longer now."""
+    """Read the summary of a completed run; None if the run is not completed or the scenario is longer now."""
     try:
         summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):  # none, or torn: written anew at the end of the run that goes on
+    except (OSError, ValueError, RecursionError):  # missing or damaged: the run that continues writes it at its end
         return None
     ended = isinstance(summary, dict) and summary.get("status") == "completed"
     return summary if ended and not _changes(Path(folder), scenario) else None
 
 
 def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
-    """Return the keys in which a scenario differs from that of a folder, with both values. Raises `ScenarioError`."""
+    """Return the keys that differ between a scenario and the scenario of a folder, with both values.
+
+    Raises `ScenarioError`.
+    """
     path = folder / SCENARIO
     try:
         return changes(path.read_text(encoding="utf-8"), _scenario_text(scenario)[0])
@@ -276,12 +277,12 @@ def check_folder(
     resume: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Refuse a folder that cannot be written, or that holds anything but earlier results, or those and no leave to
-    replace or continue them.
+    """Refuse a folder that a run must not use.
 
-    Earlier results are replaced, but not before the new run has been prepared. The `file` that is run must lie
-    elsewhere, since it would be replaced with them; `scenario` is what it says. A key that it gives another value than
-    the run that it is to go on with is refused before anything is prepared.
+    Refused are a folder that cannot be written, a folder with other files than earlier results, and a folder
+    with results without permission to replace or continue them. Earlier results are replaced after the new run
+    has been prepared. The `file` of the scenario must lie in another folder, because it would be replaced;
+    `scenario` is its content. For a resumed run, a key with another value is refused before the preparation.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -299,21 +300,21 @@ def check_folder(
 
 
 def _refuse_others(folder: Path) -> None:
-    """Refuse a folder without a manifest of this code that holds anything."""
+    """Refuse a folder that holds files but no manifest of this code."""
     others = sorted(path.name for path in set(folder.iterdir()) - set(unfinished(folder)))
     if others:
-        torn = f", and {MARK} is none of a run's or is torn" if MARK in others else ""
+        torn = f", and {MARK} is damaged or not from a run" if MARK in others else ""
         raise ScenarioError(
-            f"--out {folder} is refused: it holds other files than results ({others[0]}{torn}); give a new or empty "
+            f"--out {folder} is refused: it holds files that no run wrote ({others[0]}{torn}); give a new or empty "
             "folder"
         )
 
 
 def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite: bool) -> None:
-    """Refuse to replace a run without leave, or with it the scenario that is run, or its mesh."""
+    """Refuse to replace a run without permission, or to replace the scenario or mesh that the run reads."""
     if not overwrite:
         raise ScenarioError(
-            f"--out {folder} is refused: it holds a run already; add --overwrite to replace it, --resume to go on with "
+            f"--out {folder} is refused: it already holds a run; add --overwrite to replace it, --resume to continue "
             "it, or give another folder"
         )
     inside = [path for path in read if path is not None and folder.resolve() in Path(path).resolve().parents]
@@ -335,7 +336,7 @@ def _check_writable(folder: Path) -> None:
 
 
 def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str | None]) -> dict[str, Any]:
-    """Write provenance and scenario, with a copy of the mesh file so that the folder stands alone."""
+    """Write provenance and scenario, with a copy of the mesh file so that the folder is complete."""
     folder.mkdir(parents=True, exist_ok=True)
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
@@ -350,14 +351,14 @@ def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str
 
 
 def _take_out(paths: Iterable[Path]) -> None:
-    """Remove what an earlier run left, but for the lock of this one."""
+    """Remove files of an earlier run, except the lock of this run."""
     for path in paths:
         if path.name != LOCK:
             path.unlink(missing_ok=True)
 
 
 def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
-    """Take out an earlier end of the run, and note that it goes on, and how far."""
+    """Remove an earlier end of the run, and note that the run continues."""
     origin = manifest(folder) or {}
     _take_out([folder / "summary.json", *unfinished(folder, origin.get("files", ()))])
     text, digests = _scenario_text(scenario)
@@ -368,7 +369,7 @@ def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
 
 
 def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
-    """Write the scenario as it stands next to its results, with digests of it and of its mesh file."""
+    """Return the scenario's text for the results folder, with the digests of the text and of the mesh file."""
     digests, mesh = {}, mesh_file(scenario)
     if mesh is not None:
         scenario = with_mesh_file(scenario, f"mesh/{mesh.name}")

@@ -1,4 +1,4 @@
-"""One run at a time in a folder: a lock that the system lets go of when its process ends, however it ends."""
+"""One run at a time in a folder: a lock that the system releases at any end of its process."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,21 +10,21 @@ from filelock import FileLock, Timeout
 from studies.scenario import ScenarioError
 
 LOCK = ".suture.lock"
-AGAIN = 0.2  # s in which a lock is asked for again: the run that held it may be removing it
+AGAIN = 0.2  # s of repeated attempts to lock: the earlier run is perhaps removing its lock
 
 
 def folder_of(given: object) -> Path:
     """Return the folder that a program names. Raises `ScenarioError`."""
     if not isinstance(given, str | PathLike):
-        raise ScenarioError(f"folder = {given!r} is refused: it names no folder; give the path of a new or empty one")
+        raise ScenarioError(f"folder = {given!r} is refused: it is no path; give the path of a new or empty folder")
     return Path(given)
 
 
 @contextmanager
 def locked(folder: Path | str) -> Iterator[None]:
-    """Lock a folder for a run; the folder is made if it is missing.
+    """Lock a folder for a run; a missing folder is made.
 
-    Raises `ScenarioError` if another run is, and for a folder that cannot be made or written.
+    Raises `ScenarioError` if another run has locked it, or if the folder cannot be made or written.
     """
     folder = Path(folder)
     lock = FileLock(folder / LOCK, timeout=AGAIN)
@@ -34,14 +34,14 @@ def locked(folder: Path | str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        reason = "another run is at work there; wait for its end, or give another folder"
+        reason = "another run uses it; wait for its end, or give another folder"
         raise ScenarioError(f"--out {folder} is refused: {reason}") from None
-    except (OSError, RuntimeError) as error:  # a RuntimeError where links lead in a circle
+    except (OSError, RuntimeError) as error:  # a RuntimeError if links form a circle
         reason = f"it cannot be written ({getattr(error, 'strerror', None) or error}); give another folder"
         raise ScenarioError(f"--out {folder} is refused: {reason}") from None
     try:
         yield
     finally:
-        with suppress(OSError):  # Windows removes no open file; there `filelock` does it
+        with suppress(OSError):  # Windows cannot remove an open file; there `filelock` removes it
             Path(lock.lock_file).unlink()
         lock.release()

@@ -1,4 +1,4 @@
-"""The log of a run, ``suture.log`` in its folder: when it was begun, by which code, and how it ended."""
+"""The log of a run, ``suture.log`` in its folder: its start, the version of the code, and its end."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -12,7 +12,7 @@ LOG = "suture.log"
 
 
 class RunLog:
-    """Appends lines to the log of a folder, each with its time [UTC]; a run that is resumed goes on with it."""
+    """Appends lines to the log of a folder, each with its time [UTC]; a resumed run appends to the same log."""
 
     def __init__(self, folder: Path, command: str) -> None:
         self._path = folder / LOG
@@ -21,7 +21,7 @@ class RunLog:
     def write(self, text: str) -> None:
         """Append lines."""
         now = datetime.now(UTC).isoformat(timespec="seconds")
-        with suppress(OSError), self._path.open("a", encoding="utf-8") as file:  # a full disk is told by the run itself
+        with suppress(OSError), self._path.open("a", encoding="utf-8") as file:  # the run itself reports a full disk
             file.writelines(f"{now}  {line}\n" for line in text.splitlines())
 
     def end(self, status: str, remarks: Iterable[Remark]) -> None:

@@ -1,7 +1,7 @@
-"""Whose a folder is: the manifest of a run, ``provenance.json``, and the files that it names as the run's own.
+"""The manifest of a run, ``provenance.json``: the list of the files that belong to the run.
 
-A folder is a run's only where it holds a manifest that this code wrote. What the manifest does not name, but for the
-frames, is the user's: it is neither removed nor written over.
+A folder belongs to a run only if it holds a manifest of this code. Files outside the manifest, except frames,
+belong to the user: they are neither removed nor overwritten.
 """
 
 import re
@@ -23,7 +23,7 @@ from studies.scenario.toml import mesh_file
 MARK = "provenance.json"  # the first file written
 SCENARIO = "scenario.toml"
 PROFILE = "gap_profile.csv"
-FOLDERS = ("frames", "mesh")  # in that of a run
+FOLDERS = ("frames", "mesh")  # in the folder of a run
 FILES = (
     MARK,
     SCENARIO,
@@ -46,13 +46,13 @@ def files_of(scenario: Scenario) -> list[str]:
 
 
 def manifest(folder: Path) -> dict[str, Any] | None:
-    """Read the manifest of a folder; None if it holds none that this code wrote."""
+    """Read the manifest of a folder; None if the folder has no manifest of this code."""
     found = read_json(folder / MARK)
     return found if "suturefem" in found and isinstance(found.get("files"), list) else None
 
 
 def holds_run(folder: Path) -> bool:
-    """Return whether a folder holds a run, finished or not; not one that never got as far as its scenario."""
+    """Return whether a folder holds a run, finished or not; false if the run stopped before it wrote its scenario."""
     return manifest(folder) is not None and (folder / SCENARIO).is_file()
 
 
@@ -65,7 +65,7 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
-    """List the files that a killed run was about to rename to a name of its own, and its lock."""
+    """List the temporary files of a killed run with its known names, and its lock."""
     names = {MARK, *(Path(name).name for name in known)}
     found = [path for place in (folder, folder / "mesh") for path in files.unfinished(place, names)]
     return [*found, *folder.glob(LOCK)]
@@ -78,8 +78,8 @@ def refuse_foreign(folder: Path, scenario: Scenario) -> None:
     lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
     if lost:
         raise ScenarioError(
-            f"--out {folder} is refused: a run would write over {', '.join(lost)}, which no run wrote; move what is "
-            "yours, or give a new or empty folder"
+            f"--out {folder} is refused: a run would overwrite {', '.join(lost)}, which no run wrote; move your "
+            "files, or give a new or empty folder"
         )
 
 
@@ -88,8 +88,8 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         if (folder / name).is_symlink():
             raise ScenarioError(
-                f"--out {folder} is refused: {name} in it is a link to another folder; put that folder in the link's "
-                "place, or give a new or empty folder"
+                f"--out {folder} is refused: {name} in it is a link to another folder; replace the link by that "
+                "folder, or give a new or empty folder"
             )
 
 
@@ -99,5 +99,5 @@ def clear(folder: Path) -> None:
         if path.name not in (MARK, LOCK):
             path.unlink(missing_ok=True)
     for name in FOLDERS:
-        with suppress(OSError):  # there is none, or it holds what is the user's
+        with suppress(OSError):  # it is missing, or holds files of the user
             (folder / name).rmdir()

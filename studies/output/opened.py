@@ -1,4 +1,4 @@
-"""A results folder, opened: its summary, tables and frames as Python holds them."""
+"""An opened results folder: its summary, tables and frames as Python objects."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,7 +57,7 @@ class OpenRun:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario as run, with every default."""
+        """The scenario of the run, with every default."""
         return load(self.folder / SCENARIO)
 
     @property
@@ -66,9 +66,9 @@ class OpenRun:
         return list(self.results.tables)
 
     def table(self, name: str) -> "pd.DataFrame":
-        """Return a table as a frame of pandas: columns by their names, their units in ``attrs["units"]``.
+        """Return a table as a pandas data frame: columns by their names, their units in ``attrs["units"]``.
 
-        Raises `ResultsError` for a table that there is none of, and `ImportError` without pandas.
+        Raises `ResultsError` if there is no table of this name, and `ImportError` without pandas.
         """
         if name not in self.tables:
             near = nearest(str(name), self.tables)
@@ -91,15 +91,17 @@ class OpenRun:
         return [frame.time for frame in self.results.frames]
 
     def frame(self, number: int = -1) -> "pv.MultiBlock":
-        """Return a frame by its number, the last unless given: the blocks "organ" (without one: none), "thread" and
-        "piercings", the units of the arrays of each in ``user_dict["units"]``. The organ's points are those of the
-        reference shape: ``frame["organ"].warp_by_vector("displacement")``. Raises `IndexError`, and `ResultsError` for
-        a file that is gone.
+        """Return a frame by its number; the default is the last frame.
+
+        Its blocks are "organ" (absent without an organ), "thread" and "piercings", with the units of their
+        arrays in ``user_dict["units"]``. The organ's points are in the reference shape: use
+        ``frame["organ"].warp_by_vector("displacement")``. Raises `IndexError`, and `ResultsError` for a missing
+        file.
         """
         import pyvista as pv
 
         if not isinstance(number, int | np.integer):
-            raise ResultsError(f"frame {number!r} is refused: give its number, of {len(self.times)}")
+            raise ResultsError(f"frame {number!r} is refused: give a whole number; there are {len(self.times)} frames")
         blocks, files = pv.MultiBlock(), self.results.frames[number]
         for name in files.parts:
             block = files.read(name)
@@ -109,5 +111,5 @@ class OpenRun:
 
 
 def open_run(folder: Path | str) -> OpenRun:
-    """Open the folder of a run, ended or not. Raises `studies.output.reading.ResultsError` for one that holds none."""
+    """Open the folder of a run, ended or not. Raises `studies.output.reading.ResultsError` if it holds no run."""
     return OpenRun(read_run(folder))

@@ -9,8 +9,8 @@ from typing import Any
 
 from studies.output.version import CODE, ROOT, commit, installed_version
 
-NAME = re.compile(r"[A-Za-z0-9._-]+")  # of the package at the beginning of a requirement
-BENEATH = ("vtk", "mkl")  # what its packages bring and results may hang on
+NAME = re.compile(r"[A-Za-z0-9._-]+")  # of the package, at the start of a requirement
+BENEATH = ("vtk", "mkl")  # packages below these that can influence results
 
 
 def provenance() -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The numbers and words of a run's summary by their dotted names, each with its unit.
 
-``piercings.exit.tension_after`` is in newton; a vector has a name for each component, as in the tables:
-``piercings.exit.force_x``. Wall-clock time, which differs from one run of a scenario to the next, is none of them.
+``piercings.exit.tension_after`` is in newton. A vector has a name for each component, as in the tables:
+``piercings.exit.force_x``. Wall-clock time differs between runs of a scenario and is not included.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,8 +10,8 @@ from typing import Any
 
 from studies.output.columns import ANY, SUMMARY, Column
 
-NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and where a run was made
-TOLD_APART = ("remarks",)  # a list of sentences
+NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and the origin of a run
+TOLD_APART = ("remarks",)  # a list of sentences, read separately
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Quantity:
 
 
 def headed(name: str, unit: str) -> str:
-    """Return the heading of a column with its unit in brackets, where it has one."""
+    """Return the heading of a column, with its unit in brackets if there is one."""
     return f"{name} [{unit}]" if unit else name
 
 
@@ -60,7 +60,7 @@ def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
 
 
 def column_at(place: tuple[str, ...]) -> Column[Any] | None:
-    """Return the column that a key of a summary is made of, None for one that is none."""
+    """Return the column of a summary's key, None if the key has no column."""
     for above, columns in SUMMARY.items():
         fits = len(above) + 1 == len(place) and all(a in (ANY, b) for a, b in zip(above, place, strict=False))
         found = next((column for column in columns if fits and column.name == place[-1]), None)

@@ -1,6 +1,6 @@
 """Reading a results folder back: its summary, its tables with their units, and its frames.
 
-A run that is still at work, or that was killed, is read as far as it came.
+A running or killed run is read up to its last complete file.
 """
 
 import csv
@@ -28,8 +28,8 @@ from studies.output.records import PiercingRecord, Snapshot
 from studies.output.series import is_whole, step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
-CORNERS = 4  # nodes of a tetrahedron without those on its edges
-ITEM = {  # the column that says which piercing, pair or boundary a row of a table is about
+CORNERS = 4  # nodes of a tetrahedron without mid-edge nodes
+ITEM = {  # the column with the name of the piercing, pair or boundary of a row
     layout.name: next(column.name for column in layout.columns if column.kind == "text")
     for layout in TABLES
     if not layout.every_step
@@ -45,7 +45,7 @@ class ResultsError(ValueError):
 
 
 class Summary(BaseModel):
-    """The parts of `summary.json` that are looked into; it has more."""
+    """The parts of `summary.json` that are checked; the file has more."""
 
     remarks: list[dict[str, Any]]
     piercings: dict[str, dict[str, Any]] = {}
@@ -54,7 +54,7 @@ class Summary(BaseModel):
 
 @contextmanager
 def refused_if_torn(path: Path | str) -> Iterator[None]:
-    """Raise `ResultsError` if the content of a file is not that of a run."""
+    """Raise `ResultsError` if a file has not the content of a run."""
     try:
         yield
     except ResultsError:
@@ -65,8 +65,10 @@ def refused_if_torn(path: Path | str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by name, each shape `(rows,)`: numbers where every cell is one or empty (not a number), else text; and
-    the units of those that have one."""
+    """Columns of a table by name, each shape `(rows,)`, and the units of the columns with a unit.
+
+    A column is numeric if every cell is a number or empty (then not a number), else text.
+    """
 
     columns: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
@@ -81,43 +83,48 @@ class Table:
         return f"{name} [{self.units[name]}]" if name in self.units else name
 
     def where(self, name: str, word: str) -> "Table":
-        """Return the rows whose column of text has a word."""
+        """Return the rows with this word in a column of text."""
         return self.rows(self.columns[name] == word)
 
     def rows(self, chosen: NDArray[Any]) -> "Table":
-        """Return the rows of these numbers, or where it is true."""
+        """Return the rows chosen by their numbers or by a mask."""
         return Table({key: values[chosen] for key, values in self.columns.items()}, self.units)
 
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """The files of one time, by the part that they hold: organ, thread, piercings."""
+    """The files of one time by their part: organ, thread, piercings."""
 
     time: float  # [s]
     step: int
     parts: Mapping[str, Path]
 
     def read(self, part: str) -> Any:
-        """Read a part as pyvista has it; None if the frame has none. Raises `ResultsError` for a file that is torn
-        or gone."""
+        """Read a part as an object of pyvista; None if the frame has no such part.
+
+        Raises `ResultsError` for a damaged or missing file.
+        """
         import pyvista as pv
 
         path = self.parts.get(part)
         if path is None:
             return None
         if not path.is_file():
-            raise ResultsError(f"{path} is not there, though results.pvd names it; run the scenario again")
+            raise ResultsError(f"{path} is missing, though results.pvd names it; run the scenario again")
         with refused_if_torn(path), pv.vtk_verbosity("off"):
             if not is_whole(path.read_bytes()):
-                raise ValueError("it is not as it was written")
+                raise ValueError("its checksum differs")
             found = pv.read(path)
         return found
 
 
 @dataclass(frozen=True)
 class RunResults:
-    """A run's folder: `summary.json` (empty before the end), the manifest, the scenario's text, the tables by name, and
-    the frames in the order of time."""
+    """The content of a run's folder.
+
+    `summary` is empty before the end of the run, `provenance` is the manifest, `scenario` the scenario's text. `tables`
+    are by name, `frames` in the order of time.
+    """
 
     folder: Path
     summary: Mapping[str, Any]
@@ -133,7 +140,7 @@ class RunResults:
 
     @property
     def title(self) -> str:
-        """The title of the scenario, or the folder's name where it has none, or its file is torn."""
+        """The title of the scenario, or the folder's name without a title or with a damaged file."""
         try:
             return str(tomllib.loads(self.scenario).get("title", "")) or self.name
         except (tomllib.TOMLDecodeError, RecursionError):
@@ -146,8 +153,10 @@ class RunResults:
         return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
 
     def parts(self, name: str) -> dict[str, Table]:
-        """Return a table split into parts with one row per step, by the name of the piercing, of the pair of surfaces,
-        or of the boundary (a second load on one is `top (2)`); the whole table has an empty name."""
+        """Return a table in parts with one row per step, by the name of the piercing, pair of surfaces, or boundary.
+
+        A second load on a boundary is `top (2)`. A table without such names is one part with an empty name.
+        """
         table = self.tables[name]
         if name not in ITEM:
             return {"": table}
@@ -162,7 +171,7 @@ class RunResults:
 def read_run(folder: Path | str) -> RunResults:
     """Read the run in a folder. Raises `ResultsError` if it holds none."""
     if not isinstance(folder, str | PathLike):
-        raise ResultsError(f"{folder!r} is refused: it names no folder; give one that suture run --out wrote")
+        raise ResultsError(f"{folder!r} is refused: it is no path; give a folder that suture run --out wrote")
     folder = Path(folder)
     if not holds_run(folder):
         raise ResultsError(f"{folder} is refused: it holds no run; give a folder that suture run --out wrote")
@@ -193,17 +202,17 @@ def read_run_table(path: Path) -> Table:
     wanted = {"time": "f", "step": "f"} | ({ITEM[path.stem]: "U"} if path.stem in ITEM else {})
     for name, kind in wanted.items():
         if name not in table.columns or table.columns[name].dtype.kind != kind:
-            raise ResultsError(f"{path} is damaged (its column {name} is lost); run the scenario again")
+            raise ResultsError(f"{path} is damaged (its column {name} is missing); run the scenario again")
     return table
 
 
 def read_table(path: Path) -> Table:
-    """Read a CSV table whose headings carry units. Raises `ResultsError` for a file that is torn or empty."""
+    """Read a CSV table whose headings have units. Raises `ResultsError` for a damaged or empty file."""
     with refused_if_torn(path), path.open(encoding="utf-8", newline="") as file:
         head, *rows = list(csv.reader(file)) or [[]]
     if not head:
         raise ResultsError(f"{path} is empty; run the scenario again")
-    whole = [row for row in rows if len(row) == len(head)]  # the last one may be torn
+    whole = [row for row in rows if len(row) == len(head)]  # the last row can be incomplete
     matches = [cast(re.Match[str], HEADING.fullmatch(text)) for text in head]
     cells = zip(*whole, strict=True) if whole else [()] * len(head)
     columns = {
@@ -214,7 +223,7 @@ def read_table(path: Path) -> Table:
 
 
 def column_of(cells: Sequence[str]) -> NDArray[Any]:
-    """Return cells as numbers, an empty one as not a number, or as text where one of them is no number."""
+    """Return cells as numbers, with NaN for an empty cell; as text if a cell is no number."""
     try:
         return np.array([float(cell) if cell else np.nan for cell in cells], dtype=np.float64)
     except ValueError:
@@ -237,9 +246,9 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
 
 
 def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
-    """Return a frame as it was recorded, in single precision; `names` are those of its piercings.
+    """Return a recorded frame, in single precision; `names` are the names of its piercings.
 
-    Raises `ResultsError` as `FrameFiles.read` does.
+    Raises `ResultsError` like `FrameFiles.read`.
     """
     with refused_if_torn(f"the frame at {frame.time:g} s"):
         return _snapshot(frame, names)
@@ -268,7 +277,7 @@ def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
 
 
 def organ_of(organ: Any) -> OrganRecord:
-    """Return the organ of a frame; quantities that no frame has, such as shares of strain energy, are NaN."""
+    """Return the organ of a frame; quantities that no frame stores, for example shares of strain energy, are NaN."""
     arrays = {
         name: np.asarray(values, dtype=np.float64)
         for data in (organ.point_data, organ.cell_data)
@@ -281,7 +290,7 @@ def organ_of(organ: Any) -> OrganRecord:
 
 
 def topology_of(frame: FrameFiles) -> OrganTopology | None:
-    """Return the organ's mesh of a frame, None without one."""
+    """Return the organ's mesh of a frame, None without an organ."""
     organ = frame.read("organ")
     if organ is None:
         return None
@@ -297,7 +306,7 @@ def cells_of(organ: Any) -> NDArray[np.int64]:
 
 
 def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
-    """Return numbers of cells, shape `(cells,)`, as means over the cells that meet at each node, shape `(nodes,)`."""
+    """Return values of cells, shape `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
     flat = cells.ravel()
     total = np.bincount(flat, np.repeat(values, cells.shape[1]), minlength=nodes)
     return np.asarray(total / np.maximum(np.bincount(flat, minlength=nodes), 1))

@@ -15,10 +15,10 @@ from coupling.run.tying import TieObservation
 from studies.arrays import Array
 from studies.output.fields import OrganRecord, ThreadRecord
 
-SEEN = 10  # steps before the last over which forces are seen to swing
-SWITCHES = 6  # between stick and slip within SEEN steps, three times to and fro: as short a period these do not resolve
-STILL = 1e-9  # of the largest tension: forces below are of round-off
-APART = 1e-6  # m: surfaces nearer are closed; a fluid of the body hardly passes, and tissue is rougher
+SEEN = 10  # number of last steps in which a swing of forces is sought
+SWITCHES = 6  # between stick and slip within SEEN steps: three periods, which these steps do not resolve
+STILL = 1e-9  # of the largest tension: smaller forces are round-off
+APART = 1e-6  # m: a smaller gap counts as closed, because body fluid hardly passes it and tissue is rougher
 
 PiercingRecord = PiercingObservation
 EnergyRecord = Energies
@@ -30,51 +30,51 @@ class StitchRecord:
     """The closing forces of one stitch at one time."""
 
     stitch: str  # name of its tie, its tract or its only hole
-    pair: str  # of surfaces that it draws together
-    left_force: float  # that draws the first of them to the other one [N]
-    right_force: float  # that draws the other one [N]
-    load_share: float | None  # of what all stitches draw them by [-], None if that is nothing
+    pair: str  # the surfaces that it draws together
+    left_force: float  # closing force on the first surface [N]
+    right_force: float  # closing force on the second surface [N]
+    load_share: float | None  # share of the closing forces of all stitches [-], None if their sum is zero
 
 
 @dataclass(frozen=True)
 class ContactRecord:
-    """Two surfaces that may touch at one time, those of a wound's lips or others."""
+    """Two surfaces that can touch, of a wound or others, at one time."""
 
     pair: str  # their names
-    pairs: int  # of nodes that face one another
-    pressed: int  # of them, under a force
+    pairs: int  # number of node pairs that face each other
+    pressed: int  # number of pairs under a force
     smallest_gap: float  # [m]
     largest_pressure: float  # [Pa]
     area: float  # under pressure [m²]
-    slide: float  # largest, of a pair past one another along the surfaces [m]
-    force: float  # that pushes them apart, in all [N]
+    slide: float  # largest sliding distance of a pair [m]
+    force: float  # sum of the contact forces [N]
     complementarity: float  # largest |force times gap| of a pair [J]
-    largest_gap: float = 0.0  # of pairs that face one another [m]
-    open_area: float = 0.0  # of them, where they are apart [m²]
-    gap_volume: float = 0.0  # between them [m³]
-    slipping: int = 0  # of the pressed pairs, with all the friction that there can be
-    friction: float = 0.0  # along the surfaces, the magnitude of the resultant [N]
-    approximation: float = 0.0  # share of their area where they touch: neither apart nor crossed by more than APART [-]
-    closure_force: float = 0.0  # that the thread draws them together with [N]
-    eversion: float | None = None  # by how much the outer surface rises towards both their edges [rad]; None without
-    stitches: tuple[StitchRecord, ...] = ()  # that draw them together
+    largest_gap: float = 0.0  # largest gap of facing pairs [m]
+    open_area: float = 0.0  # area of facing pairs that are apart [m²]
+    gap_volume: float = 0.0  # volume between the surfaces [m³]
+    slipping: int = 0  # number of pressed pairs at their limit of friction
+    friction: float = 0.0  # magnitude of the resultant along the surfaces [N]
+    approximation: float = 0.0  # share of the area with a gap below APART in magnitude [-]
+    closure_force: float = 0.0  # force of the thread that closes the pair [N]
+    eversion: float | None = None  # rise of the outer surface towards both edges [rad]; None without edges
+    stitches: tuple[StitchRecord, ...] = ()  # stitches of this pair
 
 
 @dataclass(frozen=True)
 class GapRecord:
-    """A place on the rim of the first of two surfaces that may touch, at one time."""
+    """A place on the rim of the first of two surfaces that can touch, at one time."""
 
     pair: str
-    way: float  # along the rim in the reference shape [m]
+    way: float  # length along the rim in the reference shape [m]
     x: Array  # (3,) place [m]
-    edge_gap: float | None  # of the rim there [m], None if it faces nothing
-    largest_gap: float | None  # of the surface behind it [m], likewise
-    largest_pressure: float  # there [Pa]
+    edge_gap: float | None  # gap at the rim [m], None if the rim faces nothing
+    largest_gap: float | None  # largest gap of the surface below this place [m], None if it faces nothing
+    largest_pressure: float  # at this place [Pa]
 
 
 @dataclass(frozen=True)
 class TractRecord:
-    """The tissue along the thread between two holes at one time, ball by ball in the order of the thread."""
+    """The tissue along the thread between two holes at one time, as balls in the order of the thread."""
 
     tract: str  # its name
     balls: tuple[PiercingRecord, ...]
@@ -91,19 +91,19 @@ class TractRecord:
 
     @property
     def spacing(self) -> float:
-        """Largest length of path that a ball stands for, from each to the next [m]."""
+        """Largest length of path per ball, the distance to the next ball [m]."""
         return max(ball.bearing or 0.0 for ball in self.balls)
 
     @property
     def turn(self) -> float:
-        """Largest turn of the thread from a ball to the next, or on as much of its way across a wound [rad]."""
+        """Largest turn of the thread between neighbouring balls [rad], across a wound per ball spacing."""
         tangents, s = (np.array([getattr(ball, name) for ball in self.balls]) for name in ("tangent", "s"))
         angles = np.arccos(np.clip(np.vecdot(tangents[1:], tangents[:-1]), -1.0, 1.0))
         return float(np.max(angles * self.spacing / np.maximum(np.diff(s), self.spacing), initial=0.0))
 
     @property
     def tension(self) -> float:
-        """Largest tension of the thread at a ball [N], 0 where it is slack."""
+        """Largest tension of the thread at a ball [N], 0 if the thread is slack."""
         return max(0.0, *(max(ball.tension_before, ball.tension_after) for ball in self.balls))
 
     @property
@@ -144,25 +144,25 @@ class LoadRecord:
     boundary: str
     share: float  # of the load that acts [-]
     area: float  # of the boundary in the reference shape [m²]
-    force: Array  # (3,) that acts on the organ, in all [N]
+    force: Array  # (3,) total force on the organ [N]
 
 
 @dataclass(frozen=True)
 class ReductionRecord:
     """Error estimates of an organ's small basis at its holes at one time."""
 
-    vectors: int  # of the basis
-    difference: Array  # (p,) between the place of a hole and that in a basis with one block more [m]
-    bound: Array  # (p,) of the distance to the place in the whole organ [m]
-    stiffness: Array  # (p,) largest of the hole against a slow pull [N/m]
+    vectors: int  # number of vectors of the basis
+    difference: Array  # (p,) distance of a hole from its place with one block more [m]
+    bound: Array  # (p,) bound of the distance from the hole's place in the whole organ [m]
+    stiffness: Array  # (p,) largest static stiffness of the hole [N/m]
 
 
 @dataclass(frozen=True)
 class KrylovRecord:
     """Size and residual of an organ's Krylov space at one time."""
 
-    vectors: int  # of the space; 0 once the organ is solved whole
-    residual: float  # of the equations of motion of all unknowns, over the largest forces so far [-]
+    vectors: int  # number of vectors of the space; 0 after a change to the whole organ
+    residual: float  # residual of all equations of motion over the largest forces until then [-]
 
 
 @dataclass(frozen=True)
@@ -179,91 +179,92 @@ class StepRecord:
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
     slide_speed: float  # largest speed of the thread in a hole [m/s]
-    spans: Callable[[], float]  # makes `span_ratio`, which only the last step's is asked for
-    apart: Callable[[], float]  # makes `spans_between`, likewise
-    stays: Callable[[], bool]  # makes `would_stay`, likewise
-    seconds: float  # wall-clock time of this step, compiling its loops left out [s]
-    fallen: float | None = None  # of the loads along a branch that was followed [s of their clock], None without one
+    spans: Callable[[], float]  # computes `span_ratio`, used only for the last step
+    apart: Callable[[], float]  # computes `spans_between`, used only for the last step
+    stays: Callable[[], bool]  # computes `would_stay`, used only for the last step
+    seconds: float  # wall-clock time of this step without compilation [s]
+    fallen: float | None = None  # decrease of the loads along a branch [s of their clock], None without one
     events: tuple[Event, ...] = ()
-    contact: tuple[ContactRecord, ...] = ()  # of all surfaces that may touch
+    contact: tuple[ContactRecord, ...] = ()  # of all surfaces that can touch
     loads: tuple[LoadRecord, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
-    reduction: ReductionRecord | None = None  # of an organ in a small basis
-    krylov: KrylovRecord | None = None  # of an organ in its Krylov space
+    reduction: ReductionRecord | None = None  # None unless the organ is in a small basis
+    krylov: KrylovRecord | None = None  # None unless the organ is in its Krylov space
     ties: tuple[TieRecord, ...] = ()
-    profile: Callable[[], tuple[GapRecord, ...]] = tuple  # makes the gaps along all rims, of the last step alone
-    torques: tuple[float, float] | None = None  # of the holders of start and end about the tangent [N m], with twist
-    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # makes `memory`, asked for at a checkpoint
+    profile: Callable[[], tuple[GapRecord, ...]] = tuple  # computes the gaps along all rims, only for the last step
+    torques: tuple[float, float] | None = None  # of the holders at start and end about the tangent [N m]; or None
+    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # computes `memory`, at a checkpoint
 
     @property
     def span_ratio(self) -> float:
-        """Longest span at a hole over the length that the thread bends over there [-]."""
+        """Longest span at a hole over the bending length of the thread there [-]."""
         return self.spans()
 
     @property
     def spans_between(self) -> float | None:
-        """Spans between the two holes that are nearest to one another along the thread [-], None if there are no
-        two."""
+        """Fewest spans between neighbouring holes along the thread [-], None with fewer than two holes."""
         number = self.apart()
         return number if np.isfinite(number) else None
 
     @property
     def would_stay(self) -> bool:
-        """Whether the thread resists every motion of its own from an equilibrium."""
+        """Whether the equilibrium is stable: the thread resists every motion."""
         return self.stays()
 
     @property
     def memory(self) -> Mapping[str, NDArray[Any]] | None:
-        """All that the steps after this one depend on, None if nothing is kept."""
+        """All data that the later steps depend on, None if no checkpoint is kept."""
         return None if self.kept is None else self.kept()
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run as far as it came."""
+    """The totals of a run up to its last step."""
 
     status: str
-    error: str  # empty unless it failed or was interrupted
-    last: StepRecord | None  # None if it did not get as far as its start
+    error: str  # empty unless the run failed or was interrupted
+    last: StepRecord | None  # None if the run stopped before its start
     newton_iterations: int  # of all steps
     constraint_max: float  # over all steps [m]
-    seconds: float  # wall-clock time of all steps, compiling their loops left out [s]
+    seconds: float  # wall-clock time of all steps without compilation [s]
     tissue_dofs: int
 
 
 @dataclass(frozen=True)
 class Extremes:
-    """The largest values of a run so far, over its steps and, for the organ's cells, over its frames; and the forces of
-    its last steps."""
+    """The largest values of a run until now, and the forces of its last steps.
 
-    mean_strain: Array  # (p,) of the tissue at each hole [-]
-    turn: Array  # (p,) [rad]
-    bearing_pressure: Array  # (p,) of the thread on the tissue at each hole [Pa]
-    way: Array  # (p,) of each hole from its place in the reference shape [m]
-    difference: Array  # (p,) between a small basis and one with a block more [m]
-    bound: Array  # (p,) of the distance to the whole organ [m]
-    cell_strain: Array  # (p,) of the cells on which each hole bears [-]
-    cell_energy: Array  # (p,) strain energy per volume of them [Pa]
-    forces: Array  # (SEEN + 1, p, 3) of each hole on the thread at the last steps, NaN before there were so many [N]
-    switches: Array  # (SWITCHES, p) numbers of the steps in which each hole last switched, NaN before it did so often
-    chattered: Array  # (p,) when each hole first switched so often within SEEN steps [s], NaN if it did not
-    locked: Array  # (t,) force under which each tie was locked [N], NaN before
-    tension: float = 0.0  # of the thread at its holes and ends [N]
-    thread_strain: float = 0.0  # [-]
-    energy: float = 0.0  # kinetic and elastic, or work of whatever is outside [J]
-    created: float = 0.0  # by the steps in time [J]
-    strain: float = 0.0  # of the organ's cells [-]
-    rotation: float = 0.0  # [rad]
-    strained: float = 0.0  # share of the strain energy in cells strained beyond what is small [-]
-    rotated: float = 0.0  # the same in cells rotated beyond [-]
-    pressed_turn: float = 0.0  # of a surface under a pressure [rad]
-    crossed: float = 0.0  # of lips that do not touch, through one another, over their extent [-]
-    branches: float = 0.0  # load steps that followed one by arc length
-    fallen: float = 0.0  # of the loads along one [s of their clock]
-    residual: float = 0.0  # of an organ in its Krylov space [-]
+    Values of the organ's cells and surfaces are taken from the frames, all others from the steps.
+    """
+
+    mean_strain: Array  # (p,) mean strain of the tissue at each hole [-]
+    turn: Array  # (p,) turn of each hole [rad]
+    bearing_pressure: Array  # (p,) pressure of the thread on the tissue at each hole [Pa]
+    way: Array  # (p,) displacement of each hole from the reference shape [m]
+    difference: Array  # (p,) distance from the place with one block more of a small basis [m]
+    bound: Array  # (p,) bound of the distance from the place in the whole organ [m]
+    cell_strain: Array  # (p,) strain of the cells on which each hole bears [-]
+    cell_energy: Array  # (p,) strain energy per volume of these cells [Pa]
+    forces: Array  # (SEEN + 1, p, 3) force of each hole on the thread at the last steps, NaN before the start [N]
+    switches: Array  # (SWITCHES, p) numbers of the steps of each hole's last switches, NaN if there were fewer
+    chattered: Array  # (p,) time of the first SWITCHES switches of a hole within SEEN steps [s], NaN if there was none
+    locked: Array  # (t,) force at the locking of each tie [N], NaN before
+    tension: float = 0.0  # largest tension at holes and ends [N]
+    thread_strain: float = 0.0  # largest axial strain [-]
+    energy: float = 0.0  # largest of kinetic plus elastic energy, and of external work [J]
+    created: float = 0.0  # largest energy created by the integrator [J]
+    strain: float = 0.0  # largest strain of the organ's cells [-]
+    rotation: float = 0.0  # largest rotation of the organ's cells [rad]
+    strained: float = 0.0  # share of the strain energy in cells whose strain is not small [-]
+    rotated: float = 0.0  # share of the strain energy in cells whose rotation is not small [-]
+    pressed_turn: float = 0.0  # turn of a pressed surface [rad]
+    crossed: float = 0.0  # overlap of lips without contact, over their extent [-]
+    branches: float = 0.0  # number of load steps that followed a branch by arc length
+    fallen: float = 0.0  # decrease of the loads along a branch [s of their clock]
+    residual: float = 0.0  # residual of an organ in its Krylov space [-]
 
     def after_step(self, step: StepRecord) -> "Extremes":
-        """Return the extremes with a step more."""
+        """Return the extremes including one more step."""
         holes, energy, small = step.piercings, step.energy, step.reduction
         now = np.array([tie.force if tie.state in ("tied", "slips") else np.nan for tie in step.ties])
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
@@ -287,7 +288,7 @@ class Extremes:
         ).after_switches(step)
 
     def after_switches(self, step: StepRecord) -> "Extremes":
-        """Return the extremes with the changes between stick and slip in a step more."""
+        """Return the extremes including the changes between stick and slip of one more step."""
         place = {hole.name: k for k, hole in enumerate(step.piercings)}
         switched = [each for each in step.events if each.kind in ("slips", "sticks") and each.piercing in place]
         switches, chattered = self.switches.copy(), self.chattered.copy()
@@ -300,8 +301,10 @@ class Extremes:
 
     @property
     def swing(self) -> float:
-        """Largest deviation of a hole's force from a straight line over the last steps, over the largest force [-]; 0
-        with fewer steps, or forces of round-off only."""
+        """Largest deviation of a hole's force from a straight line over the last steps, over the largest force [-].
+
+        Zero with fewer steps, or if all forces are round-off.
+        """
         largest = float(norm(self.forces, axis=2).max(initial=0.0))
         if not largest > STILL * self.tension:
             return 0.0
@@ -309,7 +312,7 @@ class Extremes:
         return float(norm(self.forces - course, axis=2).max()) / largest
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":
-        """Return the extremes with a frame of the organ more, None without one."""
+        """Return the extremes including one more frame of the organ, None without an organ."""
         if organ is None:
             return self
         return replace(
@@ -331,14 +334,14 @@ def at_least(met: Array, now: Array | None) -> Array:
 
 
 def nothing_met(piercings: int, ties: int) -> Extremes:
-    """Return the extremes of a run with so many piercings and ties before its start."""
+    """Return the extremes before the start of a run, for these numbers of piercings and ties."""
     unknown = (SEEN + 1, piercings, 3), (SWITCHES, piercings), (piercings,), (ties,)
     return Extremes(*np.zeros((8, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 
 @dataclass(frozen=True)
 class Ending:
-    """The end of a run, with its largest values until then."""
+    """The end of a run, with its largest values."""
 
     step: StepRecord
     extremes: Extremes

@@ -1,8 +1,8 @@
 """Remarks on the numbers of a run, in `summary.json`, on the console and from Python.
 
-The catalogue has each code once, with its severity, the bound that it is said beyond, and why there. A remark of the
-severity "unsupported" says that a number of the run is not what its model means; a "note" says what a reader should
-know. Who judges a run is `studies.simulation.remarks`.
+The catalogue has each code once, with its severity, its bound and the reason for the bound. A remark of the
+severity "unsupported" means that a number of the run is outside its model. A "note" is information for the
+reader. `studies.simulation.remarks` judges a run.
 """
 
 from collections.abc import Iterable
@@ -13,37 +13,37 @@ from studies.output.records import SEEN, SWITCHES
 
 Severity = Literal["unsupported", "note"]
 
-SMALL_STRAIN = 0.2  # linear elasticity leaves out ½ε² beside ε: a tenth of it here
-SMALL_ROTATION = 0.2  # rad: a rotation alone strains a linear body by 1 − cos θ, which is 0.02 here
-EARLY = 0.8  # of both in a prediction, which may be too low: a check should miss few of the runs that go beyond
-RULES = 1.1  # of the force across the thread: beyond, what presses at a hole is its couple, over the channel
-UNSURE = 0.05  # of the tension: how far friction over half and over twice the channel may be apart
-SHARE = 0.05  # of the organ's strain energy: what less of it does decides no force
-THREAD_STRAIN = 0.1  # a line through the origin fits the stress of monofilaments about as far (assumption)
-KINKED = 1.0  # diameters: in a bend of a smaller radius the fibres inside would be at half their length, and less
-OFF_PATH = 10.0  # diameters: as far as the thread is drawn into a hole that begins
-CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the shipped scenes create none at their steps
+SMALL_STRAIN = 0.2  # linear elasticity neglects ½ε² compared with ε: a tenth of ε here
+SMALL_ROTATION = 0.2  # rad: a pure rotation strains a linear body by 1 − cos θ, which is 0.02 here
+EARLY = 0.8  # factor on both for a prediction, which can be too low: a check should miss few runs beyond the bounds
+RULES = 1.1  # times the force across the thread: above this, the couple over the channel presses more than the force
+UNSURE = 0.05  # of the tension: allowed difference of friction between half and twice the channel
+SHARE = 0.05  # of the organ's strain energy: a smaller share hardly affects the forces
+THREAD_STRAIN = 0.1  # stress of monofilaments is proportional to strain up to about this strain (assumption)
+KINKED = 1.0  # diameters: in a bend of a smaller radius the inner fibres are compressed to half their length or less
+OFF_PATH = 10.0  # diameters: a beginning hole draws the thread by at most this distance
+CREATED = 1e-4  # of a run's energy: round-off is 1e-9 of it, and the time steps of the shipped scenes create no energy
 DISSIPATED = 0.05  # of a run's energy
-OUTDONE = 1.0  # of what friction took: beyond, the steps had more to do with where a thread that slid came to stay
-FALLEN = 1e-6  # of the loads: round-off is less
-CROSSED = 0.01  # of the lips' extent: nearer, they are as good as closed
+OUTDONE = 1.0  # of the friction loss: above this, time steps rather than friction determine where the thread stops
+FALLEN = 1e-6  # of the loads: round-off is smaller
+CROSSED = 0.01  # of the lips' extent: a smaller overlap counts as closed
 SWUNG = 0.01  # of the largest force
-SLID = 1.0  # diameters that a thread may still slide in as long as the run took, and be at rest
-LOCKED = 0.9  # of the force of a tie's hands: below, they still drew at more than a tenth of their speed
-STEEP = 1.0  # friction along a surface over the force across it
-BARE = 4.0  # radii of a tract: as much of its path is near the surface where it goes in and out at 30° or more
-STIFF = 1.0  # EI times the turn from a ball to the next, over T r²: 2 % of what a bite of two or four radii closes
-SLIGHT = 0.05  # rad from a ball to the next: a slack thread that bends less lies straight in its tract
-IN_TISSUE = 1.0  # diameters of the thread: deeper, it lies in tissue and not on it
-MOVED = 2.0  # footprints: as far as a hole may be moved and still touch where it would have been
-NEAR = 2.0  # of the footprints of two holes together: there a hole moves its neighbour by a quarter of its own way
-REDUCED = 0.03  # of the largest way of a hole that a small basis may leave open: as much as cells may
-COARSE = {"P1": 0.25, "P2": 0.5}  # footprints to a cell: the compliance of the hole is then within 8 %
+SLID = 1.0  # diameters: a thread at rest slides less than this in another run of the same duration
+LOCKED = 0.9  # of the hands' force on a tie: below this, the hands still drew at more than a tenth of their speed
+STEEP = 1.0  # coefficient of friction
+BARE = 4.0  # radii: at an angle of 30° or more this length of a tract's path is near the surface, at both ends together
+STIFF = 1.0  # EI times the turn per ball, over T r²: 2 % of the closing effect of a bite of two or four radii
+SLIGHT = 0.05  # rad per ball: a slack thread with a smaller turn lies straight in its tract
+IN_TISSUE = 1.0  # diameters: a deeper thread lies in tissue and not on tissue
+MOVED = 2.0  # footprints: a hole moved by this distance still touches its former place
+NEAR = 2.0  # times the sum of two footprints: nearer, a hole moves its neighbour by a quarter of its displacement
+REDUCED = 0.03  # of the largest displacement of a hole: allowed error of a small basis, equal to that of the cells
+COARSE = {"P1": 0.25, "P2": 0.5}  # cell size over footprint: the hole's compliance then has an error of at most 8 %
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of remark; `bound` is the condition for it and `reason` its explanation, both for the manual."""
+    """A kind of remark, with the condition `bound` and its `reason` for the manual."""
 
     code: str
     bound: str
@@ -62,16 +62,16 @@ class Remark:
 
     @property
     def unsupported(self) -> bool:
-        """Whether a number is not supported."""
+        """Whether the remark means an unsupported number."""
         return self.severity == "unsupported"
 
     @property
     def line(self) -> str:
-        """The remark to be read by a person."""
+        """The remark as a line for the console."""
         return f"{self.severity}: {self.message} [{self.code}]"
 
     def record(self) -> dict[str, str]:
-        """Return the remark as `summary.json` has it."""
+        """Return the remark as in `summary.json`."""
         return asdict(self)
 
 
@@ -86,8 +86,8 @@ KINDS = (
         "stiff-thread",
         f"predicted turn of a directed hole in a linear organ above {EARLY * SMALL_ROTATION:g} rad: "
         "0.75 (1 − ν²)/(E r³) times the couple of both strands, each 2 sin(θ/2) √(EI T) if taut, 2 EI θ/ℓ if slack; "
-        "θ is the angle of hole and strand, ℓ the strand's length",
-        "a rigid disc on a half-space turns so",
+        "θ is the angle between hole and strand, ℓ the strand's length",
+        "this is the turn of a rigid disc on a half-space",
     ),
     Kind(
         "pull-strength",
@@ -98,7 +98,7 @@ KINDS = (
     Kind(
         "hole-strain",
         f"mean strain at a hole above {SMALL_STRAIN:g}",
-        "the strain that linear elasticity neglects is a tenth of this strain",
+        "linear elasticity neglects a tenth of this strain",
     ),
     Kind(
         "hole-rotation",
@@ -120,7 +120,7 @@ KINDS = (
         "note",
     ),
     Kind(
-        "tears", "bearing pressure at a hole above `tissue.strength`", "real tissue may tear there; the model does not"
+        "tears", "bearing pressure at a hole above `tissue.strength`", "real tissue can tear there; the model does not"
     ),
     Kind(
         "pressure-turn",
@@ -168,7 +168,7 @@ KINDS = (
     Kind(
         "numerical-dissipation",
         f"numerical dissipation at the end above {DISSIPATED:.0%} of the run's energy, with friction or "
-        "`forces-swing`; or above that of friction, if the thread slid by more than its diameter",
+        "`forces-swing`; or above the friction loss, if the thread slid by more than its diameter",
         "time steps damped the motion; with friction the final state depends on the motion",
         "note",
     ),
@@ -186,7 +186,7 @@ KINDS = (
     Kind(
         "would-not-stay",
         "unstable equilibrium at the end: a motion of the thread lowers its potential",
-        "Newton's method can follow equilibria beyond buckling; no stable one was found from here",
+        "Newton's method can follow equilibria beyond buckling; no stable equilibrium was found here",
     ),
     Kind(
         "branch",
@@ -201,8 +201,8 @@ KINDS = (
     ),
     Kind(
         "not-at-rest",
-        "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or a thread that would slide "
-        "by more than its diameter in another such run",
+        "at the end of a dynamic run, kinetic energy above 1e-4 of the elastic, or a slide speed above one "
+        "thread diameter per duration of the run",
         "the final numbers are momentary",
         "note",
     ),
@@ -225,7 +225,7 @@ KINDS = (
         "forces-swing",
         f"at the end of a dynamic run, a hole's force deviates from a straight line over {SEEN} steps by more than "
         f"{SWUNG:.0%} of the largest",
-        "so few steps delay and damp the oscillation; use a smaller `solve.dt`",
+        "long time steps delay and damp the oscillation; use a smaller `solve.dt`",
         "note",
     ),
     Kind(
@@ -243,7 +243,7 @@ KINDS = (
     Kind(
         "accuracy",
         "estimated error of a hole's compliance above `tissue.mesh.accuracy`",
-        "refinement ended after its last round, or for want of memory",
+        "refinement ended after its last round, or because memory ran out",
     ),
     Kind("bare-point", "footprint of zero in an organ", "the displacement of a point has no limit under refinement"),
     Kind(
@@ -311,7 +311,7 @@ KINDS = (
     Kind(
         "contact-rough",
         f"coefficient of friction of a `[[contact]]` above {STEEP:g}",
-        "several solutions or none may exist (Klarbring 1990); the one found depends on the steps",
+        "several solutions or none can exist (Klarbring 1990); the result depends on the steps",
         "note",
     ),
     Kind(
@@ -351,27 +351,27 @@ CATALOGUE = {kind.code: kind for kind in KINDS}
 
 
 def remark(code: str, where: str, message: str) -> Remark:
-    """Make a remark of a kind of the catalogue."""
+    """Return a remark of a kind of the catalogue."""
     return Remark(code, CATALOGUE[code].severity, message, where)
 
 
 def judged(deserved: bool, code: str, where: str, message: str) -> list[Remark]:
-    """Return a remark of a kind of the catalogue if it is deserved, else none."""
+    """Return a remark of a kind of the catalogue if `deserved`, else none."""
     return [remark(code, where, message)] if deserved else []
 
 
 def any_unsupported(remarks: Iterable[Remark]) -> bool:
-    """Return whether a remark says that a number is not supported."""
+    """Return whether a remark means an unsupported number."""
     return any(each.unsupported for each in remarks)
 
 
 def _sentence(words: str) -> str:
-    """Write the first letter of a sentence."""
+    """Return a sentence with a capital first letter."""
     return words[0].upper() + words[1:]
 
 
 def markdown() -> str:
-    """Make the lists of the manual, one for each severity."""
+    """Return the lists of the manual, one for each severity."""
     lines = []
     for severity in get_args(Severity):
         lines += ["", f"Severity `{severity}`:", ""]

@@ -1,14 +1,14 @@
 """Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread, piercings and ties.
 
-VTK XML with its arrays behind it as plain bytes, a quarter fewer than as text, in float32 and int32: a form that VTK
-reads since 8.2, and so ParaView 5.11. Organ and thread are compressed by LZMA, the few numbers of piercings and ties by
-zlib, done before LZMA has begun. It is written here rather than by VTK because the organ's mesh can then be encoded
-once, and no graphics package is needed to run. Rows of the mesh and of the thread are like those before them: packed as
-differences, by a filter of the format that every reader knows, a structured mesh takes a fiftieth of its bytes, and the
-thread less than half. Points of the organ are those of the reference shape, with ``displacement`` beside them (Warp By
-Vector); thread and piercings are where they are.
+The files are VTK XML with appended arrays as plain bytes, a quarter smaller than as text, in float32 and int32.
+VTK 8.2 and ParaView 5.11 or newer read them. Organ and thread are compressed by LZMA. The few numbers of
+piercings and ties are compressed by zlib, which is faster for small arrays. The files are not written by VTK,
+so the organ's mesh is encoded once, and a run needs no graphics package. Neighbouring rows of the mesh and of
+the thread are similar. A standard filter of the format stores their differences: a structured mesh then takes a
+fiftieth of its bytes, and the thread less than half. The organ's points are in the reference shape, with the
+array ``displacement`` (Warp By Vector); thread and piercings are in the deformed shape.
 
-Which arrays there are is said in ``studies.output.columns``.
+``studies.output.columns`` defines the arrays.
 """
 
 import hashlib
@@ -46,35 +46,35 @@ CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
 FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
-PARTS = ("organ", "thread", "piercings", "ties")  # of a frame, each a file
+PARTS = ("organ", "thread", "piercings", "ties")  # parts of a frame, one file each
 FILE = re.compile(r'file="([^"]*)"')
-SEAL, SEALED = re.compile(rb"<!-- sha256 [0-9a-f]{64} -->\n"), 81  # what stands behind the end of a file, and its bytes
+SEAL, SEALED = re.compile(rb"<!-- sha256 [0-9a-f]{64} -->\n"), 81  # the last comment of a file, and its bytes
 LZMA = "vtkLZMADataCompressor"
-WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # numbers of four bytes
-SMALLEST = {"preset": 6, "dict_size": 2**20, **WORDS}  # of the mesh, which is encoded once
-QUICK = {"preset": 1, "dict_size": 2**20, **WORDS}  # tells how it is packed, on a sample of so many rows:
+WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # for numbers of four bytes
+SMALLEST = {"preset": 6, "dict_size": 2**20, **WORDS}  # for the mesh, which is encoded once
+QUICK = {"preset": 1, "dict_size": 2**20, **WORDS}  # to choose the packing by a sample of this number of rows
 SAMPLE = 10_000
-FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # of fields, which hardly repeat
-# What the elements are wrong in by far more is noise that does not shrink, and half of a frame's bytes. What is derived
-# from the displacement keeps 10 of the 23 bits behind the point, 4.9e-4, and none below 1.2e-4 of the largest in its
-# array; directions are of unit vectors, and a glyph shows no 0.2°; of J that is kept by which it is not 1, and that of
-# neighbouring cells differs by half of it. Places keep a millionth of what is drawn.
+FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # for fields, which hardly repeat
+# Bits below the error of the elements are noise: they cannot be compressed, and would be half of a frame's
+# bytes. Quantities derived from the displacement keep 10 of 23 mantissa bits (4.9e-4), and nothing below 1.2e-4
+# of the largest in their array. Directions are unit vectors: an error of 0.2° is invisible. Of J the difference
+# from 1 is kept, because neighbouring cells differ by half of it. Places are kept to a millionth of the extent.
 DERIVED = frozenset({"stress", "von_mises", "principal_stress", "strain", "rotation", "energy_density"})
 BITS_LEFT_OUT = 13
-REFERENCES = {"volume_ratio": 1.0, "nodal_volume_ratio": 1.0}  # what is rounded is the way from there; zero for others
-BITS_OF_LARGEST = dict.fromkeys([*DERIVED, "tension", "curvature"], 13) | dict.fromkeys(REFERENCES, 12)  # that are kept
+REFERENCES = {"volume_ratio": 1.0, "nodal_volume_ratio": 1.0}  # a field's difference from this is rounded; else zero
+BITS_OF_LARGEST = dict.fromkeys([*DERIVED, "tension", "curvature"], 13) | dict.fromkeys(REFERENCES, 12)  # bits kept
 BITS_OF_LARGEST |= dict.fromkeys(("first_direction", "third_direction", "first_stretch", "third_stretch"), 8)
 BITS_OF_LARGEST |= dict.fromkeys(("displacement", "s"), 20)
-BITS_OF_EXTENT = 20  # that are kept of the places of a thread
+BITS_OF_EXTENT = 20  # number of bits kept for the places of a thread
 
 
 Pack = Callable[[NDArray[Any]], bytes]
-PLACE = "\0"  # stands for the place of an array until all before it are known
+PLACE = "\0"  # stands for the offset of an array until the sizes of all arrays before it are known
 
 
 @dataclass(frozen=True)
 class Markup:
-    """XML, with one `PLACE` in its text for each of the arrays that stand behind it in the file."""
+    """XML, with one `PLACE` in its text for each array that follows in the file."""
 
     text: str
     arrays: tuple[bytes, ...] = ()
@@ -83,12 +83,12 @@ class Markup:
         return Markup(self.text + other.text, self.arrays + other.arrays)
 
     def within(self, tag: str) -> "Markup":
-        """Return this as the content of an element; `tag` is its name with its attributes."""
+        """Return this markup as the content of an element; `tag` is the element's name with its attributes."""
         return Markup(f"<{tag}>\n{self.text}</{tag.partition(' ')[0]}>\n", self.arrays)
 
     @property
     def placed(self) -> str:
-        """The text with the places, in bytes from where the arrays begin."""
+        """The text with the offsets of the arrays, in bytes from the start of the arrays."""
         texts, sizes = self.text.split(PLACE), map(len, self.arrays)
         return texts[0] + "".join(
             f"{at}{text}" for at, text in zip(accumulate(sizes, initial=0), texts[1:], strict=False)
@@ -96,17 +96,17 @@ class Markup:
 
 
 def as_it_is(array: NDArray[Any]) -> bytes:
-    """Return a field of the organ, packed."""
+    """Return a field of the organ, compressed."""
     return _lzma([FASTEST], array)
 
 
 def as_differences(array: NDArray[Any]) -> bytes:
-    """Return arrays along the thread, packed as differences between rows."""
+    """Return arrays along the thread, compressed as differences between rows."""
     return _lzma([_between_rows(array), FASTEST], array)
 
 
 def by_zlib(array: NDArray[Any]) -> bytes:
-    """Return arrays of a few points, packed."""
+    """Return arrays of a few points, compressed."""
     return zlib.compress(array.tobytes(), 1)
 
 
@@ -115,15 +115,15 @@ def _lzma(filters: Sequence[dict[str, int]], array: NDArray[Any]) -> bytes:
 
 
 def _between_rows(array: NDArray[Any]) -> dict[str, int]:
-    """Return the filter that takes from each row the one before it."""
+    """Return the filter that subtracts from each row the row before it."""
     return {"id": lzma.FILTER_DELTA, "dist": array.strides[0]}
 
 
 class Series:
-    """Writes frames and keeps ``results.pvd`` naming those that are complete."""
+    """Writes frames and updates ``results.pvd``, which names the complete frames."""
 
     def __init__(self, folder: Path, topology: OrganTopology | None = None, before: int = 0) -> None:
-        """``before``: frames of earlier steps than this one are kept, as a run that is resumed wants it."""
+        """``before``: frames of steps before this one are kept, for a resumed run."""
         self._folder = folder
         self._mesh = None if topology is None else encode_mesh(topology)
         (folder / "frames").mkdir(parents=True, exist_ok=True)
@@ -151,7 +151,7 @@ class Series:
 
 
 def entries(index: Path, before: int) -> list[str]:
-    """Return the lines of a ``.pvd`` file that name frames of earlier steps than ``before``."""
+    """Return the lines of a ``.pvd`` file for frames of steps before ``before``."""
     lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
     return [line for line in lines if step_of(line) < before]
 
@@ -163,7 +163,7 @@ def file_of(line: str) -> str:
 
 
 def steps_in(index: Path) -> set[int]:
-    """Return the steps whose frames a ``.pvd`` file names. Raises `OSError` or `ValueError` for one that is torn."""
+    """Return the steps whose frames a ``.pvd`` file names. Raises `OSError` or `ValueError` for a damaged file."""
     try:
         parts = ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet")
     except ElementTree.ParseError as error:
@@ -172,24 +172,24 @@ def steps_in(index: Path) -> set[int]:
 
 
 def frame_files(folder: Path) -> list[Path]:
-    """List the files of frames in a folder, and those that a killed run was about to rename to one; no other's."""
+    """List the files of frames in a folder, with the temporary ones of a killed run, and no other files."""
     paths = folder.iterdir() if folder.is_dir() else ()
     return [path for path in paths if FRAME.fullmatch(UNFINISHED.sub(r"\1", path.name))]
 
 
 def step_of(name: str) -> int:
-    """Return the step in the name of a frame's file."""
+    """Return the step in the name of a frame's file, or −1."""
     found = FRAME.search(name)
     return int(found[1]) if found else -1
 
 
 def index_text(entries: Sequence[str]) -> str:
-    """Write the ``.pvd`` file; the parts of one time are shown together."""
+    """Return the ``.pvd`` file; the parts of one time are shown together."""
     return _head("Collection", "0.1") + Markup("".join(entries)).within("Collection").text + "</VTKFile>\n"
 
 
 def encode_mesh(topology: OrganTopology) -> Markup:
-    """Write the organ's mesh, the same in every frame."""
+    """Return the organ's mesh, the same in every frame, as markup."""
     points, cells = topology.points, topology.cells
     offsets = cells.shape[1] * np.arange(1, len(cells) + 1)
     kinds = np.full(len(cells), CELL_TYPES[cells.shape[1]])
@@ -200,7 +200,7 @@ def encode_mesh(topology: OrganTopology) -> Markup:
 
 
 def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
-    """Write the organ of one frame as ``.vtu``."""
+    """Return the organ of one frame as a ``.vtu`` file."""
     data = _arrays("PointData", values(ORGAN_ARRAYS, organ), 'Vectors="displacement"', as_it_is)
     data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"', as_it_is)
     piece = f'Piece NumberOfPoints="{len(organ.displacement)}" NumberOfCells="{len(organ.strain)}"'
@@ -208,31 +208,31 @@ def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
 
 
 def thread_file(thread: ThreadRecord) -> bytes:
-    """Write the thread of one frame as a polyline in ``.vtp``; ``radius`` is for the Tube filter."""
+    """Return the thread of one frame as a polyline in a ``.vtp`` file; ``radius`` is for the Tube filter."""
     count = len(thread.points)
     data = _arrays("PointData", values(THREAD_ARRAYS, thread), 'Scalars="tension"', as_differences)
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data, as_differences)
 
 
 def piercings_file(piercings: Sequence[PiercingRecord]) -> bytes:
-    """Write the piercings of one frame as vertices in ``.vtp``."""
+    """Return the piercings of one frame as vertices in a ``.vtp`` file."""
     return _vertices(piercings, PIERCING_ARRAYS, 'Vectors="force"')
 
 
 def ties_file(ties: Sequence[TieRecord]) -> bytes:
-    """Write the ties of one frame as vertices in ``.vtp``."""
+    """Return the ties of one frame as vertices in a ``.vtp`` file."""
     return _vertices(ties, TIE_ARRAYS, 'Scalars="force"')
 
 
 def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str) -> bytes:
-    """Write what has a place each as vertices."""
+    """Return items with a place as vertices."""
     arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
     points = np.array([item.x for item in items])
     return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active, by_zlib), by_zlib)
 
 
 def _data_array(name: str, values: ArrayLike, kind: str, pack: Pack, unit: str = "") -> Markup:
-    """Write a field, shape `(n,)` or `(n, components)`, as a compressed ``DataArray`` with its unit."""
+    """Return a field, shape `(n,)` or `(n, components)`, as a compressed ``DataArray`` with its unit."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     return _array(name, _encoded(array, pack), kind, array.shape[1] if array.ndim == 2 else 1, unit)
 
@@ -248,13 +248,13 @@ def _joined(parts: Iterable[Markup]) -> Markup:
 
 
 def _unit_key(unit: str) -> str:
-    """Write a unit as VTK keeps it; nothing if there is none."""
+    """Return a unit as a key of VTK; empty without a unit."""
     key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>\n'
     return key if unit else ""
 
 
 def _small(values: NDArray[Any], kind: str) -> bytes:
-    """Encode an array of the mesh as it is or as differences between its rows, by which its first rows are smaller."""
+    """Encode an array of the mesh directly or as row differences, whichever compresses its first rows better."""
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     step, sample = _between_rows(array), array[:SAMPLE]
     filters = min(([], [step]), key=lambda filters: len(_lzma([*filters, QUICK], sample)))
@@ -262,7 +262,8 @@ def _small(values: NDArray[Any], kind: str) -> bytes:
 
 
 def _encoded(array: NDArray[Any], pack: Pack) -> bytes:
-    """Encode one compressed block after its header: blocks, their size, that of a partial last one, packed size."""
+    """Encode one compressed block after its header: number of blocks, block size, size of a partial last block,
+    and compressed size."""
     if not array.size:
         return np.zeros(3, dtype=np.uint32).tobytes()
     packed = pack(array)
@@ -270,7 +271,7 @@ def _encoded(array: NDArray[Any], pack: Pack) -> bytes:
 
 
 def _rounded(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return numbers rounded to what is kept of a field."""
+    """Return numbers rounded to the kept bits of a field."""
     if name not in BITS_OF_LARGEST:
         return values
     way = values - REFERENCES.get(name, 0.0)
@@ -279,20 +280,21 @@ def _rounded(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _on_grid(values: NDArray[Any], size: float, bits: int) -> NDArray[Any]:
-    """Return numbers rounded to so many bits of a size; as they are where that is nothing, or not finite."""
+    """Return numbers rounded to this number of bits of a size; unchanged if the size is zero or not finite."""
     least = 2.0 ** (np.frexp(size)[1] - bits) if 0.0 < size < np.inf else 0.0
     return np.asarray(np.rint(values / least) * least if least else values)
 
 
 def _without_last_bits(values: NDArray[Any]) -> NDArray[Any]:
-    """Return numbers rounded to the bits behind the point that are kept of a derived field."""
+    """Return numbers rounded to the mantissa bits that a derived field keeps."""
     bits = np.asarray(values, np.float32).view(np.uint32)
     half, mask = np.uint32(1 << (BITS_LEFT_OUT - 1)), np.uint32(~((1 << BITS_LEFT_OUT) - 1) & 0xFFFFFFFF)
     return ((bits + half) & mask).view(np.float32)
 
 
 def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: Markup, pack: Pack) -> bytes:
-    """Write points joined in order into cells of ``counts`` points, with their data, which is packed alike."""
+    """Return a file of points joined in order into cells of ``counts`` points, with their data in the same
+    compression."""
     cells = _data_array("connectivity", np.arange(sum(counts)), "i4", pack)
     cells += _data_array("offsets", np.cumsum(counts, dtype=np.int64), "i4", pack)
     extent = float(np.ptp(points, axis=0).max(initial=0.0)) if len(points) else 0.0
@@ -303,7 +305,7 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
 
 
 def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack) -> Markup:
-    """Write fields by name, whole numbers as integers; those that are None are left out."""
+    """Return fields by name as markup, whole numbers as integers; a field that is None is left out."""
     given = {name: _rounded(name, np.asarray(values)) for name, values in arrays.items() if values is not None}
     fields = (
         _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", pack, UNITS[name])
@@ -319,20 +321,23 @@ def _entry(time: float, name: str) -> str:
 
 
 def _file(kind: str, piece: Markup, compressor: str = LZMA) -> bytes:
-    """Write a file of one data set: its XML, then its arrays, which a reader finds by their places."""
+    """Return a file of one data set: its XML, then its arrays, which a reader finds by their offsets."""
     packed = f' header_type="UInt32" compressor="{compressor}"'
     text = _head(kind, "1.0", packed) + piece.within(kind).placed + '<AppendedData encoding="raw">\n_'
     return sealed(text.encode() + b"".join(piece.arrays) + b"\n</AppendedData>\n</VTKFile>\n")
 
 
 def sealed(body: bytes) -> bytes:
-    """Return a file with a comment behind its end: the checksum of all before it."""
+    """Return a file with a comment at its end: the checksum of everything before the comment."""
     return body + b"<!-- sha256 %s -->\n" % hashlib.sha256(body).hexdigest().encode()
 
 
 def is_whole(data: bytes) -> bool:
-    """Return whether a frame's file is as it was written: VTK finds no end of some that are not. One of an earlier
-    version has no checksum; it ends with its last tag."""
+    """Return whether a frame's file is complete and unchanged, by its checksum.
+
+    VTK does not notice every damaged file. A file of an earlier version has no checksum: its last tag is
+    checked.
+    """
     found = SEAL.search(data[-SEALED:])
     return sealed(data[:-SEALED]) == data if found else data.endswith(b"</VTKFile>\n")
 

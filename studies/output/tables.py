@@ -1,4 +1,4 @@
-"""CSV tables that grow by whole lines, written when a step is done: a killed run leaves whole rows."""
+"""CSV tables that grow by whole lines after each step, so a killed run leaves whole rows."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -10,14 +10,14 @@ import numpy as np
 from studies.output.columns import TABLES, Column, Layout, Row, Value, headings
 from studies.scenario import Scenario
 
-SPECIAL = re.compile(r'[",\r\n]')  # what text is quoted for
+SPECIAL = re.compile(r'[",\r\n]')  # text with one of these is quoted
 
 
 class CsvFile(Generic[Row]):
     """A CSV file that grows by whole lines."""
 
     def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:
-        """``last_step``: rows up to this step are kept, as a run that is resumed wants it."""
+        """``last_step``: rows up to this step are kept, for a resumed run."""
         self._line = line_writer(columns)
         self._end = len(b"".join(rows_until(path, last_step))) if last_step >= 0 else 0
         self._file = path.open("r+b" if self._end else "wb", buffering=0)
@@ -27,7 +27,7 @@ class CsvFile(Generic[Row]):
             self._write(head_of(columns))
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Append rows in one write; on a full disk none of them."""
+        """Append rows in one write; on a full disk, append none."""
         data = "".join([self._line(row) for row in rows]).encode()
         if data:
             self._write(data)
@@ -38,7 +38,7 @@ class CsvFile(Generic[Row]):
     def _write(self, data: bytes) -> None:
         try:
             if self._file.write(data) != len(data):
-                raise OSError(f"{self._file.name} cannot grow: the disk is full; free some space")
+                raise OSError(f"{self._file.name} cannot grow: the disk is full; free disk space")
         except OSError:
             self._file.truncate(self._end)
             self._file.seek(self._end)
@@ -47,30 +47,30 @@ class CsvFile(Generic[Row]):
 
 
 def line_writer(columns: Sequence[Column[Row]]) -> Callable[[Row], str]:
-    """Return a function that writes a row as a line."""
+    """Return a function that makes a line of a row."""
     cells = [(column.of, writer_of(column)) for column in columns]
     return lambda row: ",".join([write(of(row)) for of, write in cells]) + "\n"
 
 
 def whole_table(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
-    """Write a table that does not grow."""
+    """Return a complete table as bytes."""
     return head_of(columns) + "".join(map(line_writer(columns), rows)).encode()
 
 
 def writer_of(column: Column[Any]) -> Callable[[Any], str]:
-    """Choose the function that writes a value as the cells of a row; a number that is None is an empty cell."""
+    """Return the function that writes a value as the cells of a row; a number that is None is an empty cell."""
     if column.parts:
         return _numbers
     return {"number": _number, "whole": _whole, "text": _quoted}[column.kind]
 
 
 def _number(value: Value) -> str:
-    """Write a number with all its digits: it reads back to the same bits."""
+    """Return a number with all its digits, so that reading gives the same bits."""
     return "" if value is None else repr(float(value))  # type: ignore[arg-type]
 
 
 def _numbers(value: Value) -> str:
-    """Write the components of a vector; those of a list are floats of Python, which are quick to write."""
+    """Return the components of a vector; `tolist` gives Python floats, which are fast to write."""
     return ",".join(map(repr, np.asarray(value, dtype=np.float64).tolist()))
 
 
@@ -83,14 +83,14 @@ def _quoted(value: str) -> str:
 
 
 def head_of(columns: Iterable[Column[Any]]) -> bytes:
-    """Write the first line of a table."""
+    """Return the first line of a table."""
     return (",".join(headings(columns)) + "\n").encode()
 
 
 def rows_until(path: Path, step: int) -> list[bytes]:
-    """Read a table's head and its rows up to a step, each a whole line; the step is the second column of every table.
+    """Read a table's head and its rows up to a step, as whole lines; the step is the second column of every table.
 
-    Raises `ValueError` for a row that does not begin so, `IndexError` for one without a second column.
+    Raises `ValueError` for a row without a step there, and `IndexError` for a row without a second column.
     """
     head, *rows = path.read_bytes().splitlines(keepends=True)
     return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]

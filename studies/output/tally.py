@@ -1,4 +1,4 @@
-"""Totals, extremes and remarks of a run for its summary, gathered step by step."""
+"""Totals, extremes and remarks of a run for its summary, collected step by step."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from studies.scenario import Scenario, ScenarioError
 
 NEVER = -1  # step
 Status = Literal["completed", "failed", "interrupted"]
-Judge = Callable[[Ending | None], Sequence[Remark]]  # what is to be said of a run, before its start and at its end
+Judge = Callable[[Ending | None], Sequence[Remark]]  # returns remarks at the end of a run; None: before its start
 
 
 def nothing_to_say(ending: Ending | None) -> list[Remark]:
@@ -31,8 +31,10 @@ def nothing_to_say(ending: Ending | None) -> list[Remark]:
 
 
 class Tally:
-    """Gathers the summary of a run; the ``memory`` of a checkpoint continues it. Raises `ScenarioError` for an
-    incomplete checkpoint."""
+    """Collects the summary of a run; the ``memory`` of a checkpoint continues it.
+
+    Raises `ScenarioError` for an incomplete checkpoint.
+    """
 
     def __init__(
         self,
@@ -64,7 +66,7 @@ class Tally:
                 raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
     def count(self, step: StepRecord) -> None:
-        """Add a step that was taken."""
+        """Add an accepted step."""
         self._newton_iterations += step.newton_iterations
         self._constraint_max = max(self._constraint_max, step.constraint_max)
         self._seconds += step.seconds if step.step else 0.0
@@ -74,11 +76,11 @@ class Tally:
 
     @property
     def whole_from(self) -> int | None:
-        """The first step for which an organ gave its Krylov space up and was solved whole, None if it did not."""
+        """The first step with all unknowns of an organ instead of its Krylov space, None if there was none."""
         return None if self._whole_from == NEVER else self._whole_from
 
     def see(self, organ: OrganRecord | None) -> None:
-        """Add the organ of a frame, None without one."""
+        """Add the organ of a frame, None without an organ."""
         self._extremes = self._extremes.after_frame(organ)
 
     def memory(self) -> dict[str, Any]:
@@ -98,7 +100,7 @@ class Tally:
         return [*self._judge(ending), *self.own]
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
-        """Make the contents of ``summary.json`` as of the last step, all but where it comes from."""
+        """Return the contents of ``summary.json`` after the last step, without the provenance."""
         step = self.last_step
         totals = self._newton_iterations, self._constraint_max, self._seconds
         head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs))

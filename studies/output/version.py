@@ -5,7 +5,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 CODE = "suturefem"
-ROOT = Path(__file__).parents[2]  # the clone, or where the packages are installed
+ROOT = Path(__file__).parents[2]  # the clone, or the folder of the installed packages
 
 
 def installed_version(package: str) -> str | None:
@@ -17,7 +17,7 @@ def installed_version(package: str) -> str | None:
 
 
 def commit(folder: Path) -> str | None:
-    """Name the commit that is checked out in a folder, marked when files differ from it; None outside a clone."""
+    """Return the commit of a folder, marked if files differ from it; None outside a clone."""
     if not (folder / ".git").exists():
         return None
     try:

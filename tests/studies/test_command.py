@@ -150,7 +150,7 @@ def test_a_folder_of_somebody_else_is_refused(
     contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert command.main(["run", contract, "--out", str(tmp_path)]) == 2
-    assert "holds other files than results" in capsys.readouterr().err
+    assert "holds files that no run wrote" in capsys.readouterr().err
 
 
 def test_a_run_that_fails(contract: str, stub: Prepare, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -99,7 +99,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         r"thread\.1 = 2 is refused: there is no",
     ),
     "a number for a name": (lambda: load(5), "5 is refused: it names no scenario"),  # type: ignore[arg-type]
-    "a number for a folder": (lambda: suturefem.open_run(5), "5 is refused: it names no folder"),  # type: ignore[arg-type]
+    "a number for a folder": (lambda: suturefem.open_run(5), "5 is refused: it is no path"),  # type: ignore[arg-type]
     "a number for a suture": (lambda: suture(5), "suture = 5 is no name"),  # type: ignore[arg-type]
     **{
         f"friction {law!r}": (
@@ -204,11 +204,11 @@ def test_a_run_is_opened(tmp_path: Path) -> None:
         run.table("piercing")
     with pytest.raises(ResultsError, match="table 5 is not in"):
         run.table(5)  # type: ignore[arg-type]
-    with pytest.raises(ResultsError, match="frame 'last' is refused: give its number"):
+    with pytest.raises(ResultsError, match="frame 'last' is refused: give a whole number"):
         run.frame("last")  # type: ignore[arg-type]
     with pytest.raises(ResultsError, match="holds no run"):
         suturefem.open_run(tmp_path)
-    with pytest.raises(ScenarioError, match="holds a run already"):
+    with pytest.raises(ScenarioError, match="already holds a run"):
         suturefem.run(parse(ORGAN), tmp_path / "run")
     assert suturefem.run(parse(ORGAN), tmp_path / "run", resume=True).summary == run.summary
 
@@ -241,7 +241,7 @@ def test_what_is_offered_stays_what_it_is() -> None:
 def test_names_of_folders_and_numbers_are_text(tmp_path: Path, wrong: Any) -> None:
     """Independent check: other objects are refused in words, before anything is run."""
     for ask in (suturefem.run, partial(suturefem.sweep, over={"thread.damping": [1.0]})):
-        with pytest.raises(ScenarioError, match=r"folder = .* is refused: it names no folder; give the path"):
+        with pytest.raises(ScenarioError, match=r"folder = .* is refused: it is no path; give the path"):
             ask(parse(BARE), folder=wrong)
     with pytest.raises(ScenarioError, match=r"quantity = .* is refused; give the name of a number"):
         suturefem.refine(parse(BARE), wrong, tmp_path)

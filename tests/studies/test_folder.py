@@ -142,7 +142,7 @@ def test_earlier_results_are_replaced_and_nothing_else(tmp_path: Path) -> None:
 
 def test_a_folder_that_is_no_results_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious", encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"--out .* is refused: it holds other files.*; give a new"):
+    with pytest.raises(ScenarioError, match=r"--out .* is refused: it holds files that no run wrote.*; give a new"):
         check_folder(tmp_path)
     with pytest.raises(ScenarioError, match=r"it is a file; give a folder"):
         check_folder(tmp_path / "thesis.tex")

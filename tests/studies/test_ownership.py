@@ -61,9 +61,9 @@ def run(file: Path, out: Path | str, *more: str) -> int:
 def test_another_provenance_makes_no_results_folder(tmp_path: Path, text: str) -> None:
     """Independent check: a file of that name, or a torn one, gives no leave to write into a folder."""
     (tmp_path / MARK).write_text(text, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"holds other files than results \(provenance\.json"):
+    with pytest.raises(ScenarioError, match=r"holds files that no run wrote \(provenance\.json"):
         check_folder(tmp_path, overwrite=True)
-    with pytest.raises(ScenarioError, match=r"would write over provenance\.json, which no run wrote; move"):
+    with pytest.raises(ScenarioError, match=r"would overwrite provenance\.json, which no run wrote; move"):
         Recorder(tmp_path, SCENARIO, LINEAR)
     assert (tmp_path / MARK).read_text(encoding="utf-8") == text
 
@@ -91,7 +91,7 @@ def test_a_run_that_would_write_over_a_file_is_refused(tmp_path: Path) -> None:
         "mesh": {"kind": "file", "path": str(tmp_path / "organ.msh"), "accuracy": "given"},
         "clamp": ["bottom"],
     }
-    with pytest.raises(ScenarioError, match=r"would write over mesh/organ\.msh, which no run wrote"):
+    with pytest.raises(ScenarioError, match=r"would overwrite mesh/organ\.msh, which no run wrote"):
         check_folder(tmp_path / "out", parse(data), overwrite=True)
     (tmp_path / "out/mesh/organ.msh").unlink()
     check_folder(tmp_path / "out", parse(data), overwrite=True)
@@ -109,7 +109,7 @@ def test_a_folder_inside_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     kept = sorted(elsewhere.iterdir())
     (tmp_path / "out" / "frames").symlink_to(elsewhere)
     for act in (lambda: check_folder(tmp_path / "out", SCENARIO, overwrite=True), lambda: recorded(tmp_path / "out")):
-        with pytest.raises(ScenarioError, match=r"frames in it is a link to another folder; put that folder in"):
+        with pytest.raises(ScenarioError, match=r"frames in it is a link to another folder; replace the link by"):
             act()
     assert sorted(elsewhere.iterdir()) == kept
     (tmp_path / "sweep").mkdir()
@@ -140,7 +140,7 @@ def test_a_run_is_replaced_with_leave_alone(contract: Path, tmp_path: Path, caps
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
     assert run(contract, out) == command.REFUSED
     message = capsys.readouterr().err
-    assert "it holds a run already; add --overwrite to replace it, --resume to go on with it" in message
+    assert "it already holds a run; add --overwrite to replace it, --resume to continue it" in message
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
     assert run(contract, out, "--overwrite") == 0
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} != before
@@ -162,7 +162,7 @@ def test_one_run_at_a_time(contract: Path, tmp_path: Path, capsys: pytest.Captur
     with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None and other.stdout.readline() == b"held\n"
         assert run(contract, out) == command.REFUSED
-        assert "another run is at work there; wait for its end" in capsys.readouterr().err
+        assert "another run uses it; wait for its end" in capsys.readouterr().err
         other.send_signal(signal.SIGKILL)
         other.wait()
     assert (out / LOCK).exists()
@@ -183,7 +183,7 @@ def test_a_lock_is_of_the_file_that_is_there(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(fcntl, "flock", ending)
     with locked(tmp_path):
         assert len(taken) > 1 and (tmp_path / LOCK).exists()
-        with pytest.raises(ScenarioError, match="another run is at work"), locked(tmp_path):
+        with pytest.raises(ScenarioError, match="another run uses it"), locked(tmp_path):
             pass
     with locked(tmp_path):
         pass
@@ -373,7 +373,7 @@ def test_what_a_run_was_writing_as_it_began_is_gone_with_the_next(tmp_path: Path
 TORN = {
     "results.pvd": "run with --overwrite to start again",
     "scenario.toml": "run with --overwrite to start again",
-    MARK: "holds other files than results",
+    MARK: "holds files that no run wrote",
     CHECKPOINT: "run with --overwrite to start again",
     "summary.json": "",
 }
@@ -420,7 +420,7 @@ def test_a_checkpoint_with_a_flipped_bit_is_refused(tmp_path: Path) -> None:
         flipped = bytearray(data)
         flipped[place] ^= 1 << place % 8
         (tmp_path / CHECKPOINT).write_bytes(flipped)
-        with pytest.raises(ScenarioError, match="is not as it was written"):
+        with pytest.raises(ScenarioError, match="is damaged: its checksum differs"):
             read_checkpoint(tmp_path)
 
 

@@ -86,7 +86,7 @@ def test_a_torn_run_is_read_as_far_as_it_came(tmp_path: Path) -> None:
     results = read_run(folder)
     assert len(results.tables["steps"].columns["time"]) == STEPS and not results.summary
     next((folder / "frames").glob("thread_000003*")).unlink()
-    with pytest.raises(ResultsError, match="is not there, though"):
+    with pytest.raises(ResultsError, match="is missing, though"):
         results.frames[-1].read("thread")
     (folder / "results.pvd").write_text("<VTKFile", encoding="utf-8")
     assert read_frames(folder / "results.pvd") == ()

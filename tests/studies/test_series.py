@@ -153,9 +153,7 @@ def test_a_frame_that_is_not_as_it_was_written_is_refused(tmp_path: Path) -> Non
     flips = (data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :] for at in range(0, len(data), 97))
     for torn in [*flips, data[:-1], data[:-90]]:
         path.write_bytes(torn)
-        with pytest.raises(
-            ResultsError, match=r"thread_000000\.vtp is damaged \(it is not as it was written\); run the"
-        ):
+        with pytest.raises(ResultsError, match=r"thread_000000\.vtp is damaged \(its checksum differs\); run the"):
             parts.read("thread")
     path.write_bytes(data[:-SEALED])
     assert parts.read("thread").n_points == len(frame(0.0).thread.points)

@@ -204,7 +204,7 @@ def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, caps
 
 def test_a_study_has_its_folder_alone_and_knows_what_it_was_writing(sample: None, tmp_path: Path) -> None:
     """Independent check: refused while another is at work there; what a killed one left unfinished goes."""
-    with locked(tmp_path / "out"), pytest.raises(ScenarioError, match="another run is at work there"):
+    with locked(tmp_path / "out"), pytest.raises(ScenarioError, match="another run uses it"):
         carry_out("sample", "quick", {}, tmp_path / "out", lambda rows: None)
     for name in (".study.json.4711", ".runs.csv.4711", ".suture.lock"):
         (tmp_path / "out" / name).write_text("{")
