@@ -1,6 +1,6 @@
-"""The scenario: one TOML file, validated in full before anything is computed.
+"""The scenario: one TOML file, validated completely before the computation.
 
-What a user calls is `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
+Users call `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
 from studies.scenario.contact import Contact

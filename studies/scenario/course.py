@@ -1,7 +1,7 @@
 """The course of a load over time: keys `course`, `from` and `until` of a load on the organ or on a thread's end.
 
-A course is rows of time [s] and factor [-], linear in between. A course with a name stands for rows; a wave has WAVE
-of them in each period.
+A course is rows of time [s] and factor [-], linear in between. A named course is converted into rows; a wave
+has WAVE rows in each period.
 """
 
 from math import ceil, cos, inf, pi
@@ -23,10 +23,10 @@ from studies.scenario.table import (
     optional,
 )
 
-WAVE = 32  # rows of a period: linear in between, they are within 0.25 % of the wave's height
-JUMP = 1e-9  # of a time, in which a load comes and goes: more than the round-off of the end of a step
-STEPS = 4  # of a wave: fewer miss its height by more than a seventh
-COUGH = 0.4  # s, from the rise of the pressure in the abdomen to its end
+WAVE = 32  # rows per period: with linear interpolation the error is 0.25 % of the wave's height
+JUMP = 1e-9  # of a time: duration of a sudden change of a load, longer than the round-off of a step's end
+STEPS = 4  # per wave: fewer steps can miss its height by more than a seventh
+COUGH = 0.4  # s, from the rise of the abdominal pressure to its end
 
 
 class Ramp(ScenarioTable):
@@ -97,10 +97,10 @@ Course = Annotated[
 
 
 class Timed(ScenarioTable):
-    """A load that may change over time."""
+    """A load that can change over time."""
 
     course: Course | None = optional(
-        "factor of the load over time from `from` on: rows of t [s], factor [-], or a table of a "
+        "factor of the load over time after `from`: rows of t [s], factor [-], or a table of a "
         "named course; default: the whole load",
         [[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]],
         {"kind": "cough", "at": 0.3},
@@ -113,11 +113,14 @@ class Timed(ScenarioTable):
         rows = self.course if isinstance(self.course, tuple) else ()
         check_rising("course", rows)
         if rows and rows[0][0] < 0.0:
-            raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; let it begin there")
+            raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; begin there")
 
     def rows(self, end: float, ramp: float = 0.0) -> tuple[Turn, ...] | None:
-        """Return rows of time [s] and factor [-] of the load until `end` [s]; None for the whole load at all times.
-        Without a course the load grows over `ramp` [s]."""
+        """Return rows of time [s] and factor [-] of the load until `end` [s], or None for the whole load at all
+        times.
+
+        Without a course the load grows over `ramp` [s].
+        """
         end = min(end, self.until or inf)
         if self.course is None:
             own: list[Turn] = [(0.0, 0.0), (ramp, 1.0)] if ramp else [(0.0, 1.0)]
@@ -134,7 +137,7 @@ class Timed(ScenarioTable):
         return tuple(rows if self.until is None else ended(rows, self.until))
 
     def hasty(self, step: float) -> tuple[str, float] | None:
-        """Return key and value [s] of a wave that is shorter than STEPS steps [s], None if there is none."""
+        """Return key and value [s] of a wave that is shorter than STEPS steps [s], or None."""
         match self.course:
             case Cycle(period=length) if length < STEPS * step:
                 return "course.period", length

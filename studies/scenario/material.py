@@ -8,11 +8,11 @@ from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, optional
 
 Law = Literal["linear", "neo-hookean", "exponential"]
-FAMILIES = 2  # of fibres at one place, at most
+FAMILIES = 2  # largest number of fibre families at one place
 
 
 class Fibre(ScenarioTable):
-    """Family of fibres that carry tension alone."""
+    """Family of fibres that carry tension only."""
 
     direction: Vector = Field(description="direction of the fibres in the reference shape [-]")
     k1: NotNegative = Field(description="initial stiffness of the fibres [Pa]")
@@ -43,12 +43,12 @@ def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None)
     if material == "linear" and given:
         return (
             f".{given} = {as_toml(keys.model_dump(exclude_none=True)[given])} is refused: a linear material has none; "
-            'take material = "neo-hookean" or "exponential", or leave it out'
+            'use material = "neo-hookean" or "exponential", or leave it out'
         )
     if material == "neo-hookean" and keys.stiffening is not None:
         return (
-            f'.stiffening = {keys.stiffening} is refused: a neo-Hookean material has none; take "exponential", or '
-            "leave it out"
+            f".stiffening = {keys.stiffening} is refused: a neo-Hookean material has no stiffening; take "
+            '"exponential", or leave it out'
         )
     if material == "exponential" and stiffening is None:
         return '.stiffening is missing: material is exponential; soft tissue has about 5.0, or take "neo-hookean"'
@@ -61,6 +61,6 @@ def region_problem(organ: Law, name: str, region: Law | None) -> str | None:
         return None
     remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'take "neo-hookean"'
     return (
-        f".region.{as_key(name)}.material = {as_toml(region)} is refused: the organ's is {organ}, and small and finite "
-        f"strain do not go together; {remedy}"
+        f".region.{as_key(name)}.material = {as_toml(region)} is refused: the organ's material is {organ}, and small "
+        f"and finite strain cannot be combined; {remedy}"
     )

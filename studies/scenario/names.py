@@ -1,7 +1,7 @@
-"""Faults in the names of a scenario that is not valid yet.
+"""Faults in the names of a scenario that is not yet valid.
 
-A name is known or not whatever the numbers beside it are: so unknown and repeated names are told together with values
-that are refused, and not after those are right.
+Whether a name is known does not depend on refused numbers. So unknown and repeated names are reported together
+with refused values, and not only after these are corrected.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ def name_faults(data: Mapping[str, Any]) -> list[str]:
 
 
 def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
-    """Describe boundaries that a generated mesh will not have, or has already; what a file has is not known here."""
+    """Describe boundaries that a generated mesh lacks or already has; boundaries of a file are not known here."""
     mesh = _table(tissue.get("mesh"))
     there = BOUNDARIES.get(str(mesh.get("kind")), ())
     if not there:

@@ -28,27 +28,25 @@ from studies.scenario.table import (
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
 LIPS = ("lip_left", "lip_right")  # of a wound
-BOUNDARIES = {  # that a generated mesh names, by its kind
+BOUNDARIES = {  # the names in a generated mesh, by its kind
     "block": BLOCK_BOUNDARIES,
     "wound": (*BLOCK_BOUNDARIES, *LIPS),
     "cylinder": ("left", "right", "side"),
     "tube": ("left", "right", "inner", "outer"),
 }
-STUMPS = ("stump_left", "stump_right")  # of a tube that is cut across
+STUMPS = ("stump_left", "stump_right")  # of a tube that is cut
 STRENGTH = "bearing pressure at a hole above which the event tears is logged [Pa]"
-FLOOR = "wound_floor"  # of an ellipse that does not go through
-SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files that hold a closed surface, to be filled; and some .vtk
-ACCURACY = (
-    0.03  # of a hole's compliance: what is known of tissue is less accurate, and half of it takes 1.2 times the cells
-)
-HEAD = 1024  # bytes of a .vtk file in which it says what it holds
+FLOOR = "wound_floor"  # of an ellipse that does not cut through
+SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files with a closed surface to be filled; some .vtk files too
+ACCURACY = 0.03  # of a hole's compliance: tissue data are less accurate, and half of this takes 1.2 times the cells
+HEAD = 1024  # bytes of a .vtk file that name its content
 
 
 # --- organ ------------------------------------------------------------------------------------------------
 
 
 class _Mesh(ScenarioTable):
-    """A mesh, of which the cells at the piercings may be refined."""
+    """A mesh whose cells at the piercings can be refined."""
 
     accuracy: Annotated[
         Literal["given"] | Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)],
@@ -65,7 +63,7 @@ class _Mesh(ScenarioTable):
 
 
 class _Sized(_Mesh):
-    """A mesh that is generated, with a size far from the piercings and perhaps another at them."""
+    """A generated mesh, with a size far from the piercings and optionally another size at the piercings."""
 
     h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
     h_site: Positive | None = optional("mesh size at the piercings [m]; default: uniform", 0.5e-3)
@@ -79,7 +77,7 @@ class _Sized(_Mesh):
     def _check_sizes(self) -> None:
         if self.h > self.longest:
             raise ValueError(
-                f".h = {self.h} is refused: the body is {self.longest:g} m long and no cell is larger; lengths are in "
+                f".h = {self.h} is refused: the body is {self.longest:g} m long and cells are smaller; lengths are in "
                 "metres, 4 mm is h = 4e-3"
             )
         if self.h_site is not None and self.h_site > self.h:
@@ -115,8 +113,10 @@ class BlockMesh(_Block):
 
 
 class WoundMesh(_Block):
-    """Block with a wound cut down from the middle of its top; boundaries as the block's, lip_left, lip_right and in an
-    ellipse that does not go through wound_floor.
+    """Block with a wound cut down from the middle of its top.
+
+    Boundaries: those of the block, lip_left, lip_right, and wound_floor for an ellipse that does not cut
+    through.
     """
 
     kind: Literal["wound"]
@@ -144,11 +144,11 @@ class WoundMesh(_Block):
     def _check_fits(self) -> None:
         across, along = self.size[:2] if self.along == "y" else self.size[1::-1]
         if self.depth > self.size[2]:
-            raise ValueError(f".depth = {self.depth} is refused: the block is {self.size[2]} m high; lower it")
+            raise ValueError(f".depth = {self.depth} is refused: the block is only {self.size[2]} m high; lower it")
         if self.length > along or (self.width and self.length == along):
-            raise ValueError(f".length = {self.length} is refused: the block is {along} m long there; shorten it")
+            raise ValueError(f".length = {self.length} is refused: the block is only {along} m long there; lower it")
         if self.width >= across:
-            raise ValueError(f".width = {self.width} is refused: the block is {across} m wide there; lower it")
+            raise ValueError(f".width = {self.width} is refused: the block is only {across} m wide there; lower it")
 
 
 class CylinderMesh(_Sized):
@@ -164,8 +164,9 @@ class CylinderMesh(_Sized):
 
 
 class TubeMesh(_Sized):
-    """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer. Cut across in the middle it
-    is two stumps, two bodies; the faces of the cut are stump_left and stump_right.
+    """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer.
+
+    A tube cut in the middle is two stumps, two separate bodies; the cut faces are stump_left and stump_right.
     """
 
     kind: Literal["tube"]
@@ -219,7 +220,7 @@ class FileMesh(_Mesh):
         given = next((key for key in ("h", "h_site") if getattr(self, key) is not None), None)
         if given and not self.is_surface:
             raise ValueError(
-                f".{given} = {getattr(self, given)} is refused: the file holds the tetrahedra already; leave it out, "
+                f".{given} = {getattr(self, given)} is refused: the file already holds tetrahedra; leave it out, "
                 f"or give a surface ({', '.join(SURFACES)})"
             )
         if self.h is not None and self.h_site is not None and self.h_site > self.h:
@@ -227,10 +228,10 @@ class FileMesh(_Mesh):
 
 
 class GivenMesh(_Mesh):
-    """Volume mesh handed over from Python, by `prepare(scenario, mesh=…)`."""
+    """Volume mesh given from Python, by `prepare(scenario, mesh=…)`."""
 
     kind: Literal["given"]
-    sha256: Text | None = optional("digest that identifies the mesh; default: that of the mesh given")
+    sha256: Text | None = optional("digest that identifies the mesh; default: computed from the given mesh")
 
 
 Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
@@ -254,8 +255,10 @@ class Boundary(ScenarioTable):
 
 
 class Region(MaterialKeys):
-    """Part of the organ with its own material; missing keys have the organ's values. A later region overrides an
-    earlier one."""
+    """Part of the organ with its own material; the default of a key is the organ's value.
+
+    A later region overrides an earlier one.
+    """
 
     name: Text = Field(description="name of the region; without box and depth, of a volume in the mesh file")
     box: tuple[Vector, Vector] | None = optional("two opposite corners [m]; the cells whose centre is inside")
@@ -275,9 +278,9 @@ class Region(MaterialKeys):
 
     def _check_place(self) -> None:
         if self.box is not None and self.depth is not None:
-            raise ValueError(".depth is refused: box places the region already; leave one of them out")
+            raise ValueError(".depth is refused: box also places the region; leave out one of them")
         if self.depth is not None and self.depth[0] >= self.depth[1]:
-            raise ValueError(f".depth = {as_toml(self.depth)} is refused: it must grow, for example [0, 2e-3]")
+            raise ValueError(f".depth = {as_toml(self.depth)} is refused: write for example [0, 2e-3]")
         if self.box is not None and any(low == high for low, high in zip(*self.box, strict=True)):
             raise ValueError(
                 f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
@@ -286,7 +289,8 @@ class Region(MaterialKeys):
 
 
 class Reduction(ScenarioTable):
-    """Small basis in which the organ moves: static answers to the piercings, weight and loads, and more."""
+    """Small basis for the motion of the organ: static responses to the piercings, weight and loads, Krylov
+    blocks and modes."""
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = by_default(
         2, "Krylov blocks [-] in addition to the static responses"
@@ -314,7 +318,7 @@ class Tissue(MaterialKeys):
     relaxation: Series = by_default(
         (),
         "Prony series of stress relaxation: rows of share [-] and time [s]; youngs_modulus is "
-        "that of a sudden pull; default: none",
+        "for a sudden load; default: none",
         [[0.3, 5.0], [0.2, 100.0]],
     )
     element: Literal["P1", "P2"] = by_default(
@@ -352,8 +356,8 @@ class Tissue(MaterialKeys):
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
-    boundary: tuple[Boundary, ...] = by_default((), "boundaries besides those of the mesh", [])
-    region: tuple[Region, ...] = by_default((), "parts of another material", [])
+    boundary: tuple[Boundary, ...] = by_default((), "additional boundaries", [])
+    region: tuple[Region, ...] = by_default((), "parts with another material", [])
     load: tuple[Load, ...] = by_default((), "loads on boundaries", [])
 
     @model_validator(mode="before")
@@ -392,12 +396,12 @@ class Tissue(MaterialKeys):
         if self.material != "linear" and self.rayleigh[1]:
             raise ValueError(
                 f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
-                "changes, so β damps nothing that is known; take β = 0"
+                "changes, so β has no fixed meaning; take β = 0"
             )
 
     @property
     def relaxes(self) -> bool:
-        """Whether stress relaxes anywhere in it."""
+        """Whether stress relaxes anywhere in the organ."""
         return bool(self.relaxation) or any(region.relaxation for region in self.region)
 
     def _check_reduction(self) -> None:
@@ -405,22 +409,20 @@ class Tissue(MaterialKeys):
             return
         reason = ""
         if self.material != "linear":
-            reason = (
-                f'material is {self.material}, and a basis holds for a linear organ alone; take material = "linear"'
-            )
+            reason = f'material is {self.material}, and a basis needs a linear organ; take material = "linear"'
         elif self.contact:
-            reason = "contact is true, and any node of the lips may be pushed, which no small basis knows of"
+            reason = "contact is true, and no small basis contains forces on all nodes of the lips"
         elif self.relaxes:
-            reason = "tissue.relaxation is given, and a small basis has no tissue that relaxes; leave relaxation out"
+            reason = "tissue.relaxation is given, but a small basis cannot relax; leave relaxation out"
         elif not self.inertia:
-            reason = "inertia is false, and a quasi-static organ has no steps to be made cheaper; take inertia = true"
+            reason = "inertia is false, so the organ makes no time steps; take inertia = true"
         if reason:
             raise ValueError(f".reduction is refused: {reason}, or leave reduction out")
 
     def _check_bound(self) -> None:
         if self.mesh.bound and self.material != "linear":
             raise ValueError(
-                f".mesh.bound = true is refused: material is {self.material}, and bounds are those of a linear organ; "
+                f".mesh.bound = true is refused: material is {self.material}, but bounds need a linear organ; "
                 'take material = "linear", or leave bound out'
             )
 
@@ -441,44 +443,44 @@ class Tissue(MaterialKeys):
                 raise ValueError(f"{key}.depth is refused: a {self.mesh.kind} has no flat top; give a box")
             if region.depth is not None and region.depth[1] > height:
                 raise ValueError(
-                    f"{key}.depth = {as_toml(region.depth)} is refused: the block is {height} m high; lower it"
+                    f"{key}.depth = {as_toml(region.depth)} is refused: the block is only {height} m high; lower it"
                 )
             if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
                 raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
-    """Return the boundaries that a mesh will name; none if only the file has them."""
+    """Return the names of the boundaries of a mesh; empty if only the file has them."""
     floor = isinstance(mesh, WoundMesh) and mesh.shape == "ellipse" and mesh.depth < mesh.size[2]
     cut = isinstance(mesh, TubeMesh) and mesh.gap is not None
     return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ()) + (STUMPS if cut else ())
 
 
-# --- checks that the simulation repeats once it knows more ------------------------------------------------
+# --- checks that the simulation repeats with more data ------------------------------------------------
 
 
 def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> None:
-    """Refuse a clamp, or another `key`, that names no boundary of the organ."""
+    """Refuse a clamp, or another `key`, with an unknown boundary of the organ."""
     if problem := unknown_clamp(clamp, boundaries, key):
         raise ScenarioError(f"tissue.{problem}")
 
 
 def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str | None:
-    """Return the fault in the boundaries that a scenario adds to those of its mesh, or None."""
+    """Return the fault in the names of a scenario's additional boundaries, or None."""
     taken = next((name for name in own if name in there), None)
     return (
-        None if taken is None else f"boundary.{as_key(taken)} is refused: the {kind} has a {taken} already; rename it"
+        None if taken is None else f"boundary.{as_key(taken)} is refused: the {kind} already has a {taken}; rename it"
     )
 
 
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
-    """Return the fault of a clamp, or None."""
+    """Return the fault in the boundaries of a clamp, or None."""
     lost = next((name for name in clamp if name not in boundaries), None)
     return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
 
 
 def no_boundary(name: str, boundaries: Sequence[str]) -> str:
-    """Say that there is no boundary of a name, and which there are."""
+    """Return the sentence that a boundary does not exist, with the names of all boundaries."""
     match = nearest(name, boundaries)
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]], or name it in the mesh"
     there = ", ".join(boundaries) or "none"
@@ -486,7 +488,7 @@ def no_boundary(name: str, boundaries: Sequence[str]) -> str:
 
 
 def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequence[str], roller: Sequence[str]) -> None:
-    """Refuse a load on an unknown boundary of the organ, or on one that is held."""
+    """Refuse a load on an unknown or held boundary of the organ."""
     if problem := idle_load(loads, boundaries, clamp, roller):
         raise ScenarioError(f"tissue.{problem}")
 
@@ -494,16 +496,18 @@ def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequenc
 def idle_load(
     loads: Iterable[Load], boundaries: Sequence[str] | None, clamp: Sequence[str], roller: Sequence[str]
 ) -> str | None:
-    """Return the fault in the boundary of a load, or None; `boundaries` are the known ones, None if only the file has
-    them."""
+    """Return the fault in the boundary of a load, or None.
+
+    `boundaries` are the known boundaries, or None if only the file has them.
+    """
     for number, load in enumerate(loads):
         name, reason = load.boundary, ""
         if boundaries is not None and name not in boundaries:
             reason = no_boundary(name, boundaries)
         elif name in clamp:
-            reason = "it is clamped, and a load on it moves nothing; name another boundary"
+            reason = "it is clamped, so a load on it has no effect; name another boundary"
         elif name in roller and load.pressure is not None:
-            reason = "a roller holds it across itself, and a pressure on it moves nothing; name another boundary"
+            reason = "a roller holds its normal direction, so a pressure on it has no effect; name another boundary"
         if reason:
             return refusal(f"load.{number}.boundary", name, reason)
     return None

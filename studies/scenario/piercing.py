@@ -26,14 +26,14 @@ from studies.scenario.table import (
 LetGo = tuple[Number]
 HandRow = Annotated[
     Turn | LetGo,
-    one_sentence("rows [t, length] or [t, force], and [t] alone where the hand lets go, for example [0.2]"),
+    one_sentence("rows [t, length] or [t, force], and [t] alone to let go, for example [0.2]"),
 ]
 Hand = Annotated[tuple[HandRow, ...], Field(min_length=1)]
-Grip = tuple[Turn, ...]  # from the moment that a hand takes the thread to that when it lets go
+Grip = tuple[Turn, ...]  # from the time at which a hand takes the thread to the time at which it lets go
 
-SMALLEST = 1e-6  # m, of a footprint: the finest suture is ten times as thick
-SHORTEST, LONGEST = 1e-100, 1e100  # of a direction: squares of its numbers are numbers, and not zero
-OF_NO_LENGTH = "it must not be zero, nor so short or long that its length is no number; give numbers near one"
+SMALLEST = 1e-6  # m, of a footprint: a tenth of the finest suture's diameter
+SHORTEST, LONGEST = 1e-100, 1e100  # of a direction: the squares of its components neither overflow nor vanish
+OF_NO_LENGTH = "it must not be zero, or too short or long to compute its length; give numbers near one"
 
 
 class Friction(ScenarioTable):
@@ -50,7 +50,7 @@ class Friction(ScenarioTable):
     )
 
     def shared(self, parts: int) -> float | tuple[float, float]:
-        """Return the grip of each of so many equal parts [N]."""
+        """Return the grip of each of `parts` equal parts [N]."""
         if isinstance(self.grip, tuple):
             return self.grip[0] / parts, self.grip[1] / parts
         return self.grip / parts
@@ -98,8 +98,7 @@ class Piercing(ScenarioTable):
     )
     weight: Literal["uniform", "parabolic"] = by_default("parabolic", "weight over the footprint [-]")
     s: NotNegative | None = optional(
-        "initial abscissa [m], at an end of the thread only if anchored; default: that of the "
-        "nearest point of the thread",
+        "initial abscissa [m], at an end of the thread only if anchored; default: at the nearest point of the thread",
         0.031,
     )
     friction: Friction | None = optional(
@@ -136,8 +135,8 @@ class Piercing(ScenarioTable):
                 raise ValueError(f".{key} = [{numbers}] is refused: {OF_NO_LENGTH}")
         if 0.0 < self.footprint < SMALLEST:
             raise ValueError(
-                f".footprint = {self.footprint} is refused: it is in m, and less than a micrometre; a hole bears over "
-                "about the radius of its thread: give that, or leave it out"
+                f".footprint = {self.footprint} is refused: it is in m, and below a micrometre; a hole bears over "
+                "about the radius of its thread; give this radius, or leave it out"
             )
         self._require_place()
         check_ending(self.from_, self.until)
@@ -154,7 +153,7 @@ class Piercing(ScenarioTable):
 
     @property
     def place(self) -> Vector:
-        """Place of the hole [m], or the point from which it is searched on the surface."""
+        """Place of the hole [m], or the point from which the surface is searched."""
         if self.at != "surface":
             return self.at
         assert self.near is not None
@@ -162,70 +161,69 @@ class Piercing(ScenarioTable):
 
     @property
     def line(self) -> Vector | None:
-        """Direction of the line that finds a place on the surface, None if the nearest is sought."""
+        """Direction of the line that finds a place on the surface, None for the nearest surface point."""
         return self.along or (None if isinstance(self.direction, str) else self.direction)
 
     @property
     def moved(self) -> float | None:
-        """Distance from `near` to the place found on the surface [m], None if none is sought."""
+        """Distance from `near` to the place found on the surface [m], None without `near`."""
         return None if self.near is None else dist(self.near, self.place)
 
     def _require_place(self) -> None:
-        """Refuse a place on the surface that nothing tells, and what tells of none."""
+        """Refuse a place on the surface without `near`, and `along` without `near`."""
         if self.at == "surface" and self.near is None:
             raise ValueError(
-                '.near is missing: at = "surface" is found from a point; give it, for example near = [0.0, 0.0, 0.01]'
+                '.near is missing: at = "surface" is searched from near; give for example near = [0.0, 0.0, 0.01]'
             )
         if self.along is not None and self.near is None:
-            reason = "there is no point that its line goes through; give near, or leave it out"
+            reason = "its line needs a point; give near, or leave along out"
             raise ValueError(f".along = {as_toml(self.along)} is refused: {reason}")
 
     def _require_hand(self) -> None:
-        """Refuse a hand that draws by a length and with a force at once, and one that has no time to draw, or lets go
-        what it does not have."""
+        """Refuse a hand that prescribes length and force at once, that draws for no time, or that lets go twice."""
         draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
         for key, rows in (("draw", draw or ()), ("pull", pull or ())):
             self._require_letting_go(key, rows)
         if draw is not None and pull is not None:
             if not slides:
                 raise ValueError(
-                    ".pull is refused: a hand always has an anchored thread, by a length or with a force; leave out "
-                    'draw or pull, or set kind = "sliding" for one after the other'
+                    ".pull is refused: a hand always holds an anchored thread, by length or by force; leave out "
+                    'draw or pull, or set kind = "sliding" to use them in turn'
                 )
             both = ((one, other) for one in grips(draw) for other in grips(pull))
             for one, other in both:
                 if max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0]):
                     raise ValueError(
-                        f".pull = {as_toml(pull)} is refused: draw has the thread from {one[0][0]} to {one[-1][0]} s, "
-                        "and a hand draws by a length or with a force; let one end before the other begins"
+                        f".pull = {as_toml(pull)} is refused: draw holds the thread from {one[0][0]} to {one[-1][0]} "
+                        "s, and a hand prescribes length or force, not both; end one before the other begins"
                     )
         for key, rows in (("draw", draw or ()), ("pull", pull or ())):
             single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
             if single is not None:
                 raise ValueError(
-                    f'.{key}.{rows.index(single)} = {as_toml(single)} is refused: through a "sliding" hole a hand '
-                    "draws from the row in which it takes the thread to its last one, and here they are the same; "
+                    f'.{key}.{rows.index(single)} = {as_toml(single)} is refused: at a "sliding" hole a hand '
+                    "draws from its first row to its last row, but here it has a single row; "
                     'give two rows, or set kind = "anchored"'
                 )
 
     def _require_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
-        """Refuse rows of time alone through a hole that a hand always holds, and where no hand has the thread."""
+        """Refuse rows of time alone at an anchored hole, and at times at which no hand holds the thread."""
         alone = [number for number, row in enumerate(rows) if len(row) == 1]
         if alone and self.kind != "sliding":
             raise ValueError(
-                f".{key}.{alone[0]} = {as_toml(rows[alone[0]])} is refused: a hand always has an anchored thread; give "
-                'a length or a force too, or set kind = "sliding"'
+                f".{key}.{alone[0]} = {as_toml(rows[alone[0]])} is refused: a hand always holds an anchored thread; "
+                'also give a length or a force, or set kind = "sliding"'
             )
         idle = next((number for number in alone if number == 0 or number - 1 in alone), None)
         if idle is not None:
             raise ValueError(
-                f".{key}.{idle} = {as_toml(rows[idle])} is refused: a row of time alone lets go, and no hand has the "
-                "thread then; leave it out"
+                f".{key}.{idle} = {as_toml(rows[idle])} is refused: a row of time alone lets go, but no hand holds the "
+                "thread at this time; leave it out"
             )
 
 
 def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
-    """Return the rows of a hand, one part for each time that it takes the thread."""
+    """Return the rows of a hand in parts, one part for each time that the hand takes the thread."""
     parts: list[Grip] = []
     taken = False
     for row in rows:
@@ -236,8 +234,8 @@ def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
 
 
 def place_refusal(hole: Piercing, reason: str) -> str:
-    """Write why a hole cannot be where it is, and how it came there."""
+    """Return the refusal of a hole's place, with the origin of this place."""
     key = dotted_key(["piercing", hole.name, "at"])
     if hole.near is None:
         return refusal(key, hole.at, reason)
-    return refusal(key, "surface", f"near leads to {as_toml(hole.place)} m on the surface, and {reason}")
+    return refusal(key, "surface", f"near gives {as_toml(hole.place)} m on the surface, and {reason}")

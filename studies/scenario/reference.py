@@ -1,7 +1,7 @@
 """The reference of the scenario file, made from its schema: a list of keys for each table of the file.
 
-``python -m studies.scenario.reference`` writes the lists of keys and of scenes into ``README.md`` anew. To add a key,
-add its field with a description and its unit in brackets; nothing is written here.
+``python -m studies.scenario.reference`` updates the lists of keys and of scenes in ``README.md``. To add a key,
+add its field with a description and its unit in brackets; this file needs no change.
 """
 
 import re
@@ -28,7 +28,8 @@ BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "m
 
 @dataclass(frozen=True)
 class Key:
-    """Hold a key of the scenario file in the words of the manual; `kinds` of a table that have it, empty for all."""
+    """A key of the scenario file in the words of the manual; `kinds` are the kinds of table with this key,
+    empty for all."""
 
     name: str
     type: str
@@ -40,7 +41,7 @@ class Key:
 
     @property
     def line(self) -> str:
-        """Write the item of the key in Markdown."""
+        """Return the item of the key in Markdown."""
         value = f"{self.type} [{self.unit}]" if self.unit else self.type
         if self.allowed:
             value = self.allowed if value == "text" else f"{value}, {self.allowed}"
@@ -52,8 +53,10 @@ class Key:
 
 
 def reference() -> dict[str, str]:
-    """Make the lists of keys in Markdown, by the name of the file's table; "scenario" is the top of the file. Equal
-    tables are one, by the first of their names."""
+    """Return the lists of keys in Markdown, by the name of the file's table; "scenario" is the top of the file.
+
+    Equal tables appear once, under the first of their names.
+    """
     whole, equal = schema(), dict[tuple[Key, ...], list[str]]()
     for name, tables in key_tables(whole):
         prefix = "" if name == "scenario" else f"{name}."
@@ -71,8 +74,10 @@ def with_prefixes(key: Key, prefixes: Iterable[str]) -> Key:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a dotted key as a sweep names it, entries of lists included (``piercing.exit.footprint``,
-    ``thread.end.force.2``); empty for one that has none."""
+    """Return the unit of a dotted key in the notation of a sweep; empty for a key without unit.
+
+    Entries of lists are included: ``piercing.exit.footprint``, ``thread.end.force.2``.
+    """
     parts = key.split(".")
     fitting = [each for each in known_keys() if _is_within(each.name.split("."), parts)]
     return max(fitting, key=lambda each: len(each.name)).unit if fitting else ""
@@ -80,29 +85,29 @@ def unit_of(key: str) -> str:
 
 @cache
 def known_keys() -> tuple[Key, ...]:
-    """Return the keys of all tables; to make the schema takes a second."""
+    """Return the keys of all tables, cached because the schema takes a second."""
     whole = schema()
     return tuple(each for name, tables in key_tables(whole) for each in table_keys(name, tables, whole))
 
 
 def _is_within(some: list[str], parts: list[str]) -> bool:
-    """Return whether words stand among others in the same order, the first of both being one."""
+    """Return whether all words occur in `parts` in the same order, and both begin with the same word."""
     rest = iter(parts)
     return some[0] == parts[0] and all(part in rest for part in some)
 
 
 def markdown(keys: Iterable[Key]) -> str:
-    """Make a list of keys in Markdown."""
+    """Return a list of keys in Markdown."""
     return "\n".join(["", *(key.line for key in keys), "", ""])
 
 
 def key_tables(whole: Node) -> list[tuple[str, list[Node]]]:
-    """List the tables of the file with their schemas, one for each kind, each before those that it holds."""
+    """List the tables of the file with their schemas, one schema per kind; a table comes before its inner tables."""
     return [("scenario", [whole]), *tables_below("", whole, whole)]
 
 
 def tables_below(name: str, table: Node, whole: Node) -> Iterator[tuple[str, list[Node]]]:
-    """List the tables that a table holds, by their full names, as `key_tables`."""
+    """Yield the tables inside a table, by their full names, like `key_tables`."""
     for key, field in table["properties"].items():
         inner = list(inner_tables(field, whole))
         if inner:
@@ -112,7 +117,7 @@ def tables_below(name: str, table: Node, whole: Node) -> Iterator[tuple[str, lis
 
 
 def inner_tables(field: Node, whole: Node) -> Iterator[Node]:
-    """Find the schemas of the tables that a key holds, one for each kind of them."""
+    """Yield the schemas of the tables of a key, one for each kind."""
     if "$ref" in field:
         yield whole["$defs"][field["$ref"].rpartition("/")[2]]
     for part in (*field.get("anyOf", ()), *field.get("oneOf", ()), *([field["items"]] if "items" in field else ())):
@@ -120,7 +125,7 @@ def inner_tables(field: Node, whole: Node) -> Iterator[Node]:
 
 
 def table_keys(name: str, tables: list[Node], whole: Node) -> list[Key]:
-    """List the keys of a table, those of all its kinds once, each with the kinds that have it."""
+    """List the keys of a table, each once, with the kinds that have it."""
     owners: dict[Key, list[str]] = {}
     for table in tables:
         kind = table["properties"].get("kind", {}).get("const", "")
@@ -137,12 +142,12 @@ def table_keys(name: str, tables: list[Node], whole: Node) -> list[Key]:
 
 
 def merged_kind(kinds: list[Key]) -> Key:
-    """Make the one key that chooses between the kinds of a table."""
+    """Return the key that chooses between the kinds of a table."""
     return replace(kinds[0], allowed=", ".join(key.allowed for key in kinds), meaning="kind of the table")
 
 
 def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:
-    """Describe a key by its schema: the description gives the unit, and the default where that is known only later."""
+    """Return a key from its schema: its description has the unit, and the default if this is computed later."""
     text = field.get("description", "")
     units, told = UNIT.findall(text), DEFAULT.search(text)
     if told and field.get("default") is None:
@@ -153,7 +158,7 @@ def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:
 
 
 def default_of(field: Node, told: str, whole: Node) -> str:
-    """Return the default of a key in TOML, or the words `told` if the schema has none; empty for a table."""
+    """Return the default of a key in TOML, or the words `told` if the schema has no default."""
     value = field.get("default")
     if value is None:
         return UNIT.sub("", told)
@@ -163,7 +168,7 @@ def default_of(field: Node, told: str, whole: Node) -> str:
 
 
 def type_of(field: Node, whole: Node) -> str:
-    """Name the type of a key's value."""
+    """Return the name of the type of a key's value."""
     if "anyOf" in field:
         return " or ".join(dict.fromkeys(type_of(part, whole) for part in field["anyOf"] if part.get("type") != "null"))
     if any(True for _ in inner_tables(field, whole)):
@@ -195,7 +200,7 @@ def allowed_in(field: Node) -> str:
 
 
 def scene_list() -> str:
-    """List the shipped scenes in Markdown, each with its title and cost."""
+    """Return the list of the shipped scenes in Markdown, each with its title and cost."""
     return "".join(f"* [`{name}`](scenes/{name}.toml): {title_of(name)} ({cost_of(name)})\n" for name in scenes())
 
 
@@ -205,7 +210,7 @@ def title_of(name: str) -> str:
 
 
 def cost_of(name: str) -> str:
-    """Return the time and memory of a run of a shipped scene on one processor, as its second line has them."""
+    """Return the time and memory of a run of a shipped scene on one processor, from its second line."""
     return scene_text(name).splitlines()[1].removeprefix("# about ")
 
 

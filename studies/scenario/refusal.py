@@ -1,7 +1,7 @@
 """Sentences for refused input: the key's full name, its value, the allowed values and the remedy.
 
-pydantic finds the faults; this module says them in the user's words. A key's full name is the one that
-``--set`` takes: table names joined by dots, an entry of a list of tables by its ``name``
+pydantic finds the faults; this module describes them in plain words. A key's full name is the name in
+``--set``: table names joined by dots; an entry of a list of tables has its ``name``
 (``piercing.entry.footprint``).
 """
 
@@ -14,16 +14,16 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
-LONGEST_VALUE = 60  # characters of a refused value that are shown, unless it is text
-LONGEST_TEXT = 300  # characters of text that are shown: a path is of use only as a whole
-LONGEST_MEANING = 120  # characters of what a key means, above which its first clause is told alone
-LONGEST_WORD = 100  # characters of a word that another may be like
-MOST_DETAILS = 100  # faults of which sentences are made
-LARGEST_WHOLE = 10**100  # above it a whole number is told by its size: Python writes none of 4300 digits
+LONGEST_VALUE = 60  # largest number of shown characters of a refused value, unless it is text
+LONGEST_TEXT = 300  # largest number of shown characters of a text: a path is useful only as a whole
+LONGEST_MEANING = 120  # number of characters above which only the first clause of a key's meaning is shown
+LONGEST_WORD = 100  # largest number of characters for a search of similar words
+MOST_DETAILS = 100  # largest number of faults with a sentence
+LARGEST_WHOLE = 10**100  # above this a number is shown by its size: Python does not print 4300 digits
 
 
 def as_toml(value: object) -> str:
-    """Write a value in TOML, on one line; floats so that they read back to the same bits."""
+    """Return a value in TOML, on one line; floats read back to the same bits."""
     match value:
         case bool():
             return "true" if value else "false"
@@ -40,12 +40,12 @@ def as_toml(value: object) -> str:
 
 
 def as_key(key: str) -> str:
-    """Write a TOML key, quoted when it has to be."""
+    """Return a TOML key, quoted if necessary."""
     return key if BARE.fullmatch(key) else as_toml(key)
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
-    """Find the known word that looks most like ``word``; None if none does."""
+    """Return the known word most similar to ``word``, or None."""
     if len(word) > LONGEST_WORD:
         return None
     matches = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
@@ -53,32 +53,33 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
 
 
 def sentences(error: ValidationError, model: type[BaseModel], data: object) -> list[str]:
-    """Write one sentence for each fault that pydantic found in ``data`` when it was read as ``model``."""
+    """Return one sentence for each fault that pydantic found in ``data`` for ``model``."""
     details = error.errors(include_url=False)[:MOST_DETAILS]
     unknown = [detail["loc"] for detail in details if detail["type"] == "extra_forbidden"]
     meant = {(*loc[:-1], nearest(str(loc[-1]), _keys(_place(loc, model, data).table))) for loc in unknown}
-    wanted = (detail for detail in details if detail["type"] != "missing" or detail["loc"] not in meant)  # but misspelt
+    # a missing key is not reported if it is only misspelt
+    wanted = (detail for detail in details if detail["type"] != "missing" or detail["loc"] not in meant)
     return [_sentence(detail, model, data) for detail in wanted if not _follows(detail, details)]
 
 
 def refusal(key: str, value: object, reason: str) -> str:
-    """Write the common form: ``key = value is refused: reason``."""
+    """Return the common form of a refusal: ``key = value is refused: reason``."""
     longest = LONGEST_TEXT if isinstance(value, str) else LONGEST_VALUE
     return f"{key} = {shortened(as_toml(value), longest)} is refused: {reason}"
 
 
 def shortened(text: str, longest: int) -> str:
-    """Shorten a text to a number of characters, with a mark."""
+    """Return a text shortened to a number of characters, with a mark."""
     return text if len(text) <= longest else text[: longest - 2] + " …"
 
 
 def dotted_key(parts: Iterable[object]) -> str:
-    """Join the full name of a key from its parts."""
+    """Return the full name of a key from its parts."""
     return ".".join(as_key(str(part)) for part in parts)
 
 
 def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
-    """Return whether a list is too short only because one of its items has been refused."""
+    """Return whether a list is too short only because one of its items was refused."""
     loc = detail["loc"]
     inner = (other["loc"] for other in details if len(other["loc"]) > len(loc))
     return detail["type"] == "too_short" and any(other[: len(loc)] == loc for other in inner)
@@ -87,9 +88,9 @@ def _follows(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
 class Place(NamedTuple):
     """The location of a fault in pydantic's report."""
 
-    parts: list[str]  # of the key's full name
-    table: type[BaseModel]  # the table that the key is in
-    field: str | None  # the table's field of that key, None if there is none
+    parts: list[str]  # parts of the key's full name
+    table: type[BaseModel]  # the table of the key
+    field: str | None  # the table's field of this key, None for an unknown key
     kind: Any  # the type that the field allows
 
     @property
@@ -108,7 +109,7 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str
             return f"{place.key}.kind is missing: allowed are {_tags(place.kind)}"
         case "union_tag_invalid":
             return _unknown_kind(place, detail["ctx"]["tag"])
-        case "value_error":  # ours: a sentence that continues the key's name
+        case "value_error":  # our own errors continue the key's name
             return f"{place.key}{detail['ctx']['error']}"
         case _:
             return refusal(place.key, detail["input"], f"{_allowed(detail)}; {_remedy(place)}")
@@ -130,7 +131,7 @@ def _unknown_kind(place: Place, tag: str) -> str:
 
 
 def _allowed(detail: ErrorDetails) -> str:
-    """Return what is allowed, from pydantic's message."""
+    """Return the allowed values, from pydantic's message."""
     text = re.sub(r"^Input should be|^Value error,", "it must be", detail["msg"])
     text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
     given = detail["input"]
@@ -141,7 +142,7 @@ def _allowed(detail: ErrorDetails) -> str:
 
 
 def _remedy(place: Place) -> str:
-    """Return what the key means and an example of it, from the field that describes it."""
+    """Return an example of a key with its meaning, from its field."""
     if place.field is None:
         return f"correct {place.key}"
     info = place.table.model_fields[place.field]
@@ -154,7 +155,7 @@ def _remedy(place: Place) -> str:
 
 
 def _in_short(description: str) -> str:
-    """Return what a key means, of a long description its first clause: the rest is in the manual of keys."""
+    """Return a key's meaning, shortened to the first clause if it is long; the manual has the rest."""
     for mark in "; ", ": ":
         if len(description) > LONGEST_MEANING:
             description = re.split(mark + r"(?![^(]*\))", description)[0]  # but not within parentheses
@@ -162,7 +163,7 @@ def _in_short(description: str) -> str:
 
 
 def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Place:
-    """Follow pydantic's location, in which a union's tag stands like a key, through models and data."""
+    """Return the place of pydantic's location, in which a union's tag appears like a key."""
     parts: list[str] = []
     table: type[BaseModel] = model
     field: str | None = None
@@ -170,7 +171,7 @@ def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Pl
     tagged = False
     for step in loc:
         models = _models(kind)
-        if isinstance(step, str) and step in models and not tagged:  # a key may be called like the kind of its table
+        if isinstance(step, str) and step in models and not tagged:  # a key can have the name of its table's kind
             kind, tagged = models[step], True
             continue
         tagged = False
@@ -184,7 +185,7 @@ def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Pl
 
 
 def _item(data: object, step: int | str) -> tuple[object, str]:
-    """Return the entry of ``data`` at ``step`` and what it is called: its ``name`` if it is a table in a list."""
+    """Return the entry of ``data`` at ``step`` and its name: the ``name`` of a table in a list, else ``step``."""
     try:
         item = data[step]  # type: ignore[index]
     except (KeyError, IndexError, TypeError):

@@ -1,7 +1,7 @@
-"""The scenario: one TOML file, validated in full before anything is computed.
+"""The scenario: one TOML file, validated completely before the computation.
 
-The models of this package are the contract; each field says its unit in brackets. SI units throughout; the mesh file's
-own unit is the only exception. ``schema`` gives the JSON schema.
+The models of this package define the file; each field states its unit in brackets. All units are SI units,
+except in a mesh file. ``schema`` gives the JSON schema.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,12 +24,12 @@ from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
 
-RAMP = 0.05  # s: a period of 20 Hz, as slow as the organs here swing
+RAMP = 0.05  # s: the period of 20 Hz, a slow vibration of the organs here
 ONE_SYSTEM = {"solve.scheme": "newton", "solve.coupling": "monolithic", "solve.friction": "implicit"}
-RELAXING = ONE_SYSTEM | {"thread.energy": "continuous"}  # the only way in which a thread relaxes
-TIED = RELAXING | {"solve.epsilon": 0.0, "thread.twist": False}  # and in which it is tied
-TRAVELLING = TIED | {"thread.bending": True}  # and in which its knots travel with the holes
-MOST_FRAMES = 20_000  # of three files each; results.pvd names them all, and is written anew with every one
+RELAXING = ONE_SYSTEM | {"thread.energy": "continuous"}  # required by a relaxing thread
+TIED = RELAXING | {"solve.epsilon": 0.0, "thread.twist": False}  # required by a tied thread
+TRAVELLING = TIED | {"thread.bending": True}  # required by knots that travel with the holes
+MOST_FRAMES = 20_000  # of three files each; results.pvd lists all of them and is rewritten with each frame
 
 # --- solution and output ----------------------------------------------------------------------------------
 
@@ -72,7 +72,7 @@ class Scenario(ScenarioTable):
             return table
         try:
             return long_form(table)
-        except (ValidationError, TypeError):  # those of the fields name the fault, and a missing path is none
+        except (ValidationError, TypeError):  # the fields report the fault, and a missing path is no fault
             return table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
 
     def _check_piercings(self) -> None:
@@ -96,7 +96,7 @@ class Scenario(ScenarioTable):
     def _check_frames(self) -> None:
         frames = self.solve.steps // self.output.every
         if frames > MOST_FRAMES:
-            reason = f"{self.solve.steps} steps make {frames} frames, and {MOST_FRAMES} are as many as a folder takes"
+            reason = f"{self.solve.steps} steps make {frames} frames, but a folder holds at most {MOST_FRAMES}"
             least = ceil(self.solve.steps / MOST_FRAMES)
             raise ValueError(refusal("output.every", self.output.every, f"{reason}; raise it to {least} or more"))
 
@@ -110,37 +110,36 @@ class Scenario(ScenarioTable):
     def _check_friction(self) -> None:
         rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
         if not self.thread.bending and (rubbing := [k for k, tract in enumerate(self.tract) if tract.friction]):
-            reason = "friction acts along the tangent that the bend gives the thread; set thread.bending = true"
+            reason = "friction acts along the tangent, which only bending determines; set thread.bending = true"
             raise ValueError(refusal(f"tract.{rubbing[0]}.friction", self.tract[rubbing[0]].friction, reason))
         if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
             key = dotted_key(["piercing", rough, "friction"])
-            reason = f'solve.scheme is linear, which has no implicit {key}; use "two-pass", or scheme = "newton"'
+            reason = f'solve.scheme is linear and cannot solve {key} implicitly; use "two-pass", or scheme = "newton"'
             raise ValueError(refusal("solve.friction", "implicit", reason))
         if rough is not None and not self.thread.bending:
             reason = (
-                f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent that the bend at a hole gives "
-                "the thread, however thin the thread, and a spline without bending has none; set bending = true, and "
+                f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent at a hole, and only "
+                "bending determines the tangent of a spline, even for a thin thread; set bending = true, and "
                 "for a limp thread a small thread.bending_factor"
             )
             raise ValueError(refusal("thread.bending", False, reason))
 
     @property
     def touching(self) -> tuple[tuple[str, str], ...]:
-        """Names of the surfaces that press on one another, by pairs."""
+        """Names of the surfaces that press on each other, by pairs."""
         lips = (LIPS,) if self.tissue is not None and self.tissue.contact else ()
         return (*lips, *(pair.between for pair in self.contact))
 
     @property
     def wounds(self) -> tuple[tuple[str, str], ...]:
-        """Names of the surfaces that a wound lies between, by pairs: those that press on one another, and lips that do
-        not."""
+        """Names of the surfaces of wounds, by pairs: surfaces in contact, and lips without contact."""
         cut = self.tissue is not None and isinstance(self.tissue.mesh, WoundMesh)
         lips = (LIPS,) if cut and not any(set(pair) == set(LIPS) for pair in self.touching) else ()
         return (*lips, *self.touching)
 
     @property
     def floats(self) -> bool:
-        """Whether a body of the organ may be held by nothing but contact and stitches."""
+        """Whether a body of the organ can be held only by contact and stitches."""
         if self.tissue is None or not self.touching:
             return False
         at_rest = self.solve.kind == "static" and self.tissue.material == "linear"
@@ -163,24 +162,27 @@ class Scenario(ScenarioTable):
 
     @property
     def has_krylov(self) -> bool:
-        """Whether steps of the organ may be made in its Krylov space: not where they are not asked to be, nor where a
-        hole begins later, which strikes the tissue, unless they are asked to be."""
+        """Whether steps of the organ can use its Krylov space.
+
+        False if `solve.organ` is "whole". With "auto" also false if a hole begins later, because the hole then
+        strikes the tissue.
+        """
         later = any(hole.from_ for hole in self.piercing)
         return self.solve.organ != "whole" and not self.without_krylov and (self.solve.organ == "krylov" or not later)
 
     @property
     def without_krylov(self) -> str:
-        """Why no step of the organ can be made in its Krylov space, empty if it can."""
+        """Why no step of the organ can use its Krylov space, empty if steps can."""
         organ = self.tissue
         if organ is None:
             return "there is no organ; add [tissue]"
         if not (organ.inertia and self.solve.is_one_system):
-            return "it is of an organ with inertia, in time, by Newton in one system with the thread; leave it out"
+            return "it needs inertia, and time steps by Newton of thread and organ in one system; leave it out"
         if organ.material != "linear" or self.touching:
-            return "it is of a linear organ whose surfaces do not touch; leave it out"
+            return "it needs a linear organ without contact; leave it out"
         if organ.relaxes:
-            return "tissue.relaxation is given, and the space has no tissue that relaxes; leave one of them out"
-        return "tissue.reduction asks for another basis; leave one of them out" if organ.reduction is not None else ""
+            return "tissue.relaxation is given, but the space cannot relax; leave out one of them"
+        return "tissue.reduction is another basis; leave out one of them" if organ.reduction is not None else ""
 
     def _check_krylov(self) -> None:
         if self.solve.organ == "krylov" and self.without_krylov:
@@ -190,10 +192,10 @@ class Scenario(ScenarioTable):
         if self.tissue is None or self.tissue.reduction is None:
             return
         if self.solve.kind == "static":
-            reason = "solve.kind is static, where the organ makes no steps; leave it out"
+            reason = "solve.kind is static, so the organ makes no time steps; leave it out"
         elif self.contact:
-            reason = "there is [[contact]], and any node of a surface may be pushed, which no small basis knows of; "
-            reason += "leave one of them out"
+            reason = "there is [[contact]], and no small basis contains forces on all nodes of a surface; "
+            reason += "leave out one of them"
         else:
             return
         raise ValueError(refusal("tissue.reduction", self.tissue.reduction.model_dump(), reason))
@@ -204,13 +206,13 @@ class Scenario(ScenarioTable):
         if other := self._other(ONE_SYSTEM):
             key, value, needed = other
             reason = (
-                f"tissue.material is {self.tissue.material}, and the paper's variants know a linear organ alone; use "
+                f"tissue.material is {self.tissue.material}, and the paper's variants need a linear organ; use "
                 f'{as_toml(needed)}, or material = "linear"'
             )
             raise ValueError(refusal(key, value, reason))
 
     def _other(self, needed: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
-        """Return the first key that has not the value that is `needed`, with both values, or None."""
+        """Return the first key with another value than the `needed` one, with both values, or None."""
         given = {"solve": self.solve, "thread": self.thread}
         for key, value in needed.items():
             table, name = key.split(".")
@@ -221,18 +223,18 @@ class Scenario(ScenarioTable):
     def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
             if self.thread.tolerance != type(self.thread).model_fields["tolerance"].default:
-                reason = "thread.knots is fixed, and the tolerance is what knots that travel are made for; leave it out"
+                reason = "thread.knots is fixed, and only travelling knots have a tolerance; leave it out"
                 raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
             return
         if other := self._other(TRAVELLING):
             key, value, needed = other
-            reason = "thread.knots is travelling, which knows no such thread; set it to "
+            reason = "thread.knots is travelling, which needs another value; set it to "
             raise ValueError(refusal(key, value, f'{reason}{as_toml(needed)}, or knots = "fixed"'))
 
     def _check_relaxation(self) -> None:
         if self.thread.relaxation and (other := self._other(RELAXING)):
             key, value, needed = other
-            reason = f"no thread relaxes in such a run; set it to {as_toml(needed)}, or leave out thread.relaxation"
+            reason = f"a thread cannot relax with it; set it to {as_toml(needed)}, or leave out thread.relaxation"
             raise ValueError(refusal(key, value, reason))
 
     def _check_linear(self) -> None:
@@ -240,28 +242,28 @@ class Scenario(ScenarioTable):
         drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
         if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
             key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
-            reason = f'the paper\'s linear step knows no {key}; use "newton"'
+            reason = f'the paper\'s linear step cannot use {key}; use "newton"'
             raise ValueError(refusal("solve.scheme", "linear", reason))
 
     def _check_cutting(self) -> None:
         if self.cut and self.solve.scheme != "newton":
-            reason = 'the thread is not cut during such a run; set it to "newton", or leave out [[cut]]'
+            reason = 'it cannot cut the thread during the run; set it to "newton", or leave out [[cut]]'
             raise ValueError(refusal("solve.scheme", self.solve.scheme, reason))
         places = [cut.s for cut in self.cut]
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
         if twice is not None:
-            raise ValueError(refusal("cut.s", twice, "the thread is cut there already; leave one of the cuts out"))
+            raise ValueError(refusal("cut.s", twice, "the thread is cut here twice; leave out one of the cuts"))
 
     def _check_ties(self) -> None:
         if problem := tie_fault(self.tie, self.piercing):
             raise ValueError(problem)
         if self.tie and (other := self._other(TIED)):
             key, value, needed = other
-            reason = f"no thread is tied in such a run; set it to {as_toml(needed)}, or leave out [[tie]]"
+            reason = f"a thread cannot be tied with it; set it to {as_toml(needed)}, or leave out [[tie]]"
             raise ValueError(refusal(key, value, reason))
         hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
         if hasty is not None:
-            reason = "the loop is closed and locked at the end of one step, and never drawn; take shorter steps, or "
+            reason = "the loop is closed and locked in the same step, without drawing; take shorter steps, or "
             raise ValueError(refusal(dotted_key(["tie", hasty.name, "until"]), hasty.until, reason + "a later time"))
 
     def _check_hands(self) -> None:
@@ -274,9 +276,9 @@ class Scenario(ScenarioTable):
             late = begins - first > WHOLE * solve.duration
             if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(rows)):
                 reason = (
-                    f"through a hole in which the thread slides a hand draws from the end of a load step on, and none "
-                    f"ends at {first} s: what it draws until {begins:.6g} s would be left out; begin at {begins:.6g} "
-                    f"s, or choose solve.load_steps so that one ends at {first} s"
+                    f"at a sliding hole a hand begins to draw at the end of a load step, and no load step "
+                    f"ends at {first} s: the length drawn before {begins:.6g} s would be lost; begin at {begins:.6g} "
+                    f"s, or choose solve.load_steps so that a load step ends at {first} s"
                 )
                 raise ValueError(refusal(dotted_key(["piercing", hole.name, "draw"]), hole.draw, reason))
 
@@ -284,7 +286,7 @@ class Scenario(ScenarioTable):
         ends = (self.thread.start, self.thread.end)
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
         if self.thread.twist and self.solve.kind == "static" and not held:
-            reason = "solve.kind is static and nothing keeps the thread from spinning; clamp an end or give it a turn"
+            reason = "solve.kind is static and the thread can rotate freely; clamp an end or give it a turn"
             raise ValueError(refusal("thread.twist", True, reason))
 
     def _check_courses(self) -> None:
@@ -292,7 +294,7 @@ class Scenario(ScenarioTable):
         loads = [] if self.tissue is None else [(f"tissue.load.{k}", load) for k, load in enumerate(self.tissue.load)]
         for key, table in [*ends, *loads]:
             if isinstance(table, Timed) and (wave := table.hasty(self.solve.step)):
-                reason = f"a step takes {self.solve.step:g} s, and a wave needs {STEPS} or more; raise it, or take "
+                reason = f"a step takes {self.solve.step:g} s, and a wave needs {STEPS} steps; raise it, or take "
                 shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
                 raise ValueError(refusal(f"{key}.{wave[0]}", wave[1], reason + shorter))
 
@@ -312,32 +314,34 @@ def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
     """Refuse two surfaces in contact that are named twice; the first of [[contact]] is number `first`."""
     for k, pair in enumerate(pairs):
         if any(set(pair) == set(other) for other in pairs[:k]):
-            reason = "these two are in contact already, by tissue.contact or another [[contact]]; leave one out"
+            reason = "they are already in contact by tissue.contact or another [[contact]]; leave one out"
             raise ScenarioError(refusal(f"contact.{k - first}.between", pair, reason))
 
 
 def check_apart(holes: Sequence[Piercing]) -> None:
-    """Refuse holes of an organ whose footprints overlap while both are there."""
+    """Refuse holes of an organ whose footprints overlap at the same time."""
     for one, other in combinations(holes, 2):
         apart, reach = dist(one.place, other.place), one.footprint + other.footprint
         together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
         if together and apart < reach:
             reason = (
-                f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, nearer than their footprints "
+                f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, less than both footprints "
                 f"together, {reach:.3g} m; move them apart or take smaller footprints"
             )
             raise ScenarioError(place_refusal(other, reason))
 
 
 def check_given(scenario: object) -> None:
-    """Refuse an argument from Python that is not a scenario, such as a file name."""
+    """Refuse an argument from Python that is not a scenario, for example a file name."""
     if not isinstance(scenario, Scenario):
         raise ScenarioError(f"{scenario!r} is refused: it is no scenario; load a file or a scene, or parse tables")
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
-    """Refuse piercings whose abscissas [m] do not increase along the list or are off the thread, and at an end of the
-    thread those that do not anchor it."""
+    """Refuse piercings whose abscissas [m] do not increase along the list or are outside the thread.
+
+    Also refuse piercings at an end of the thread without anchor.
+    """
     for hole, s in placed:
         check_within(hole, s, length)
     for (before, low), (after, high) in pairwise(placed):
@@ -350,21 +354,21 @@ def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None =
 
 
 def check_within(hole: Piercing, s: float, length: float | None) -> None:
-    """Refuse a piercing whose abscissa [m] is off the thread, or at its end where it is free to slide out."""
+    """Refuse a piercing whose abscissa [m] is outside the thread, or at an end of the thread without anchor."""
     last = inf if length is None else length
     if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
         return
     limit = "the thread's length" if length is None else f"the thread's length of {length:.6g} m"
-    within = f"must lie between 0 and {limit}; move the piercing, or let the path go on beyond it"
+    within = f"must lie between 0 and {limit}; move the piercing, or extend the path beyond it"
     at_end = (s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"') or ""
     if hole.s is None and hole.at is not None:
-        reason = f"the path comes nearest to it at s = {s:.6g} m, and that {within}{at_end}"
+        reason = f"the nearest point of the path is at s = {s:.6g} m, which {within}{at_end}"
         raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
     raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, f"it {within}{at_end}"))
 
 
 def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
-    """Refuse cuts, given by that `key`, that lie off the thread of that length [m]."""
+    """Refuse cuts of this `key` that lie outside the thread of this length [m]."""
     lost = next((s for s in cuts if s >= length), None)
     if lost is not None:
         reason = f"it must lie between 0 and the thread's length of {length:.6g} m; move it"
@@ -374,8 +378,10 @@ def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -
 def check_spans(
     cuts: Sequence[float], ends: Sequence[float], breaks: Sequence[float], key: str = "thread.cuts"
 ) -> None:
-    """Refuse cuts, given by that `key`, that leave a piece of a single span; `ends` of the pieces and of the spans,
-    `breaks` [m]."""
+    """Refuse cuts of this `key` that leave a piece of a single span.
+
+    `ends` are the ends of the pieces and `breaks` those of the spans [m].
+    """
     for before, after in pairwise(ends) if cuts else ():
         if sum(before <= s <= after for s in breaks) < 3:
             reason = (
@@ -386,7 +392,7 @@ def check_spans(
 
 
 def travels_as_given(tables: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Whether knots can travel in a scenario with these tables `thread` and `solve`, as they are written."""
+    """Return whether knots can travel in a scenario with these tables `thread` and `solve`, as given by the user."""
     keys = [(*key.partition(".")[::2], value) for key, value in TRAVELLING.items()]
     return all(tables[table].get(key, value) == value for table, key, value in keys)
 
@@ -394,13 +400,13 @@ def travels_as_given(tables: Mapping[str, Mapping[str, Any]]) -> bool:
 def check_control_points(control_points: int, piercings: int) -> None:
     """Refuse a spline too coarse for its holes.
 
-    A hole, as either strand of a tie, takes up to 5 constraints, on 3 unknowns of each control point and its own
-    abscissa; and the thread turns there, so a span of the spline should lie on either side of the hole and one at it: 3
+    A hole, or a strand of a tie, has up to 5 constraints. Its unknowns are 3 per control point and its own
+    abscissa. The thread bends at the hole, so the spline needs a span at the hole and one on each side: 3
     control points for each hole, in addition to the 4 of a single cubic.
     """
     least = 4 + 3 * piercings
     if control_points < least:
-        reason = f"{piercings} piercings need at least {least} (4 and 3 for each piercing); raise it"
+        reason = f"{piercings} piercings need at least {least} (4, and 3 for each piercing); raise it"
         raise ScenarioError(refusal("thread.control_points", control_points, reason))
 
 
@@ -408,7 +414,7 @@ def check_control_points(control_points: int, piercings: int) -> None:
 
 
 def parse(data: Mapping[str, Any]) -> Scenario:
-    """Validate a scenario given as tables, in which numbers may be numpy's. Raises `ScenarioError`."""
+    """Validate a scenario given as tables, which can contain numpy's numbers. Raises `ScenarioError`."""
     if not isinstance(data, Mapping):
         raise ScenarioError(
             f"{data!r} is refused: it is no scenario; give its tables, a dict, or load a file or a scene"
@@ -421,16 +427,16 @@ def parse(data: Mapping[str, Any]) -> Scenario:
 
 
 def schema() -> dict[str, Any]:
-    """Make the JSON schema (draft 2020-12) of the scenario file."""
+    """Return the JSON schema (draft 2020-12) of the scenario file."""
     declared = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return declared | Scenario.model_json_schema(by_alias=True)
 
 
 def ramped(end: End, solve: Solve) -> End:
-    """Return an end whose dead load, if it has one, has a ramp.
+    """Return an end with the ramp of its dead load, if there is a dead load.
 
-    A dead load that is there at once throws a thread of some milligrams through its holes at several metres a second;
-    at a start at rest it has been there before.
+    A sudden dead load accelerates a thread of a few milligrams through its holes to several metres per second.
+    At a start at rest the load has already acted.
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
@@ -439,22 +445,23 @@ def ramped(end: End, solve: Solve) -> End:
 
 
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
-    """Return the scenario of an organ on a mesh that is handed over, which has this digest. Raises `ScenarioError`."""
+    """Return the scenario with an organ on a given mesh with this digest. Raises `ScenarioError`."""
     if scenario.tissue is None:
         raise ScenarioError("mesh is refused: the scenario has no organ; add [tissue]")
     table = scenario.tissue.mesh
     if isinstance(table, GivenMesh) and table.sha256 not in (None, sha256):
-        reason = f"the mesh that is handed over has {sha256}; hand over the same, or leave sha256 out"
+        reason = f"the given mesh has {sha256}; give the same mesh, or leave sha256 out"
         raise ScenarioError(refusal("tissue.mesh.sha256", table.sha256, reason))
     mesh = GivenMesh(kind="given", sha256=sha256, accuracy=table.accuracy, bound=table.bound)
     return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
 
 def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float] = ()) -> Scenario:
-    """Return the scenario with the defaults that depend on all of it: ramps of dead loads [s] and, unless the resting
-    organ carries the thread along, rest length and abscissas [m].
+    """Return the scenario with the defaults that depend on several tables.
 
-    A piercing that begins later takes its abscissa, unless given, from where the thread is then.
+    These are the ramps of dead loads [s] and, unless the resting organ moves the thread, rest length and
+    abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the thread's position at
+    this time.
     """
     ends = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
     thread = scenario.thread.model_copy(update=ends)

@@ -7,8 +7,8 @@ from pydantic import model_validator
 
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, by_default, optional
 
-WHOLE = 1e-9  # of a step: a duration this near a whole number of steps is one
-MOST_STEPS = 100_000_000  # of a millisecond each, the least that one takes: more than a day
+WHOLE = 1e-9  # of a step: a duration this near to a whole number of steps counts as whole
+MOST_STEPS = 100_000_000  # at one millisecond each, the least time of a step: more than a day
 
 
 class Solve(ScenarioTable):
@@ -35,7 +35,7 @@ class Solve(ScenarioTable):
     organ: Literal["auto", "whole", "krylov"] = by_default(
         "auto",
         'solution of a linear organ with inertia: "whole" or in a "krylov" space; "auto": krylov '
-        "if it pays and no hole begins later",
+        "if it is faster and no hole begins later",
     )
     integrator: Literal["euler", "bdf2"] = by_default(
         "bdf2",
@@ -65,17 +65,17 @@ class Solve(ScenarioTable):
 
     @property
     def is_one_system(self) -> bool:
-        """Whether it goes in time by Newton's method, thread and organ in one system."""
+        """Whether time steps use Newton's method, with thread and organ in one system."""
         ways = (self.kind, self.scheme, self.coupling, self.friction)
         return ways == ("dynamic", "newton", "monolithic", "implicit")
 
     @property
     def steps(self) -> int:
-        """Steps, or load steps, to be taken."""
+        """Number of steps, or of load steps."""
         return self.load_steps if self.kind == "static" else ceil(self.duration / self.dt - WHOLE)
 
     def step_by(self, time: float) -> int:
-        """Number of the first step, or load step, that ends not before a time [s]."""
+        """Return the number of the first step, or load step, that ends at or after a time [s]."""
         return ceil(time / self.step - WHOLE)
 
     @property
@@ -85,44 +85,44 @@ class Solve(ScenarioTable):
 
     def _check_steps(self) -> None:
         if self.kind == "static" and self.load_steps > MOST_STEPS:
-            raise ValueError(f".load_steps = {self.load_steps} is refused: at most {MOST_STEPS} are taken; lower it")
+            raise ValueError(f".load_steps = {self.load_steps} is refused: at most {MOST_STEPS} are allowed; lower it")
         count = self.duration / self.dt
         if self.kind == "dynamic" and count > MOST_STEPS:
             raise ValueError(
-                f".dt = {self.dt} is refused: duration = {self.duration} takes {count:.3g} of them, and at most "
-                f"{MOST_STEPS} are taken; raise it to {self.duration / MOST_STEPS:.3g} or more, or shorten the duration"
+                f".dt = {self.dt} is refused: duration = {self.duration} takes {count:.3g} steps, and at most "
+                f"{MOST_STEPS} are allowed; use {self.duration / MOST_STEPS:.3g} or more, or shorten the duration"
             )
 
     def _check_method(self) -> None:
         if self.integrator == "bdf2" and (self.scheme == "linear" or self.friction == "two-pass"):
             raise ValueError(
-                '.integrator = "bdf2" is refused: the linear scheme and two-pass friction step by backward Euler; use '
+                '.integrator = "bdf2" is refused: the linear scheme and two-pass friction use backward Euler; use '
                 'integrator = "euler", or scheme = "newton" with friction = "implicit"'
             )
         if self.scheme == "linear" and self.kind == "static":
             raise ValueError(
-                '.scheme = "linear" is refused: solve.kind is static, an equilibrium and not a step in time; use '
+                '.scheme = "linear" is refused: solve.kind is static, and the linear scheme makes time steps; use '
                 'scheme = "newton" or kind = "dynamic"'
             )
         if self.friction == "two-pass" and (self.kind == "static" or self.integrator == "bdf2"):
             raise ValueError(
-                '.friction = "two-pass" is refused: it is a step in time of backward Euler; use friction = "implicit", '
+                '.friction = "two-pass" is refused: it makes time steps of backward Euler; use friction = "implicit", '
                 'or kind = "dynamic" with integrator = "euler"'
             )
         if self.start == "rest" and self.kind == "static":
             raise ValueError(
-                '.start = "rest" is refused: solve.kind is static, where every load step ends at rest; leave it out, '
+                '.start = "rest" is refused: solve.kind is static, so every load step ends at rest; leave it out, '
                 'or use kind = "dynamic"'
             )
         if self.tolerance is not None and not self.is_one_system:
             raise ValueError(
-                f".tolerance = {self.tolerance} is refused: it is of steps in time by Newton's method, thread and "
+                f".tolerance = {self.tolerance} is refused: it needs time steps by Newton's method, thread and "
                 'organ in one system; leave it out, or use kind = "dynamic" with scheme = "newton", coupling = '
                 '"monolithic" and friction = "implicit"'
             )
         if self.coupling == "staggered" and self.kind == "static":
             raise ValueError(
-                '.coupling = "staggered" is refused: solve.kind is static, where nothing moves from step to step; use '
+                '.coupling = "staggered" is refused: solve.kind is static, and staggering needs time steps; use '
                 'coupling = "monolithic" or kind = "dynamic"'
             )
 

@@ -1,8 +1,8 @@
 """The table of a stitch, `[[stitch]]`: it writes path, piercings, tracts, ties and cuts of a thread.
 
-A stitch is a row of bites. A bite goes down into the tissue through one hole and up through the next, along half an
-ellipse, as a curved needle does; strands on the surface join one bite to the next. In the plane of the surface, `along`
-the wound and across it from left to right, each kind is a list of bites (`bites_of`).
+A stitch is a row of bites. A bite goes down into the tissue through one hole and up through the next hole,
+along half an ellipse, like a curved needle. Strands on the surface join the bites. Each kind is a list of bites
+(`bites_of`) with coordinates along the wound and across it from left to right.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,13 +33,13 @@ from studies.scenario.table import (
 )
 from thread.path import rounded_path
 
-NEAR = 0.3  # of the bite and the depth of a vertical mattress stitch, of its bite next to the edges
-BENDS = 8  # of a bite: each turns the thread by 22.5°
-LIFT = 0.2  # of the bite: a strand on the surface is laid so far above it, about as long as its own arch
-KNOT = 0.4  # of the bite: the strands of a knot cross so far above the surface, and tails are as long
-UNTIL = 0.75  # of the run, in which a stitch is tied
+NEAR = 0.3  # of bite and depth of a vertical mattress stitch: its inner bite near the edges
+BENDS = 8  # per bite: each turns the thread by 22.5°
+LIFT = 0.2  # of the bite: height of a strand above the surface, for about the length of its natural arch
+KNOT = 0.4  # of the bite: height at which the strands of a knot cross, and length of the tails
+UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
-ROWS = ("running", "purse-string")  # kinds with a count of bites
+ROWS = ("running", "purse-string")  # kinds with a number of bites
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
 
 
@@ -62,7 +62,7 @@ class Stitch(ScenarioTable):
         examples=[[0, 0, 0]],
     )
     along: Vector | None = optional(
-        "direction of the wound [-], with its right side on the right seen from outside; "
+        "direction of the wound [-]; looking along it from outside, right is on the right; "
         "default: that of the mesh's wound, else y",
         [0, 1, 0],
     )
@@ -91,7 +91,7 @@ class Stitch(ScenarioTable):
         Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
     ) = optional(
         "radius of the tissue along the bites on which the thread bears [m]; false: at the holes "
-        "alone; default: the footprint",
+        "only; default: the footprint",
         1.0e-3,
     )
     friction: Friction | None = optional(
@@ -102,17 +102,17 @@ class Stitch(ScenarioTable):
     def _check(self) -> None:
         check_ending(self.from_, self.until)
         if self.kind not in ROWS and "count" in self.model_fields_set:
-            raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has its own; leave it out")
+            raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has a fixed count; leave it out")
         if self.kind == "running" and self.hold is not None:
             raise ValueError(f".hold = {self.hold} is refused: a running stitch has no tie; leave it out")
         for key, vector in (("normal", self.normal), ("along", self.along)):
             if vector is not None and not np.any(vector):
-                raise ValueError(f".{key} = {as_toml(vector)} is refused: it has no length; give a direction")
+                raise ValueError(f".{key} = {as_toml(vector)} is refused: it must not be zero; give a direction")
         if self.along is not None and np.linalg.norm(np.cross(unit(self.along), unit(self.normal))) < 1e-6:
-            raise ValueError(f".along = {as_toml(self.along)} is refused: it is the normal; give the wound's direction")
+            raise ValueError(f".along = {as_toml(self.along)} is refused: it is parallel to normal; give another")
         if self.kind == "purse-string" and self.count * 2.0 * self.mean >= 2.0 * pi * self.step:
             raise ValueError(
-                f".bite = {as_toml(self.bite)} is refused: {self.count} bites of twice that are longer than the circle "
+                f".bite = {as_toml(self.bite)} is refused: {self.count} bites of twice this length exceed the circle "
                 f"of radius {self.step:g} m; lower it or count, or raise pitch"
             )
 
@@ -132,13 +132,15 @@ class Stitch(ScenarioTable):
         return self.pitch or self.mean
 
     def locks(self, solve: Solve) -> float:
-        """Return the time at which it is locked [s], by default at the end of a step."""
+        """Return the time at which the stitch is locked [s], by default at the end of a step."""
         return self.until or min(ceil(UNTIL * solve.steps) * solve.step, solve.duration)
 
 
 class Bite(NamedTuple):
-    """A way through the tissue: `names` of its two holes, their places along and across the wound [m], and its depth
-    [m]."""
+    """A passage through the tissue.
+
+    It has the `names` of its two holes, their places along and across the wound [m], and its depth [m].
+    """
 
     names: tuple[str, str]
     first: tuple[float, float]
@@ -177,7 +179,7 @@ def bites_of(stitch: Stitch) -> list[Bite]:
 
 @dataclass(frozen=True)
 class Laid:
-    """A stitch on its wound: the thread's way through it."""
+    """A stitch on its wound, with the thread's path through it."""
 
     stitch: Stitch
     along: Array
@@ -190,17 +192,17 @@ class Laid:
         return np.array([along, np.cross(along, out), out])
 
     def place(self, where: tuple[float, float], height: float = 0.0) -> Array:
-        """Return the point at a place along and across the wound, and a height above it [m], `(3,)` [m]."""
+        """Return the point at a place along and across the wound, and a height above the surface [m], `(3,)` [m]."""
         return np.array(self.stitch.at) + np.array([*where, height]) @ self.frame
 
     @cached_property
     def bites(self) -> list[Bite]:
-        """Its bites."""
+        """The bites of the stitch."""
         return bites_of(self.stitch)
 
     @property
     def points(self) -> list[Array]:
-        """The points of its part of the path [m], from tail to tail."""
+        """The points of the stitch's part of the path [m], from tail to tail."""
         lift, first, last = LIFT * self.stitch.mean, self.bites[0].first, self.bites[-1].last
         inside: list[Array] = []
         for bite in self.bites:
@@ -209,8 +211,8 @@ class Laid:
         return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
 
     def deep(self, bite: Bite) -> list[Array]:
-        """Return the points of a bite below the surface [m]: corners of lines that touch half an ellipse, upright at
-        its holes."""
+        """Return the points of a bite below the surface [m]: corners of tangents to half an ellipse, vertical
+        at its holes."""
         (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
         turns = [(2 * k + 1) * half for k in range(BENDS)]
         ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
@@ -218,8 +220,11 @@ class Laid:
         return [self.place((x + w * (u - x), y + w * (v - y)), -d) for w, d in zip(ways, depths, strict=True)]
 
     def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
-        """Return the points of the tail at a hole [m]: those of two that are tied cross halfway between their holes,
-        one of a running stitch stands upright."""
+        """Return the points of the tail at a hole [m].
+
+        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch is
+        vertical.
+        """
         height = KNOT * self.stitch.mean
         if self.stitch.kind == "running":
             return [self.place(own, 2.0 * height)]
@@ -231,8 +236,11 @@ class Laid:
         return [self.place(end, 1.2 * height), self.place(knot, height)]
 
     def piercings(self, at_surface: bool, direction: bool, solve: Solve) -> Iterator[dict[str, Any]]:
-        """Yield the tables of its piercings; `at_surface`: their places are found on the surface, `direction`: normal
-        to it, else along the thread."""
+        """Yield the tables of the stitch's piercings.
+
+        `at_surface`: their places are found on the surface. `direction`: normal to the surface, else along the
+        thread.
+        """
         stitch, out = self.stitch, self.frame[2]
         friction = {} if stitch.friction is None else {"friction": stitch.friction.model_dump(exclude_unset=True)}
         for bite in self.bites:
@@ -245,8 +253,10 @@ class Laid:
                 yield table | held | ({} if held.get("kind") == "anchored" else friction)
 
     def hand(self, name: str, solve: Solve) -> dict[str, Any]:
-        """Return the keys of what holds a running stitch at a hole: it is fixed at its first, and at its last a hand
-        draws it and then holds it."""
+        """Return the keys that hold a running stitch at a hole.
+
+        Its first hole is anchored. At its last hole a hand draws the thread and then holds it.
+        """
         stitch, locks = self.stitch, self.stitch.locks(solve)
         if name == self.bites[0].names[0]:
             return {"kind": "anchored"}
@@ -256,7 +266,7 @@ class Laid:
         return {"pull": [[stitch.from_, 0.0], [locks, stitch.force]]} | held
 
     def tracts(self) -> list[dict[str, Any]]:
-        """Return the tables of its tracts."""
+        """Return the tables of the stitch's tracts."""
         stitch = self.stitch
         if stitch.tract is False:
             return []
@@ -269,7 +279,7 @@ class Laid:
         return [{"between": [f"{stitch.name}.{name}" for name in bite.names]} | own for bite in self.bites]
 
     def ties(self, solve: Solve) -> list[dict[str, Any]]:
-        """Return the table of its tie."""
+        """Return the table of the stitch's tie, in a list."""
         stitch, names = self.stitch, [self.bites[0].names[0], self.bites[-1].names[1]]
         if stitch.kind == "running":
             return []
@@ -279,9 +289,11 @@ class Laid:
 
 
 def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scenario with those that its stitches stand for in their place: one thread through all of
-    them, cut between two. Raises `ValidationError` where a stitch or `[solve]` is refused, and `ValueError` where the
-    scenario has tables of its own for what they write."""
+    """Return the tables of a scenario with path, piercings, tracts, ties and cuts instead of stitches.
+
+    One thread runs through all stitches and is cut between two stitches. Raises `ValidationError` if a stitch
+    or `[solve]` is refused, and `ValueError` if the scenario also has tables that its stitches write.
+    """
     stitches = [Stitch.model_validate(table) for table in data.get("stitch", ())]
     if not stitches:
         return dict(data)
@@ -292,7 +304,7 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     owned += [(key, "") for key in ("piercing", "tract") if data.get(key)]
     if owned:
         key = ".".join(filter(None, owned[0]))
-        reason = "[[stitch]] writes it; leave it out, or take the long form, which suture check --write shows"
+        reason = "[[stitch]] writes it; leave it out, or use the long form of suture check --write"
         raise ValueError(f"{key} is refused: {reason}")
     mesh = organ.get("mesh") if isinstance(organ, Mapping) else None
     mesh = mesh if isinstance(mesh, Mapping) else {}
@@ -312,10 +324,10 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def unit(vector: Sequence[float] | Array) -> Array:
-    """Return a vector of length one."""
+    """Return the vector scaled to length one."""
     return np.asarray(vector, dtype=float) / np.linalg.norm(vector)
 
 
 def rounded(point: Array) -> list[float]:
-    """Return the numbers of a point without the round-off of its frame, to a picometre."""
+    """Return the coordinates of a point rounded to a picometre, without the round-off of the frame."""
     return [round(value, 12) + 0.0 for value in point.tolist()]

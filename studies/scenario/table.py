@@ -1,4 +1,4 @@
-"""A table of a scenario: the kinds of values it holds, and how it is refused."""
+"""A table of a scenario: the kinds of its values, and its refusals."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from studies.scenario.refusal import as_toml, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
-MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # that are told of one scenario, and characters of each
+MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # shown for one scenario, and characters of each
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
@@ -26,7 +26,7 @@ Turn = tuple[Number, Number]
 
 
 class ScenarioError(ValueError):
-    """A scenario that is refused; ``problems`` holds one sentence for each fault, of the first of very many."""
+    """A scenario that is refused; ``problems`` holds one sentence for each of the first faults."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
         told = [problems] if isinstance(problems, str) else list(problems)
@@ -36,7 +36,7 @@ class ScenarioError(ValueError):
 
 
 def plain_values(value: Any) -> Any:
-    """Return tables, lists and numbers as a file has them: those of numpy as Python's own."""
+    """Return tables, lists and numbers as in a file, with Python's numbers instead of numpy's."""
     match value:
         case Mapping():
             return {str(key): plain_values(item) for key, item in value.items()}
@@ -49,7 +49,7 @@ def plain_values(value: Any) -> Any:
 
 
 def one_sentence(allowed: str) -> WrapValidator:
-    """Refuse a value by one sentence instead of one for each member of a union."""
+    """Return a validator that refuses a value by one sentence instead of one for each member of a union."""
 
     def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
         try:
@@ -61,7 +61,7 @@ def one_sentence(allowed: str) -> WrapValidator:
 
 
 def _check_shares(series: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    """Refuse a Prony series of which nothing would be left."""
+    """Return a Prony series, or refuse a series whose shares leave no stiffness."""
     if sum(share for share, _ in series) >= 1.0:
         raise ValueError("the shares add up to one or more")
     return series
@@ -70,17 +70,20 @@ def _check_shares(series: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
 Series = Annotated[
     tuple[tuple[Positive, Positive], ...],
     AfterValidator(_check_shares),
-    one_sentence("rows [share, time in s] with positive numbers and a sum of shares below 1, as [[0.3, 5.0]]"),
+    one_sentence("rows [share, time in s] with positive numbers and a sum of shares below 1, for example [[0.3, 5.0]]"),
 ]
 
 
-SUBGRID = {"subgrid": "cells are refined where holes are; leave it out, and give tissue.mesh.accuracy"}
+SUBGRID = {"subgrid": "cells at holes are refined; leave it out, and give tissue.mesh.accuracy"}
 
 
 class ScenarioTable(BaseModel):
-    """A table of the scenario: frozen, no unknown keys. Keys of earlier versions, `FORMER`, are refused with what takes
-    their place. Methods `_check…` refuse what is impossible: they are called once the table is made, in the order of
-    their definition, those of the classes above first."""
+    """A table of the scenario: frozen, without unknown keys.
+
+    Keys of earlier versions, `FORMER`, are refused with their replacement. Methods `_check…` refuse impossible
+    values. They are called after the table is made, in the order of their definition, and first those of base
+    classes.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
     FORMER: ClassVar[Mapping[str, str]] = {}
@@ -102,17 +105,17 @@ class ScenarioTable(BaseModel):
 
 @cache
 def checks_of(table: type[ScenarioTable]) -> list[str]:
-    """Return the names of a table's methods that refuse what is impossible, in the order of their definition."""
+    """Return the names of a table's checks in the order of their definition."""
     kinds = [kind for kind in reversed(table.__mro__) if issubclass(kind, ScenarioTable)]
     return [name for name in dict.fromkeys(name for kind in kinds for name in vars(kind)) if name.startswith("_check")]
 
 
 def by_default(default: Any, description: str, *examples: Any) -> Any:
-    """Declare a key that may be left out, with its default, its description and examples of its value."""
+    """Return a key that can be left out, with its default, its description and examples of its value."""
     return Field(default=default, description=description, examples=list(examples) or None)
 
 
-optional = partial(by_default, None)  # a key that is None if it is left out
+optional = partial(by_default, None)  # a key that is None if left out
 
 
 def check_ending(begins: float, until: float | None) -> None:
@@ -127,7 +130,7 @@ def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
         if after <= before:
             raise ValueError(
                 f".{key}.{row} = {as_toml(rows[row])} is refused: "
-                f"its time must be later than {before} s, the one before it; sort them by time"
+                f"its time must be later than {before} s in the row before; sort the rows by time"
             )
 
 

@@ -23,7 +23,7 @@ class Tie(ScenarioTable):
 
     name: Text = Field(description="name of the tie", examples=["knot1"])
     between: tuple[Text, Text] = Field(
-        description="names of two piercings; their outer strands are joined where these strands are nearest",
+        description="names of two piercings; their outer strands are joined at their nearest points",
         examples=[["left1", "right1"]],
     )
     force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
@@ -47,7 +47,7 @@ class Tie(ScenarioTable):
 
     def _check(self) -> None:
         if self.between[0] == self.between[1]:
-            raise ValueError(f".between = {as_toml(self.between)} is refused: a loop goes through two holes; name two")
+            raise ValueError(f".between = {as_toml(self.between)} is refused: a loop has two holes; name two")
         check_ending(self.from_, self.until)
         if self.ramp is not None and self.ramp > self.until - self.from_:
             raise ValueError(
@@ -67,17 +67,17 @@ def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:
         if lost is not None:
             like = nearest(lost, known)
             guess = f", did you mean {as_toml(like)}" if like else ""
-            return refusal(key, tie.between, f"there is no piercing {as_toml(lost)}{guess}; name two that there are")
+            return refusal(key, tie.between, f"there is no piercing {as_toml(lost)}{guess}; name existing ones")
         if pairs[k] in pairs[:k]:
             other = ties[pairs.index(pairs[k])].name
-            return refusal(key, tie.between, f"tie {as_toml(other)} joins these strands already; leave one out")
+            return refusal(key, tie.between, f"tie {as_toml(other)} already joins these strands; leave out one of them")
         late = next((known[name] for name in tie.between if not is_there(known[name], tie.from_)), None)
         if late is not None:
-            reason = f"the thread is not in piercing {as_toml(late.name)} then; let the tie begin while it is"
+            reason = f"the thread is not in piercing {as_toml(late.name)} at this time; begin the tie while it is"
             return refusal(dotted_key(["tie", tie.name, "from"]), tie.from_, reason)
     return None
 
 
 def is_there(hole: Piercing, time: float) -> bool:
-    """Return whether the thread is in a hole at a time [s], unless it has slid out."""
+    """Return whether a hole exists at a time [s]; a thread that has slid out is not considered."""
     return hole.from_ <= time and (hole.until is None or time < hole.until)

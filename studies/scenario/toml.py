@@ -20,19 +20,21 @@ from studies.scenario.scenario import Scenario, parse
 from studies.scenario.stitch import long_form
 from studies.scenario.table import ScenarioError, plain_values
 
-LIST = re.compile(r"\[\n((?:[^\[\]\n]+,\n)+) *\]")  # of numbers or words, as tomli_w writes it
-SCENES = Path(__file__).parent / "scenes"  # scenarios that come with the package
+LIST = re.compile(r"\[\n((?:[^\[\]\n]+,\n)+) *\]")  # of numbers or words, in the format of tomli_w
+SCENES = Path(__file__).parent / "scenes"  # scenarios shipped with the package
 
 
 def load(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
-    """Read a scenario from a file, from a shipped scene by its name, or from its tables; each override is
-    ``dotted.key=value`` with the value in TOML."""
+    """Return a scenario from a file, from a shipped scene by its name, or from its tables.
+
+    Each override is ``dotted.key=value`` with the value in TOML.
+    """
     return parsed(read(source, overrides))
 
 
 def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Read the tables of a scenario as `load` does, without validating them; a mesh file and a folder of bases are
-    named by their full paths."""
+    """Return the tables of a scenario like `load`, without validation, and with full paths of a mesh file and a
+    folder of bases."""
     if isinstance(source, Mapping):
         data, folder = deepcopy(dict(source)), Path()
     else:
@@ -47,15 +49,14 @@ def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) 
 
 
 def written(path: Path | str, overrides: Sequence[str] = ()) -> str:
-    """Write the scenario of a file in TOML, with path, piercings, tracts, ties and cuts in the place of its stitches,
-    and no default written out."""
+    """Return the scenario of a file in TOML, with the long form of its stitches and without defaults."""
     data = read(path, overrides)
     parsed(data)
     return compact(tomli_w.dumps(long_form(data)))
 
 
 def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a scenario's tables with keys set, each by its dotted name. Raises `ScenarioError`."""
+    """Return a copy of a scenario's tables with keys set by their dotted names. Raises `ScenarioError`."""
     copy = deepcopy(dict(data))
     for key, value in plain_values(values).items():
         text = f"{key}={as_toml(value)}"
@@ -64,7 +65,7 @@ def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any
 
 
 def parsed(data: Mapping[str, Any]) -> Scenario:
-    """Validate a scenario given as tables, and that its mesh file is there. Raises `ScenarioError`."""
+    """Validate a scenario given as tables, and the existence of its mesh file. Raises `ScenarioError`."""
     tissue = data.get("tissue")
     mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
     lost = file_faults(mesh.get("path")) if isinstance(mesh, dict) and mesh.get("kind") == "file" else []
@@ -83,22 +84,24 @@ def scenes() -> list[str]:
 
 
 def scenario_file(path: Path | str) -> Path:
-    """Return the file of a scenario: `path` if it is a file, else the shipped scene of that name. Raises
-    `ScenarioError` for any other argument."""
+    """Return the file of a scenario: `path` if it is a file, else the shipped scene of this name.
+
+    Raises `ScenarioError` for any other argument.
+    """
     if not isinstance(path, str | PathLike):
-        raise ScenarioError(f"{path!r} is refused: it names no scenario; give the path of a file, or a shipped scene")
+        raise ScenarioError(f"{path!r} is refused: it is no path; give the path of a file, or a shipped scene")
     path = Path(path)
     return SCENES / f"{path}.toml" if str(path) in scenes() and not path.is_file() else path
 
 
 def tables(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as plain tables with every default, without missing values."""
+    """Return the scenario as plain tables with every default; keys that are None are left out."""
     plain = scenario.model_dump(mode="json", by_alias=True, exclude_none=True)
     return {key: _kind_first(value) for key, value in plain.items()}
 
 
 def _kind_first(value: Any) -> Any:
-    """Return the same tables with ``kind`` as the first key, as one would write them."""
+    """Return the same tables with ``kind`` as the first key, for readability."""
     match value:
         case dict():
             first = {"kind": value["kind"]} if "kind" in value and "name" not in value else {}
@@ -110,7 +113,7 @@ def _kind_first(value: Any) -> Any:
 
 
 def dump(scenario: Scenario) -> str:
-    """Write the scenario in TOML, every default written out; it reads back to an equal scenario."""
+    """Return the scenario in TOML with every default; the text reads back to an equal scenario."""
     return compact(tomli_w.dumps(tables(scenario)))
 
 
@@ -122,14 +125,14 @@ def compact(text: str) -> str:
 
 
 def mesh_file(scenario: Scenario) -> Path | None:
-    """Return the mesh file that the scenario names, None if it names none."""
+    """Return the mesh file of the scenario, None without a mesh file."""
     if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
         return None
     return Path(scenario.tissue.mesh.path)
 
 
 def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
-    """Return the scenario with another mesh file; unchanged if it has none."""
+    """Return the scenario with another mesh file; unchanged without a mesh file."""
     if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
         return scenario
     mesh = scenario.tissue.mesh.model_copy(update={"path": path})
@@ -138,11 +141,11 @@ def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows write a mark first
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows editors can write a byte-order mark
     except FileNotFoundError:
         near = nearest(path.name, scenes())
-        meant = f"the scene nearest to it is {near}; " if near else ""
-        remedy = f"give the path of a scenario file (.toml), or a scene that is shipped: {', '.join(scenes())}"
+        meant = f"the scene with the nearest name is {near}; " if near else ""
+        remedy = f"give the path of a scenario file (.toml), or a shipped scene: {', '.join(scenes())}"
         raise ScenarioError(f"{path} does not exist; {meant}{remedy}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(
@@ -152,13 +155,15 @@ def _read(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path} cannot be read ({error.strerror}); give a readable scenario file") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path} is not valid TOML: {error}; correct that line") from None
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits, tables of hundreds of levels
+    except (ValueError, RecursionError) as error:  # a number of thousands of digits, or tables with hundreds of levels
         raise ScenarioError(f"{path} cannot be read as TOML: {error}; no scenario needs that") from None
 
 
 def _set(table: Any, parts: Sequence[str], value: Any, text: str, parents: tuple[str, ...] = ()) -> None:
-    """Set one key of a table in place, in every entry of a list of tables where none is named; `text` is the override,
-    `parents` the parts of the table's own name."""
+    """Set one key of a table in place; without an entry's name, in every entry of a list of tables.
+
+    `text` is the override, `parents` are the parts of the table's name.
+    """
     part, *rest = parts
     if isinstance(table, list):
         if part in keys_of_entries(parents) and part not in map(_name, table):
@@ -179,7 +184,7 @@ def _set(table: Any, parts: Sequence[str], value: Any, text: str, parents: tuple
 
 
 def keys_of_entries(parents: Sequence[str]) -> set[str]:
-    """Return the keys of the tables in a list of the scenario, none for other places."""
+    """Return the keys of the tables in a list of the scenario; empty for other places."""
     field = Scenario.model_fields.get(parents[0]) if len(parents) == 1 else None
     entry = next(iter(get_args(field.annotation)), None) if field else None
     fields = getattr(entry, "model_fields", {})
@@ -187,7 +192,7 @@ def keys_of_entries(parents: Sequence[str]) -> set[str]:
 
 
 def _name(entry: Any) -> Any:
-    """Return the name of an entry of a list, None if it has none."""
+    """Return the name of an entry of a list, None without a name."""
     return entry.get("name") if isinstance(entry, dict) else None
 
 
@@ -208,7 +213,7 @@ def override_key(text: str) -> list[str]:
 
 
 def _override_value(text: str) -> Any:
-    """Read the value in TOML; bare words are a string, because a shell takes the quotes away."""
+    """Return the value from TOML; bare words are a string, because a shell removes quotes."""
     key, _, value = text.partition("=")
     try:
         return tomllib.loads(f"value = {value}")["value"]
@@ -237,17 +242,17 @@ def _make_paths_absolute(data: dict[str, Any], folder: Path) -> None:
     for name, key in (("mesh", "path"), ("reduction", "keep")):
         table = tissue.get(name) if isinstance(tissue, dict) else None
         if isinstance(table, dict) and isinstance(path := table.get(key), str) and path:
-            with suppress(OSError, ValueError, RuntimeError):  # what is no path, or leads in a circle, is refused later
+            with suppress(OSError, ValueError, RuntimeError):  # an impossible or circular path is refused later
                 table[key] = str((folder / path).resolve())
 
 
 def file_faults(path: Any) -> list[str]:
-    """Describe why there is no mesh to be read from a path."""
+    """Return the reasons why a path has no readable mesh."""
     if not isinstance(path, str) or not path:
         return []
     try:
         size = Path(path).stat().st_size if Path(path).is_file() else None
-    except (OSError, ValueError) as error:  # a name too long, or one with a null in it
+    except (OSError, ValueError) as error:  # a name that is too long, or contains a null
         return [refusal("tissue.mesh.path", path, f"it cannot be read ({error}); give another path")]
     if size is None:
         problem = "there is no such file; give the path relative to the scenario file"

@@ -1,4 +1,4 @@
-"""The table of a tract, `[[tract]]`: where the thread bears on the tissue across itself between two holes."""
+"""The table of a tract, `[[tract]]`: the thread bears laterally on the tissue between two holes."""
 
 from collections.abc import Sequence
 
@@ -31,20 +31,23 @@ class Tract(ScenarioTable):
 
     @property
     def name(self) -> str:
-        """Name of the tract, made of those of its holes."""
+        """Name of the tract, made of the names of its holes."""
         return "-".join(self.between)
 
 
 def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: bool, scheme: str) -> None:
-    """Refuse a tract between holes that do not follow one another, between two for the second time, without an organ,
-    by the paper's linear step, of balls without a radius, and of holes that begin later or end."""
+    """Refuse a tract that is impossible.
+
+    Its holes must be neighbours along the thread, without a second tract, permanent, and with a radius. It
+    needs an organ and must not use the paper's linear step.
+    """
     names = [hole.name for hole in holes]
     for k, tract in enumerate(tracts):
         key, between = f"tract.{k}.between", tract.between
         if not in_organ:
-            raise ScenarioError(refusal(key, between, "without [tissue] there is none to bear on; add [tissue]"))
+            raise ScenarioError(refusal(key, between, "without [tissue] the thread bears on nothing; add [tissue]"))
         if scheme == "linear":
-            reason = 'the paper\'s linear step knows openings alone; use solve.scheme = "newton"'
+            reason = 'the paper\'s linear step has no tracts; use solve.scheme = "newton"'
             raise ScenarioError(refusal(key, between, reason))
         if lost := next((name for name in between if name not in names), None):
             known = ", ".join(map(repr, names)) or "none"
@@ -52,17 +55,15 @@ def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: b
         first, second = (names.index(name) for name in between)
         if second != first + 1:
             follows = f"; after {names[first]!r} it passes {names[first + 1]!r}" if first + 1 < len(names) else ""
-            reason = (
-                f"the thread does not pass {between[1]!r} right after {between[0]!r}{follows}; name two that follow"
-            )
+            reason = f"the thread does not pass {between[1]!r} right after {between[0]!r}{follows}; name neighbours"
             raise ScenarioError(refusal(key, between, reason))
         if any(tract.between == other.between for other in tracts[:k]):
-            raise ScenarioError(refusal(key, between, "there is a tract between them already; leave one out"))
+            raise ScenarioError(refusal(key, between, "there are two tracts between them; leave out one"))
         ends = holes[first : second + 1]
         passing = next((hole for hole in ends if hole.from_ > 0.0 or hole.until is not None), None)
         if passing is not None:
-            reason = f"{dotted_key(['piercing', passing.name])} begins later or ends, and a tract stays; leave it out"
+            reason = f"{dotted_key(['piercing', passing.name])} begins later or ends, but a tract stays; leave it out"
             raise ScenarioError(refusal(key, between, reason))
         if tract.radius is None and not min(hole.footprint for hole in ends):
-            reason = f"a footprint of them is 0, and a tract's balls need a radius; give tract.{k}.radius"
+            reason = f"one of the footprints is 0, and a tract's balls need a radius; give tract.{k}.radius"
             raise ScenarioError(refusal(key, between, reason))

@@ -206,7 +206,7 @@ def test_other_ways_refuse_what_is_drawn() -> None:
     simulation = prepare(Scenario.model_validate(STITCH))
     with pytest.raises(CouplingError, match="draws no thread by hand"):
         linear_step(simulation.assembly.system, simulation.start, 1e-3)
-    with pytest.raises(ValueError, match=r"knows no piercing\.left\.draw"):
+    with pytest.raises(ValueError, match=r"cannot use piercing\.left\.draw"):
         changed(STITCH, scheme="linear", friction="two-pass")
     with pytest.raises(CouplingError, match="give two rows"):
         Piercing("hole", draw=np.array([[0.0, 0.0]]))

@@ -123,21 +123,21 @@ def test_a_hole_that_ends_lets_go() -> None:
         ),
         (
             {"kind": "sliding", "draw": [[0.5, 0], [2, 1e-3]]},
-            r"right\.pull = .*draw has the thread from 0\.5 to 2\.0 s",
+            r"right\.pull = .*draw holds the thread from 0\.5 to 2\.0 s",
         ),
         ({"draw": [[0, 0.0]]}, r"right\.pull is refused.*leave out draw or pull"),
-        ({"pull": [[0, 0.1], [0.5], [1, 0.1]]}, r"right\.pull\.1 = \[0\.5\].*a hand always has an anchored thread"),
-        ({"kind": "sliding", "pull": [[0.5], [1, 0.1]]}, r"right\.pull\.0 = \[0\.5\].*no hand has the thread"),
-        ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [0.6], [1, 0.1]]}, r"right\.pull\.2.*no hand has the thread"),
+        ({"pull": [[0, 0.1], [0.5], [1, 0.1]]}, r"right\.pull\.1 = \[0\.5\].*a hand always holds an anchored thread"),
+        ({"kind": "sliding", "pull": [[0.5], [1, 0.1]]}, r"right\.pull\.0 = \[0\.5\].*no hand holds the thread"),
+        ({"kind": "sliding", "pull": [[0, 1.0], [0.5], [0.6], [1, 0.1]]}, r"right\.pull\.2.*no hand holds the thread"),
         (
             {"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0.1]]},
             r"right\.pull\.2 = \[1.0, 0.1\] is refused.*two rows",
         ),
         (
             {"kind": "sliding", "pull": [[0, 1.0], [0.5], [1, 0], [2, 1]], "draw": [[0.5, 0], [1.5, 1e-3]]},
-            r"right\.pull = .*draw has the thread from 0\.5 to 1\.5 s",
+            r"right\.pull = .*draw holds the thread from 0\.5 to 1\.5 s",
         ),
-        ({"pull": [[0, 0.1, 3]]}, r"right\.pull\.0 = \[0, 0\.1, 3\].*\[t\] alone where the hand lets go"),
+        ({"pull": [[0, 0.1, 3]]}, r"right\.pull\.0 = \[0, 0\.1, 3\].*\[t\] alone to let go"),
         ({"pull": [[1, 0.0], [0.5, 1e-3]]}, r"right\.pull\.1.*must be later than 1\.0 s"),
         ({"friction": {"static": 0.1, "kinetic": 0.1}}, r"right\.friction is refused"),
     ],
@@ -155,7 +155,7 @@ def test_other_ways_refuse_a_pull() -> None:
     not draw meanwhile."""
     table = pulled(STITCH, [[0.0, 0.0], [1.0, 0.1]])
     table["solve"] |= {"scheme": "linear", "friction": "two-pass"}
-    with pytest.raises(ValueError, match=r"knows no piercing\.right\.pull"):
+    with pytest.raises(ValueError, match=r"cannot use piercing\.right\.pull"):
         Scenario.model_validate(table)
     rows = np.array([[0.0, 0.0]])
     with pytest.raises(CouplingError, match="no friction"):
@@ -297,7 +297,7 @@ def test_a_hand_that_no_load_step_begins_with_is_refused() -> None:
         if fits:
             Scenario.model_validate(table)
         else:
-            with pytest.raises(ValueError, match=r"piercing\.ring\.draw = .*none ends at 0\.25 s"):
+            with pytest.raises(ValueError, match=r"piercing\.ring\.draw = .*no load step ends at 0\.25 s"):
                 Scenario.model_validate(table)
     table["solve"] = {"dt": 3e-2, "duration": 1.0}
     ring["draw"] = [[0.25, 0.0], [0.75, 1e-4]]

@@ -78,7 +78,7 @@ def test_bounds_are_of_an_isotropic_linear_organ() -> None:
     bound = {"tissue.mesh.bound": True}
     with pytest.raises(ScenarioError, match=r"tissue\.mesh\.bound = true is refused: material is neo-hookean"):
         parse(changed(FITTED, bound | {"tissue.material": "neo-hookean"}))
-    with pytest.raises(ScenarioError, match=r"tissue\.mesh\.bound = true is refused: bounds are those of"):
+    with pytest.raises(ScenarioError, match=r"tissue\.mesh\.bound = true is refused: bounds need"):
         fitted(ORGAN, bound, stiffness=lambda body: body.K)
 
 

@@ -98,7 +98,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
         lambda: parse(changed(BARE, {"thread": {1: 2}})),
         r"thread\.1 = 2 is refused: there is no",
     ),
-    "a number for a name": (lambda: load(5), "5 is refused: it names no scenario"),  # type: ignore[arg-type]
+    "a number for a name": (lambda: load(5), "5 is refused: it is no path"),  # type: ignore[arg-type]
     "a number for a folder": (lambda: suturefem.open_run(5), "5 is refused: it is no path"),  # type: ignore[arg-type]
     "a number for a suture": (lambda: suture(5), "suture = 5 is no name"),  # type: ignore[arg-type]
     **{
@@ -159,11 +159,11 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
     "a sweep of nothing": (lambda: sweep(None, {"solve.dt": [1e-3]}, "none"), "None is refused"),  # type: ignore[arg-type]
     "no direction": (
         lambda: parse(changed(BARE, {"piercing.0.direction": [0, 0, -1e-300]})),
-        r"direction = \[0, 0, -1e-300\] is refused: it must not be zero, nor so short",
+        r"direction = \[0, 0, -1e-300\] is refused: it must not be zero, or too short",
     ),
     "a footprint of a nanometre": (
         lambda: parse(changed(BARE, {"piercing.0.footprint": 1e-9})),
-        "less than a micrometre",
+        "below a micrometre",
     ),
     "five times the path": (
         lambda: suturefem.prepare(parse(changed(BARE, {"thread.length": 1.0}))),

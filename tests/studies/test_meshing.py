@@ -203,7 +203,7 @@ def refusal(case: Callable[[], Scenario]) -> str:
             lambda: scenario(BLOCK, ({**EXIT, "at": [0.03, 0.01, 0], "footprint": 0.0},)),
         ),
         ("touches a clamped", lambda: scenario(BLOCK, (ENTRY, EXIT), clamp=["top"])),
-        ("nearer than their footprints", lambda: scenario(BLOCK, (ENTRY, {**EXIT, "at": [-0.0035, 0, 0]}))),
+        ("less than both footprints", lambda: scenario(BLOCK, (ENTRY, {**EXIT, "at": [-0.0035, 0, 0]}))),
         ("across the slit", lambda: scenario(SLIT, (ENTRY, {**EXIT, "at": [0.0008, 0, 0]}), clamp=["bottom"])),
         ("across the slit", lambda: scenario(SLIT, (ENTRY, {**EXIT, "at": [0.0, 0.0105, 0]}), clamp=["bottom"])),
         (

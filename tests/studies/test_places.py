@@ -183,16 +183,16 @@ def load_of(found: Scenario) -> object:
         ),
         ("does not meet the organ", BLOCK, {"near": [0.1, 0.0, 0.003], "along": [0.0, 0.0, 1.0]}),
         (
-            'piercing.entry.at = "surface" is refused: near leads to [0.0295, 0.0, 0.0] m on the surface, and a sharp '
+            'piercing.entry.at = "surface" is refused: near gives [0.0295, 0.0, 0.0] m on the surface, and a sharp '
             "edge of the organ is 0.0005 m from it, within its footprint of 0.001 m",
             BLOCK,
             {"near": [0.0295, 0.0, 0.003]},
         ),
-        ("near leads to [0.03, 0.0, 0.0] m on the surface", BLOCK, {"near": [0.04, 0.0, 0.003]}),
+        ("near gives [0.03, 0.0, 0.0] m on the surface", BLOCK, {"near": [0.04, 0.0, 0.003]}),
         ("near is missing", BLOCK, {"near": None}),
         ('at = "skin" is refused', BLOCK, {"at": "skin"}),
         ("along = [0, 0, 0] is refused", BLOCK, {"along": [0.0, 0.0, 0.0]}),
-        ("there is no point that its line goes through", BLOCK, {"at": [0, 0, 0], "near": None, "along": [1, 0, 0]}),
+        ("its line needs a point", BLOCK, {"at": [0, 0, 0], "near": None, "along": [1, 0, 0]}),
         ("without [tissue] there is no surface", None, {}),
     ],
 )  # fmt: skip
@@ -211,7 +211,5 @@ def test_holes_that_land_on_one_another_are_refused() -> None:
     exit_ = {**ABOVE, "name": "exit", "near": [-0.0035, 0.001, 0.02], "along": [0.0, 0.0, -1.0]}
     asked = scenario(BLOCK, ABOVE, exit_)
     check_apart([hole.model_copy(update={"at": hole.near}) for hole in asked.piercing])
-    with pytest.raises(
-        ScenarioError, match=r"near leads to \[-0.0035, 0.001, 0.0\] m on the surface, and it is 0.0015 m"
-    ):
+    with pytest.raises(ScenarioError, match=r"near gives \[-0.0035, 0.001, 0.0\] m on the surface, and it is 0.0015 m"):
         with_places(asked, Unshared())

@@ -150,9 +150,9 @@ def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.Captur
     [
         ({"bite": 0.0}, r"stitch\.first\.bite = 0\.0 is refused"),
         ({"kind": "singel"}, r'nearest is "single"'),
-        ({"count": 3}, r"count = 3 is refused: a single stitch has its own"),
-        ({"along": [0, 0, 1]}, r"along = .*it is the normal"),
-        ({"normal": [0, 0, 0]}, r"normal = .*no length"),
+        ({"count": 3}, r"count = 3 is refused: a single stitch has a fixed count"),
+        ({"along": [0, 0, 1]}, r"along = .*it is parallel to normal"),
+        ({"normal": [0, 0, 0]}, r"normal = .*must not be zero"),
         ({"from": 0.5, "until": 0.4}, r"until = 0\.4 is refused: it must be later than from"),
         ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a running stitch has no tie"),
         ({"kind": "purse-string", "pitch": 5e-3, "count": 6}, r"bite = 0\.005 is refused: 6 bites"),

@@ -196,5 +196,5 @@ def test_refusals(change: dict[str, Any], words: str) -> None:
 
 def test_the_linear_step_refuses_cuts() -> None:
     """Independent check: the paper's linear step is not asked for what it was not made for."""
-    with pytest.raises(ValueError, match=r"knows no thread\.cuts"):
+    with pytest.raises(ValueError, match=r"cannot use thread\.cuts"):
         scenario(LEFT, RIGHT, scheme="linear", friction="two-pass")
