@@ -1,10 +1,10 @@
 """Estimates of the displacement and turn of a scenario's holes, before the first step.
 
-The thread is taken as taut from hole to hole and free of friction, or as slack in arcs; each hole as a footprint on a
-half-space, wider where its cells are coarse. Of 138 random scenarios (`studies.campaign.generator`, seeds 21 and 22, on
-which the estimate was made) 99 in 100 of those whose run left the linear range, or passed the suture's strength, are
-found so, and 89 in 100 of those found did. Of a thread in pieces the loops of ties alone are judged: its strands end
-at cuts.
+Each strand is either taut between holes, without friction, or slack in an arc. Each hole is a footprint on a
+half-space, larger if its cells are coarse. The estimate was made on 138 random scenarios
+(`studies.campaign.generator`, seeds 21 and 22). It finds 99 % of the runs that left the linear range or
+exceeded the suture's strength, and 89 % of the found runs did so. For a thread in pieces only the loops of ties
+are judged, because its strands end at cuts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,23 +22,25 @@ from thread.catalogue import Section
 from thread.path import RoundedPath
 
 MOVES = (
-    0.659  # ∫ (8 J₂(x)/x²)²/π dx: a half-space yields to a parabolic weight by (1 + ν)(1 − ν/2) of it times F/(E a),
+    0.659  # ∫ (8 J₂(x)/x²)²/π dx: a half-space under a parabolic weight yields by (1 + ν)(1 − ν/2) F/(E a) times this,
 )
-# to a uniform one by a fifth less
+# and under a uniform weight by a fifth less
 TURNS = 0.75  # of (1 − ν²) M/(E a³): turn of a rigid disc on a half-space (Johnson, Contact Mechanics, 1985)
-HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: as far as one node's share of a force reaches
-ESTIMATED = f"an estimate, said from {EARLY:.0%} of that on"
-BENT = 2.0  # of EI θ/ℓ: couple of a slack strand of the length ℓ, an arc that is turned by θ at both ends
-STRAIGHT = 1e-9  # sine of an angle: round-off of directions is 1e-16
+HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: reach of one node's share of a force
+ESTIMATED = f"an estimate, reported from {EARLY:.0%} of this limit"
+BENT = 2.0  # times EI θ/ℓ: couple of a slack strand of length ℓ, an arc turned by θ at both ends
+STRAIGHT = 1e-9  # sine of an angle, above the round-off of directions, 1e-16
 MILLI = 1e-3
 
 
 def demanding(
     scenario: Scenario, section: Section, path: RoundedPath, s: Array, E: Array, radii: Array, strength: float | None
 ) -> list[Remark]:
-    """Return remarks on the predicted displacement and turn of holes at the abscissae `s` (p,) of the `path` [m] that
-    bear within `radii` (p,) [m] on tissue of E (p,) [Pa], infinite without an organ; and on loads above the thread's
-    `strength` [N], None if unknown."""
+    """Return remarks on the predicted displacement and turn of holes, and on loads above the thread's strength.
+
+    The holes are at the abscissae `s` (p,) of the `path` [m]. They bear within `radii` (p,) [m] on tissue of
+    modulus E (p,) [Pa], infinite without an organ. `strength` is the thread's strength [N], None if unknown.
+    """
     holes, length = scenario.piercing, scenario.thread.length or path.length
     nu = scenario.tissue.poisson_ratio if scenario.tissue else 0.5
     springs = E * radii / (MOVES * (1.0 + nu) * (1.0 - 0.5 * nu))
@@ -68,17 +70,24 @@ def borne(scenario: Scenario) -> Array:
 
 
 def ways_at_holes(ways: Array, through: Array, borne: Array) -> Array:
-    """Return the directions in which the thread comes to holes and leaves them, shape `(2, p, 3)` [-]: those of its
-    strands, `ways` (p + 1, 3), and along a tract those `through` the holes (p, 3), since there the tract turns it."""
+    """Return the directions of the thread before and after holes, shape `(2, p, 3)` [-].
+
+    These are the directions `ways` (p + 1, 3) of its strands. Along a tract they are the directions `through`
+    the holes (p, 3), because the tract turns the thread there.
+    """
     out = np.stack([ways[:-1], ways[1:]])
     out[1, :-1][borne], out[0, 1:][borne] = through[:-1][borne], through[1:][borne]
     return out
 
 
 def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, Array]]:
-    """Yield for each tie its m holes, and the tensions [N], directions [-] and lengths [m] of the strands of its loop,
-    shapes `(m + 1,)`, `(m + 1, 3)` and `(m + 1,)`: two hands draw it straight from hole to hole, with the knot midway.
-    They are fast as their force; a loop is slack that is longer between its holes at `s` (p,) [m] than they draw."""
+    """Yield for each tie its m holes, and the tensions [N], directions [-] and lengths [m] of the strands of
+    its loop.
+
+    Shapes are `(m + 1,)`, `(m + 1, 3)` and `(m + 1,)`. Two hands draw the loop straight from hole to hole, with
+    the knot midway, at a speed proportional to their force. A loop stays slack if its length between the holes
+    at `s` (p,) [m] exceeds the length that they draw.
+    """
     holes, names = scenario.piercing, [hole.name for hole in scenario.piercing]
     for tie in (tie for tie in scenario.tie if tie.from_ < scenario.solve.duration):
         first, last = sorted(map(names.index, tie.between))
@@ -98,7 +107,7 @@ def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, A
 
 
 def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:
-    """Return E of the cell nearest to each hole, infinite without an organ, shape `(p,)` [Pa]."""
+    """Return the modulus of the cell nearest to each hole, infinite without an organ, shape `(p,)` [Pa]."""
     if body is None:
         return np.full(len(holes), np.inf)
     middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
@@ -107,15 +116,17 @@ def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Arra
 
 
 def radii_at(holes: Sequence[Piercing], sizes: Sequence[float], element: str) -> Array:
-    """Return the radius within which each hole bears on tissue, shape `(p,)` [m]: of its footprint a, and of the share
-    h of a force that cells of `sizes` (p,) [m] hand to a node, √(a² + h²), as widths add of what is averaged twice;
-    infinite of a bare point, whose displacement is none."""
+    """Return the radius within which each hole bears on tissue, shape `(p,)` [m].
+
+    It is √(a² + h²), with the footprint a and the reach h of a node's force in cells of `sizes` (p,) [m],
+    because squared widths add in repeated averages. It is infinite for a bare point, which is not judged.
+    """
     each = zip(holes, sizes, strict=True)
     return np.array([hypot(hole.footprint, HAT[element] * size) if hole.footprint else np.inf for hole, size in each])
 
 
 def corners(scenario: Scenario) -> Array:
-    """Return the two ends of the thread where they are led to, with the holes in between, shape `(p + 2, 3)` [m]."""
+    """Return both final ends of the thread, with the holes in between, shape `(p + 2, 3)` [m]."""
     ends = [scenario.thread.path[0], scenario.thread.path[-1]]
     for k, end in enumerate((scenario.thread.start, scenario.thread.end)):
         ends[k] = end.position(scenario.solve.duration) if isinstance(end, model.DrivenEnd) else ends[k]
@@ -123,7 +134,8 @@ def corners(scenario: Scenario) -> Array:
 
 
 def directions(scenario: Scenario) -> Array:
-    """Return where the strands lead to along the thread, shape `(p + 1, 3)` [-]; to a load by its direction."""
+    """Return the directions of the strands along the thread, shape `(p + 1, 3)` [-]; a pulled end has the
+    direction of its load."""
     ways = np.diff(corners(scenario), axis=0)
     for k, sign, end in ((0, -1.0, scenario.thread.start), (-1, 1.0, scenario.thread.end)):
         if isinstance(end, model.PulledEnd):
@@ -132,9 +144,11 @@ def directions(scenario: Scenario) -> Array:
 
 
 def strand_tensions(scenario: Scenario, s: Array, length: float, EA: float, springs: Array) -> Array:
-    """Return the tension of each strand, shape `(p + 1,)` [N]: of the loads on the ends as far as the first anchored
-    hole, and of a thread of a `length` [m] that is held at both ends and too short for them, by the `springs` (p,)
-    [N/m] of its holes. It goes straight from hole to hole, or by a tract as it is laid through holes at `s` (p,) [m].
+    """Return the tension of each strand, shape `(p + 1,)` [N].
+
+    Loads on the ends act up to the first anchored hole. A thread of `length` [m] held at both ends can be too
+    short: it then stretches, and the `springs` (p,) [N/m] of its holes yield. It runs straight from hole to
+    hole, or in a tract along its path between the holes at `s` (p,) [m].
     """
     holes, out = scenario.piercing, np.zeros(len(scenario.piercing) + 1)
     anchors = [k for k, hole in enumerate(holes) if hole.kind == "anchored"]
@@ -158,13 +172,14 @@ def strand_tensions(scenario: Scenario, s: Array, length: float, EA: float, spri
 
 
 def hole_forces(tensions: Array, at: Array) -> Array:
-    """Return the force of the thread on each hole, which it comes to and leaves in the directions `at` (2, p, 3), shape
-    `(p,)` [N]."""
+    """Return the force of the thread on each hole, shape `(p,)` [N], for its directions `at` (2, p, 3) before
+    and after holes."""
     return np.asarray(np.linalg.norm(tensions[1:, None] * at[1] - tensions[:-1, None] * at[0], axis=1))
 
 
 def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark]:
-    """Judge a pull [N] by the strength of the suture [N], and by how far it stretches a thread of EA [N]."""
+    """Return a remark on a tension [N] above the strength of the suture [N] or above the linear range of a
+    thread of EA [N]."""
     if strength is not None and tension > strength:
         what = f"its knot-pull strength is {strength:.3g} N (minimum average)"
     elif tension > THREAD_STRAIN * EA:
@@ -176,25 +191,30 @@ def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark
 
 
 def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Array) -> list[Remark]:
-    """Judge by which `ways` (p,) [m] `forces` (p,) [N] would move holes that bear within `radii` (p,) [m]; the worst of
-    them is named."""
+    """Return a remark on the displacements `ways` (p,) [m] of holes under `forces` (p,) [N].
+
+    The holes bear within `radii` (p,) [m]; the worst hole is named.
+    """
     demands = (ways / radii).tolist()
     beyond = [k for k, demand in enumerate(demands) if demand > EARLY * SMALL_STRAIN]
     if not beyond:
         return []
     worst = max(beyond, key=demands.__getitem__)
-    also = f", and {len(beyond) - 1} other holes too far" if len(beyond) > 1 else ""
+    also = f", and {len(beyond) - 1} other holes too much" if len(beyond) > 1 else ""
     text = (
         f"the load of {forces[worst]:.2g} N would move the hole {holes[worst].name!r} by about "
-        f"{ways[worst] / MILLI:.2g} mm{also}: a strain of about {demands[worst]:.2g}, where linear elasticity "
-        f"holds to about {SMALL_STRAIN:g} ({ESTIMATED}); use a smaller load, stiffer tissue or a wider footprint"
+        f"{ways[worst] / MILLI:.2g} mm{also}: a strain of about {demands[worst]:.2g}, but linear elasticity "
+        f"is valid to about {SMALL_STRAIN:g} ({ESTIMATED}); use a smaller load, stiffer tissue or a wider footprint"
     )
     return [remark("demand", holes[worst].name, text)]
 
 
 def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
-    """Return the length of each strand of a thread of a `length` [m] laid through holes at `s` (p,) [m], as it bends
-    within where it is slack, shape `(p + 1,)` [m]; infinite of one that no hand holds at its end, or that is none."""
+    """Return the bending length of each slack strand, shape `(p + 1,)` [m].
+
+    The thread of `length` [m] passes holes at `s` (p,) [m]. The result is infinite for a strand with an unheld
+    end, and for a strand of no length.
+    """
     out = np.diff(np.concatenate([[0.0], s, [length]]))
     for k, end in ((0, scenario.thread.start), (-1, scenario.thread.end)):
         out[k] = np.inf if isinstance(end, model.FreeEnd | model.PulledEnd) else out[k]
@@ -202,15 +222,17 @@ def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
 
 
 def couples(EI: float, tensions: Array, at: Array, lengths: Array, through: Array) -> Array:
-    """Return the couple of a thread of a stiffness EI [N m²] on its holes, shape `(p,)` [N m]: it turns the directions
-    `through` them (p, 3) to those in which it comes and leaves, `at` (2, p, 3). Its strands have `tensions` (p + 1,)
-    [N], and bend within `lengths` (p + 1,) [m] where they are slack."""
+    """Return the couple of a thread of stiffness EI [N m²] on its holes, shape `(p,)` [N m].
+
+    The couple turns the directions `through` the holes (p, 3) to the directions before and after them, `at` (2,
+    p, 3). The strands have `tensions` (p + 1,) [N]; slack strands bend within `lengths` (p + 1,) [m].
+    """
     out = np.zeros((len(through), 3))
     for ways, strands in zip(at, (slice(None, -1), slice(1, None)), strict=True):
         axes = np.cross(through, ways)
         sines = np.linalg.norm(axes, axis=1)
         bends = np.arctan2(sines, (through * ways).sum(axis=1))
-        back = (sines < STRAIGHT) & (bends > 0.5 * np.pi)  # which turns about any axis across the hole
+        back = (sines < STRAIGHT) & (bends > 0.5 * np.pi)  # a reversed thread can turn about any axis across the hole
         axes[back], sines[back] = across(through[back]), 1.0
         taut, slack = 2.0 * np.sin(0.5 * bends) * np.sqrt(EI * tensions[strands]), BENT * EI * bends / lengths[strands]
         out += (np.maximum(taut, slack) / np.maximum(sines, np.finfo(float).tiny))[:, None] * axes
@@ -218,19 +240,19 @@ def couples(EI: float, tensions: Array, at: Array, lengths: Array, through: Arra
 
 
 def across(ways: Array) -> Array:
-    """Return unit vectors across unit vectors (p, 3), shape `(p, 3)` [-]."""
+    """Return unit vectors perpendicular to unit vectors (p, 3), shape `(p, 3)` [-]."""
     axes = np.cross(ways, np.eye(3)[np.abs(ways).argmin(axis=1)])
     return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True))
 
 
 def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
-    """Judge how far the couple of the thread `turns` holes (p,) [rad]; the worst of them is named."""
+    """Return a remark on holes that the couple of the thread `turns` (p,) [rad]; the worst hole is named."""
     if not turns.max(initial=0.0) > EARLY * SMALL_ROTATION:
         return []
     worst = int(np.argmax(turns))
     text = (
         f"the thread is too stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by "
-        f"about {turns[worst]:.2g} rad, where linear elasticity holds to about {SMALL_ROTATION:g} ({ESTIMATED}); use "
+        f"about {turns[worst]:.2g} rad, but linear elasticity is valid to about {SMALL_ROTATION:g} ({ESTIMATED}); use "
         "a thinner or softer suture, stiffer tissue or a wider footprint"
     )
     return [remark("stiff-thread", holes[worst].name, text)]

@@ -1,4 +1,4 @@
-"""Cells where the holes of a scenario are: its organ refined until their compliance is as accurate as it asks for."""
+"""Cells at the holes of a scenario, refined until the compliance of the holes has the requested accuracy."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -24,9 +24,10 @@ def body_of(table: model.Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.El
 def fitted(
     scenario: Scenario, given: Given, mesh: skfem.MeshTet, sites: Sequence[tissue.Site]
 ) -> tissue.Elasticity | tissue.Fitted:
-    """Return the organ on its mesh as it is, or with the cells at the `sites` refined where the scenario asks for it.
+    """Return the organ on its mesh, with refined cells at the `sites` if the scenario requests an accuracy.
 
-    Lips match node by node: those of a slit are cut alike, the mesh of an open wound stays its own image across it.
+    Lips match node by node: those of a slit are refined alike, and the mesh of an open wound stays symmetric
+    about the wound.
     """
     table = scenario.tissue
     assert table is not None

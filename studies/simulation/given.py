@@ -1,5 +1,7 @@
-"""Parts from Python that replace those of a scenario: a mesh, a basis with its stiffness, laws of friction, a strain
-energy. Parts that do not fit the scenario are refused before anything is made."""
+"""Parts from Python that replace parts of a scenario: mesh, basis with stiffness, laws of friction, strain energy.
+
+Parts that do not fit the scenario are refused before the preparation.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -25,13 +27,13 @@ from tissue.materials.own import Own
 Stiffness = csr_matrix | Callable[[skfem.Basis], csr_matrix]
 Energy = Density | Callable[[Any], Any]
 
-SHOWN = 60  # letters of what is handed over, in a refusal
-TOGETHER = 1e-9  # of the organ: places of unknowns, by two ways to map a cell
-SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node, and no more
+SHOWN = 60  # letters of a given value in a refusal
+TOGETHER = 1e-9  # of the organ's size: difference of unknowns' places by two ways to map a cell
+SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node
 STRESSLESS = 1e-8  # of μ: round-off of a density differentiated at F = I
 INDIFFERENT = 1e-9  # of W: round-off of a turned F
-SHEARED = np.array([[1.1, 0.2, 0.0], [0.0, 0.95, 0.1], [0.05, 0.0, 1.02]])  # an F of no special kind
-TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # a rotation of no special kind
+SHEARED = np.array([[1.1, 0.2, 0.0], [0.0, 0.95, 0.1], [0.05, 0.0, 1.02]])  # an arbitrary F
+TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # an arbitrary rotation
 
 # An orthonormal basis of the symmetric strains without change of volume, shape `(5, 3, 3)`.
 SHEARS: Array = np.array([
@@ -42,7 +44,7 @@ SHEARS: Array = np.array([
 
 @dataclass(frozen=True)
 class Given:
-    """The parts from Python, as arguments of `prepare`; None or empty for those of the scenario."""
+    """The parts from Python, as arguments of `prepare`; None or empty for the scenario's own parts."""
 
     mesh: object = None
     basis: skfem.Basis | None = None
@@ -53,7 +55,7 @@ class Given:
 
     @property
     def unsaid(self) -> tuple[str, ...]:
-        """Names of the arguments of `prepare` that a scenario file cannot contain, except mesh, basis and ranks."""
+        """Names of the given arguments of `prepare` that no scenario file can contain, except mesh, basis and ranks."""
         there = {
             "stiffness": self.stiffness is not None,
             "friction": bool(self.friction),
@@ -63,15 +65,16 @@ class Given:
 
     @cached_property
     def volume(self) -> skfem.MeshTet | None:
-        """The organ's mesh, None: that of the scenario. Raises `MeshError`, `ScenarioError`."""
+        """The organ's mesh from Python, or None for the scenario's own mesh. Raises `MeshError`, `ScenarioError`."""
         if self.basis is None:
             return None if self.mesh is None else given_mesh(self.mesh)
         if self.mesh is not None:
-            raise ScenarioError("mesh is refused: basis has a mesh already; leave one of them out")
+            raise ScenarioError("mesh is refused: basis also has a mesh; leave out one of them")
         return given_mesh(self.basis.mesh)
 
     def applied_to(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with the mesh from Python. Raises `ScenarioError` for parts that do not fit it."""
+        """Return the scenario with the mesh from Python. Raises `ScenarioError` for parts that do not fit the
+        scenario."""
         if kinds := [*self._faults_of_kind()]:
             raise ScenarioError(kinds)
         faults = [
@@ -84,7 +87,7 @@ class Given:
         return scenario if self.volume is None else with_given_mesh(scenario, mesh_digest(self.volume))
 
     def _faults_of_kind(self) -> Iterator[str]:
-        """Yield what is not even of the kind that is wanted."""
+        """Yield the arguments of a wrong kind."""
         wanted = {
             "basis": (self.basis, lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
             "energy": (self.energy, lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
@@ -109,16 +112,16 @@ class Given:
         if self.basis is not None:
             yield from faults_of_basis(self.basis, table.element)
         if self.stiffness is not None and table.material != "linear":
-            reason = 'the stiffness that is handed over is a linear organ\'s; set "linear", or hand over an energy'
+            reason = 'the given stiffness needs a linear organ; set "linear", or give an energy'
             yield refusal("tissue.material", table.material, reason)
         if self.energy is not None:
             yield from faults_of_energy(table)
         accuracy = table.mesh.accuracy
         if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
-            reason = 'a stiffness or basis that is handed over is that of its own mesh; set "given"'
+            reason = 'a given stiffness or basis belongs to its own mesh; set "given"'
             yield refusal("tissue.mesh.accuracy", accuracy, reason)
         if table.mesh.bound and (self.stiffness is not None or self.energy is not None):
-            reason = "bounds are those of an isotropic linear organ, and another law is handed over; leave it out"
+            reason = "bounds need an isotropic linear organ, but another law is given; leave it out"
             yield refusal("tissue.mesh.bound", True, reason)
 
     def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
@@ -130,47 +133,49 @@ class Given:
                 yield f"friction of {name!r} is refused: the scenario has no such piercing; {known}"
             elif holes[name].kind == "anchored":
                 key = dotted_key(["piercing", name, "kind"])
-                yield refusal(key, "anchored", 'nothing slides there; set "sliding", or hand over no friction for it')
+                yield refusal(key, "anchored", 'nothing slides there; set "sliding", or give no friction for it')
         if not self.friction:
             return
         if scenario.solve.friction == "two-pass":
-            reason = "the two passes know Coulomb's law alone; use implicit"
-            yield refusal("solve.friction", "two-pass", f"a law of friction is handed over, and {reason}")
+            reason = "the two passes need Coulomb's law; use implicit"
+            yield refusal("solve.friction", "two-pass", f"a law of friction is given, and {reason}")
         if scenario.solve.scheme == "linear":
-            yield refusal("solve.scheme", "linear", "it cannot follow the friction that is handed over; use newton")
+            yield refusal("solve.scheme", "linear", "it cannot use the given law of friction; use newton")
         if not scenario.thread.bending:
-            reason = "friction acts along the tangent that the bend at a hole gives the thread; set true"
-            yield refusal("thread.bending", False, f"a law of friction is handed over, and {reason}")
+            reason = "friction acts along the tangent, which only bending determines; set true"
+            yield refusal("thread.bending", False, f"a law of friction is given, and {reason}")
 
     def _faults_of_ranks(self, scenario: Scenario) -> Iterator[str]:
         table = scenario.tissue
         if self.ranks is None:
             return
         if table is None:
-            yield "ranks is refused: the scenario has no organ, whose columns they would share; add [tissue]"
+            yield "ranks is refused: they share columns of an organ, and there is none; add [tissue]"
         elif table.inertia and scenario.solve.kind == "dynamic":
-            reason = "ranks share the columns that are solved once, and an organ with inertia is solved in every step"
+            reason = "ranks share columns solved once, but an organ with inertia is solved in every step"
             yield refusal("tissue.inertia", True, f"{reason}; set false")
         elif table.material != "linear":
-            reason = "ranks share the columns that are solved once, and a tangent at finite strain is made anew"
+            reason = "ranks share columns solved once, but the tangent at finite strain changes"
             yield refusal("tissue.material", table.material, f'{reason}; set "linear"')
         elif scenario.floats:
-            yield "ranks is refused: a body that nothing holds is solved in every step; clamp it, or leave out ranks"
+            yield "ranks is refused: an unheld body is solved in every step; clamp it, or leave out ranks"
 
     def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
-        """Return the body with the stiffness that is handed over, itself without one. Raises `ScenarioError`."""
+        """Return the body with the given stiffness; unchanged without one. Raises `ScenarioError`."""
         if self.stiffness is None:
             return body
         own = skfem.Basis(body.mesh, body.basis.elem) if self.basis is None else self.basis
         if not is_numbered_like(own, body.basis):
-            reason = "its unknowns are numbered otherwise than by nodes, then (P2) edges"
-            raise ScenarioError(f"basis is refused: {reason}; make it without dofs or elements of its own")
+            reason = "its unknowns are not numbered by nodes, then (P2) edges"
+            raise ScenarioError(f"basis is refused: {reason}; make it without own dofs or elements")
         K: Any = self.stiffness(own) if callable(self.stiffness) else self.stiffness
         return replace(body, K=checked_stiffness(K, body), pressure=None)
 
     def distortion(self, mu: float) -> Density | None:
-        """Return the density of distortion that is handed over to an organ of the shear modulus `mu` [Pa], None
-        without one. Raises `ScenarioError`."""
+        """Return the given density of distortion of an organ of shear modulus `mu` [Pa], None without one.
+
+        Raises `ScenarioError`.
+        """
         if self.energy is None:
             return None
         density: Any = self.energy if hasattr(self.energy, "tangent") else Own(self.energy)
@@ -182,7 +187,7 @@ NOTHING = Given()
 
 
 def is_law_by_name(value: object) -> bool:
-    """Return whether something is laws of friction by the names of piercings."""
+    """Return whether a value is a dict of friction laws by the names of piercings."""
     laws = value.items() if isinstance(value, Mapping) else [(None, None)]
     needs = ("static", "kinetic", "slope")
     return all(isinstance(name, str) and all(callable(getattr(law, n, None)) for n in needs) for name, law in laws)
@@ -195,65 +200,68 @@ def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
 
 
 def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
-    """Yield why a basis is not that of the scenario's element, whose unknowns are three at each node."""
+    """Yield the reason why a basis has another element than the scenario, with three unknowns at each node."""
     own = skfem.ElementVector(ELEMENTS[element]())
     if not isinstance(basis.mesh, skfem.MeshTet) or type(basis.elem) is not type(own):
         yield f"basis is refused: it is {basis.elem!r} on a {type(basis.mesh).__name__}; give {own!r} on a MeshTet"
     elif type(basis.elem.elem) is not type(own.elem):
-        reason = f"the basis that is handed over has {type(basis.elem.elem).__name__}; set the key to that, P1 or P2"
+        reason = f"the given basis has {type(basis.elem.elem).__name__}; set the key to match, P1 or P2"
         yield refusal("tissue.element", element, reason)
 
 
 def faults_of_energy(table: model.Tissue) -> Iterator[str]:
-    """Yield the keys of an organ's table that the energy from Python replaces."""
+    """Yield the refused keys of an organ's table that the energy from Python replaces."""
     if table.material == "linear":
-        reason = 'an energy is handed over, which is of finite strain; set "neo-hookean", whose place it takes'
+        reason = 'the given energy is for finite strain; set "neo-hookean", which it replaces'
         yield refusal("tissue.material", "linear", reason)
     for place, part in (("tissue", table), *((dotted_key(["tissue", "region", r.name]), r) for r in table.region)):
         for key in ("stiffening", "fibres"):
             if getattr(part, key) is not None:
-                yield f"{place}.{key} is refused: the energy that is handed over takes its place; leave it out"
+                yield f"{place}.{key} is refused: the given energy replaces it; leave it out"
 
 
 def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
-    """Return a stiffness [N/m] as the organ keeps it. Raises `ScenarioError` for one of another size, with numbers that
-    are none, that is not symmetric, or that lets a free unknown go."""
+    """Return a stiffness [N/m] in the organ's format.
+
+    Raises `ScenarioError` for a wrong size, for numbers that are not finite, for an unsymmetric matrix, and for
+    a free unknown without resistance.
+    """
     if not hasattr(K, "tocsr") or K.shape != body.K.shape:
         found = f"a {type(K).__name__} of shape {getattr(K, 'shape', '()')}"
-        reason = f"three unknowns at each of the {len(body.nodes)} nodes ask for {body.K.shape}"
+        reason = f"three unknowns at each of the {len(body.nodes)} nodes need {body.K.shape}"
         raise ScenarioError(f"stiffness is refused: it is {found}; {reason}, in a sparse matrix")
     if K.dtype.kind not in "fiu":
-        raise ScenarioError(f"stiffness is refused: its numbers are {K.dtype}; give real ones, [N/m]")
+        raise ScenarioError(f"stiffness is refused: its numbers are {K.dtype}; give real numbers [N/m]")
     made = csr_matrix(K.astype(float))
     largest = float(np.abs(made.data).max(initial=0.0))
     if not np.isfinite(largest):
-        raise ScenarioError("stiffness is refused: it holds numbers that are none; correct the form")
+        raise ScenarioError("stiffness is refused: it has numbers that are not finite; correct the form")
     skew = float(np.abs((made - made.T).data).max(initial=0.0))
     if skew > SYMMETRIC * largest:
-        told = f"it is not symmetric: entries differ by {skew / largest:.1e} of the largest from those across"
-        raise ScenarioError(f"stiffness is refused: {told}; give that of an energy, [N/m]")
+        told = f"it is not symmetric: opposite entries differ by {skew / largest:.1e} of the largest"
+        raise ScenarioError(f"stiffness is refused: {told}; give the second derivative of an energy [N/m]")
     if float(made.diagonal()[body.free].min(initial=np.inf)) <= 0.0:
         raise ScenarioError("stiffness is refused: an unknown resists nothing; every diagonal entry must be positive")
     return made
 
 
 def check_density(density: Density, mu: float) -> None:
-    """Refuse a density that is stressed at rest or that a rotation alone changes; `mu` [Pa] is the scale of both."""
+    """Refuse a density that is stressed at rest or changes under a pure rotation; `mu` [Pa] is the scale of both."""
     at_rest = float(np.abs(density.stress(np.eye(3)[:, :, None])).max())
     if not at_rest <= STRESSLESS * mu:
         raise ScenarioError(
-            f"energy is refused: the reference shape bears a stress of {at_rest:.3g} Pa; take W whose derivative is "
-            "zero at F = I, and tissue.prestretch for tissue that is stretched"
+            f"energy is refused: the reference shape has a stress of {at_rest:.3g} Pa; use W whose derivative is "
+            "zero at F = I, and tissue.prestretch for stretched tissue"
         )
     here, turned = (float(density.energy(F[:, :, None])[0]) for F in (SHEARED, TURN @ SHEARED))
     if not abs(turned - here) <= INDIFFERENT * max(abs(here), mu):
         raise ScenarioError(
-            f"energy is refused: a rotation alone changes W from {here:.6g} to {turned:.6g} J/m³; make W of C = FᵀF"
+            f"energy is refused: a pure rotation changes W from {here:.6g} to {turned:.6g} J/m³; make W of C = FᵀF"
         )
 
 
 def shear_moduli(density: Density) -> tuple[float, float]:
-    """Return the least and the largest shear modulus of a density at rest [Pa], over all directions."""
+    """Return the smallest and the largest shear modulus of a density at rest [Pa], over all directions."""
     A = density.tangent(np.eye(3)[:, :, None])[..., 0]
     values = 0.5 * np.linalg.eigvalsh(np.einsum("aij,ijkl,bkl->ab", SHEARS, A, SHEARS))
     return float(values[0]), float(values[-1])

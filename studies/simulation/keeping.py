@@ -1,8 +1,8 @@
-"""Small bases of organs, kept in a folder: each in a file that is named by a digest of all that it is made from.
+"""Small bases of organs, stored in a folder: the name of each file is a digest of all its inputs.
 
-That is the matrices themselves, stiffness, mass, sites and loads, not the scenario that they come from: whatever mesh,
-material and holes give the same matrices, to the last bit, have the same basis, and a program that assembles them
-otherwise finds none of an older one's.
+The inputs are the matrices themselves: stiffness, mass, sites and loads. Any mesh, material and holes with the
+same matrices, to the last bit, have the same basis. A program with another assembly does not find the bases of
+an older one.
 """
 
 import hashlib
@@ -24,13 +24,13 @@ from studies.scenario.refusal import refusal
 log = logging.getLogger(__name__)
 
 KEY = "tissue.reduction.keep"
-FORMAT = 2  # of the files: one that means something else by its arrays is not taken for this
+FORMAT = 2  # of the files: a file with another meaning of its arrays has another number
 
 
 def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: Path) -> tissue.Reduction:
-    """Return the reduction of an organ from a folder, else make it and store it there; a damaged file is replaced.
+    """Return the reduction of an organ from a folder, else make and store it; a damaged file is replaced.
 
-    Raises `TissueError` for an organ that has none, `ScenarioError` where the folder cannot be written.
+    Raises `TissueError` for an organ without a reduction, and `ScenarioError` if the folder cannot be written.
     """
     tissue.check_reducible(organ, blocks, modes)
     file = folder / f"{digest_of(organ, blocks, modes)}.npz"
@@ -51,7 +51,7 @@ def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: 
 
 
 def digest_of(organ: tissue.DynamicOrgan, blocks: int, modes: int) -> str:
-    """Return the SHA-256 of all that a basis is made from, its solver included."""
+    """Return the SHA-256 of all inputs of a basis, including its solver."""
     digest = hashlib.sha256(f"{FORMAT} {blocks} {modes} {organ.size} {organ.choice.name}".encode())
     for part in (organ.K, organ.M, organ.Y, organ.load, organ.surface_load):
         for numbers in _arrays(part):
@@ -61,14 +61,14 @@ def digest_of(organ: tissue.DynamicOrgan, blocks: int, modes: int) -> str:
 
 
 def _arrays(part: csr_matrix | Array) -> tuple[Array, ...]:
-    """Return the arrays that a matrix consists of, the indices of a sparse one in 64 bits."""
+    """Return the arrays of a matrix, the indices of a sparse matrix in 64 bits."""
     if isinstance(part, csr_matrix):
         return part.data, part.indices.astype(np.int64), part.indptr.astype(np.int64)
     return (part,)
 
 
 def _read(file: Path) -> tissue.Reduction | None:
-    """Return what a file has, None if there is none or one that is not as it was written, to the last bit."""
+    """Return the reduction in a file, None if the file is missing or damaged."""
     try:
         data = file.read_bytes()
     except OSError:

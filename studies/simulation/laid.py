@@ -1,7 +1,8 @@
-"""The path of a thread in an organ that comes to rest before the thread is there: it moves with the holes.
+"""The path of a thread that moves with the holes of an organ, because the organ comes to rest before the thread
+is laid.
 
-A wound gapes under prestretch, and an organ sags under its weight. A thread that is then led through its holes is as
-long as its path there, and not stretched.
+A wound gapes under prestretch, and an organ sags under its weight. A thread that is then passed through its
+holes has the length of its path at this time and is not stretched.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,25 @@ from studies.scenario import Scenario
 from studies.scenario.thread import FreeEnd, PulledEnd
 from thread.path import RoundedPath
 
-PARTS = 8  # of each piece of a path, over which its length is integrated
-STILL = 1e-9  # of the path's length: holes that move by less stay where they are
+PARTS = 8  # per piece of a path, for the integration of its length
+STILL = 1e-9  # of the path's length: smaller motions of holes are neglected
 GAUSS = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
 @dataclass(frozen=True)
 class LaidPath:
-    """A `path` whose points at the abscissae `at` (k,) [m], rising, are moved by `moves` (k, 3) [m], those in between
-    linearly, and those beyond as the nearest."""
+    """A `path` with moved points.
+
+    The points at the rising abscissae `at` (k,) [m] move by `moves` (k, 3) [m]. Points in between move
+    linearly, points beyond like the nearest.
+    """
 
     path: RoundedPath
     at: Array
     moves: Array
 
     def move(self, at: Array) -> Array:
-        """Return by how much the points at abscissae of the path (m,) [m] are moved, `(m, 3)` [m]."""
+        """Return the displacement of the points at abscissae of the path (m,) [m], shape `(m, 3)` [m]."""
         return np.array([np.interp(at, self.at, component) for component in self.moves.T]).T
 
     @cached_property
@@ -55,14 +59,17 @@ class LaidPath:
         return np.interp(at, *self._lengths)
 
     def points(self, length: Array) -> Array:
-        """Return the points of the moved path after lengths of any shape [m], with a last axis of 3 [m]."""
+        """Return the points of the moved path at lengths of any shape [m], with a last axis of 3 [m]."""
         at = np.interp(length, *self._lengths[::-1])
         return np.asarray(self.path.position(at) + self.move(at.ravel()).reshape(*at.shape, 3))
 
 
 def laid_path(scenario: Scenario, path: RoundedPath, at: Array, moves: Array) -> LaidPath:
-    """Return the path of a thread whose holes at abscissae `at` (p,) of the path [m] have moved by `moves` (p, 3) [m]:
-    tails follow, ends that are held stay."""
+    """Return the path of a thread whose holes at abscissae `at` (p,) of the path [m] have moved by `moves` (p,
+    3) [m].
+
+    Tails follow, held ends stay.
+    """
     if np.abs(moves).max(initial=0.0) <= STILL * path.length:
         return LaidPath(path, np.zeros(1), np.zeros((1, 3)))
     first, last = (isinstance(end, FreeEnd | PulledEnd) for end in (scenario.thread.start, scenario.thread.end))

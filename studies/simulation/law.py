@@ -1,4 +1,4 @@
-"""The strain-energy density of a scenario's organ, cell by cell where its regions have their own."""
+"""The strain-energy density of a scenario's organ, cell by cell if its regions differ."""
 
 from itertools import permutations
 
@@ -12,25 +12,25 @@ from tissue.materials.density import Density, Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
 
-# Directions m and normals n of simple shears F = I + γ m ⊗ n, along and halfway between the axes, of either sense.
+# Directions m and normals n of simple shears F = I + γ m ⊗ n, along and halfway between the axes, in both senses.
 AXES = [(np.eye(3)[i], np.eye(3)[j]) for i, j in permutations(range(3), 2)]
 PLANES = [(s * m, n) for a, b in AXES for m, n in ((a, b), ((a + b) / 2**0.5, (a - b) / 2**0.5)) for s in (1.0, -1.0)]
 
 
 def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
-    """Return the energy of an organ at finite strain: that handed over, or that of the scenario."""
+    """Return the energy of an organ at finite strain: the given energy, or the energy of the scenario."""
     own = given.distortion(float(np.max(body.material.lame_mu)))
     return tissue.Hyperelasticity(body, own or distortion_of(table, body), prestretch_of(table, body))
 
 
 def distortion_of(table: model.Tissue, body: tissue.Elasticity) -> Density:
-    """Return the density of distortion that a scenario says."""
+    """Return the scenario's density of distortion."""
     parts: list[Density] = [Exponential(body.material.lame_mu, stiffening_of(table, body)), *fibres_of(table, body)]
     return Sum(parts)
 
 
 def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony | None:
-    """Return how the stress of an organ relaxes, None if it does not: every series with its shares in its own cells."""
+    """Return the relaxation of an organ's stress, None without relaxation; each series acts in its own cells."""
     if not table.relaxes:
         return None
     owner, every = np.zeros(body.mesh.nelements, dtype=np.intp), [table.relaxation]
@@ -43,7 +43,10 @@ def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony 
 
 
 def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
-    """Return b per cell, shape `(c,)` [-]: none of a neo-Hookean material. A region that names neither leaves it."""
+    """Return b per cell, shape `(c,)` [-]: zero for a neo-Hookean material.
+
+    A region without material and stiffening has the organ's b.
+    """
     out = np.full(body.mesh.nelements, table.stiffening or 0.0)
     for region in table.region:
         if region.material is not None or region.stiffening is not None:
@@ -53,7 +56,7 @@ def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
 
 
 def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
-    """Return the families of fibres, each where its organ or region has it."""
+    """Return the families of fibres, each in the cells of its organ or region."""
     owner, families = np.zeros(body.mesh.nelements, dtype=np.intp), [table.fibres or ()]
     for region in table.region:
         if region.fibres is not None:
@@ -67,7 +70,7 @@ def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
 
 
 def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
-    """Return the principal stretches of the reference shape, shape `(3,)`, or `(3, c)` where a region has its own."""
+    """Return the principal stretches of the reference shape, shape `(3,)`, or `(3, c)` if a region differs."""
     whole = np.array(table.prestretch or (1.0, 1.0, 1.0))
     if all(region.prestretch is None for region in table.region):
         return whole

@@ -17,7 +17,7 @@ from thread.spline import Spline
 OrganRun = Run[tissue.OrganState]
 
 NONE = np.zeros(0)
-REMADE = ("state.organ.MU", "state.before.organ.MU")  # which an organ makes of its displacement, to the same bits
+REMADE = ("state.organ.MU", "state.before.organ.MU")  # an organ computes these from its displacement, to the same bits
 
 
 def on_knots(system: System, knots: Array) -> System:
@@ -26,7 +26,7 @@ def on_knots(system: System, knots: Array) -> System:
 
 
 def memory_of(now: OrganRun) -> Arrays:
-    """Gather all that the steps after this one depend on, as arrays by name."""
+    """Return all data that the later steps depend on, as arrays by name."""
     own = {
         "step": np.array(now.number),
         "s_begun": now.s_begun,
@@ -55,11 +55,11 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
     if whole and state.organ.U.size != beginning.state.organ.U.size:
-        # `tissue.solver = "auto"` goes by the memory that is free, and the Krylov space by the solver
+        # with "auto" the choice of the Krylov space depends on the solver, and this on free memory
         raise ScenarioError(
-            f"{CHECKPOINT} has an organ of {state.organ.U.size} unknowns and here it has "
-            f'{beginning.state.organ.U.size}: it was solved in its Krylov space, which "auto" does not choose on this '
-            f"machine; go on where the run began, or {ANEW}"
+            f"{CHECKPOINT} has an organ of {state.organ.U.size} unknowns, but here it has "
+            f'{beginning.state.organ.U.size}: it was solved in its Krylov space, but "auto" does not choose this '
+            f"on this machine; continue where the run began, or {ANEW}"
         )
     return replace(
         beginning,

@@ -1,5 +1,7 @@
-"""The organ's mesh of a scenario, generated or read, with its boundaries and regions; impossible meshes are refused
-beforehand."""
+"""The organ's mesh of a scenario, generated or read, with its boundaries and regions.
+
+Impossible meshes are refused before they are made.
+"""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -34,8 +36,8 @@ log = logging.getLogger(__name__)
 Cells = NDArray[np.integer]
 
 GIGA = 1e9
-SHARP = 45.0  # degrees between facets beyond which their common edge is one of the organ, not of the mesh
-ON_EDGE = 1e-9  # over the organ's diagonal: a hole this near an edge is on it
+SHARP = 45.0  # degrees between facets above which their common edge belongs to the organ and not only to the mesh
+ON_EDGE = 1e-9  # of the organ's diagonal: a hole this near to an edge is on the edge
 
 
 @dataclass(frozen=True)
@@ -48,9 +50,9 @@ class Body:
 
 
 def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
-    """Return the mesh with the boundaries and regions that the scenario adds; `given`, where it is handed over.
+    """Return the mesh with the additional boundaries and regions of the scenario; `given` is a mesh from Python.
 
-    Raises `ScenarioError` or `MeshError` for one that cannot be made or used.
+    Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
     """
     table = scenario.tissue
     if table is None:
@@ -67,7 +69,7 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
 
 
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """Return the mesh as its maker gives it, graded towards the holes where a size is given for them."""
+    """Return the mesh from its generator or file, graded towards the holes if their mesh size is given."""
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
         reason = "the mesh is given from Python, by prepare(scenario, mesh=…); write it to a file for the command"
@@ -99,7 +101,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     if not shape.is_surface:
         mesh = read(shape.path, unit)
         if problem := too_large(mesh.nelements, table.element):
-            raise ScenarioError(refusal("tissue.mesh.path", shape.path, f"it holds {problem}; take a coarser mesh"))
+            raise ScenarioError(refusal("tissue.mesh.path", shape.path, f"it has {problem}; use a coarser mesh"))
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
@@ -109,7 +111,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
 
 
 def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
-    """Refuse to hold a boundary by facets inside the organ. Raises `ScenarioError`."""
+    """Refuse a held boundary with facets inside the organ. Raises `ScenarioError`."""
     for name in names:
         inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
         if inside:
@@ -118,19 +120,19 @@ def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:
-    """Return where the holes are, shape `(p, 3)` [m]."""
+    """Return the places of the holes, shape `(p, 3)` [m]."""
     return np.reshape([hole.place for hole in holes], (-1, 3)).astype(float)
 
 
 def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
-    """Return the sizes of a generated mesh, `h_site` as far as the widest footprint."""
+    """Return the sizes of a generated mesh; `h_site` reaches to the largest footprint."""
     assert not isinstance(shape, model.GivenMesh) and shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
 
 def wound_of(shape: model.WoundMesh) -> Wound:
-    """Return the cut in the block."""
+    """Return the wound in the block."""
     return Wound(shape.length, shape.depth, shape.width, shape.along)
 
 
@@ -161,7 +163,7 @@ def _box(lower: Array, upper: Array, volume: float) -> Body:
 
 
 def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body:
-    """Return a bar or a tube along x, or its two stumps that are a `gap` apart."""
+    """Return a bar or a tube along x, or its two stumps with a `gap` between them."""
 
     def inside(points: Array) -> NDArray[np.bool_]:
         across, along = np.hypot(points[:, 1], points[:, 2]), np.abs(points[:, 0])
@@ -177,7 +179,7 @@ def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body
 
 
 def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:
-    """Refuse a mesh whose organ would need more memory than there is, before it is made."""
+    """Refuse a mesh whose organ needs more than the available memory, before the mesh is made."""
     shape = table.mesh
     if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
         tets = structured_tets(shape.size, grading, sites, planes)
@@ -185,23 +187,23 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if problem := too_large(tets, table.element):
         key = "h" if grading.h_site == grading.h else "h_site"
-        reason = f"with h = {grading.h:g} m it makes {problem}; take larger elements, and give sizes in m"
+        reason = f"with h = {grading.h:g} m it has {problem}; use larger elements, and give sizes in m"
         raise ScenarioError(refusal(f"tissue.mesh.{key}", getattr(grading, key), reason))
 
 
 def too_large(tets: float, element: str) -> str | None:
-    """Return the need of so many tetrahedra if it exceeds the memory, else None."""
+    """Return the memory for this number of tetrahedra in words if it exceeds the available memory, else None."""
     need, there = budget(tets, element), psutil.virtual_memory().available
     if need.memory <= there:
         return None
     return (
         f"about {need.tets:.1e} tetrahedra and {need.unknowns:.1e} unknowns ({element}), which need about "
-        f"{need.memory / GIGA:.3g} GB of memory where {there / GIGA:.3g} GB are available"
+        f"{need.memory / GIGA:.3g} GB of memory, but {there / GIGA:.3g} GB are available"
     )
 
 
 def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None:
-    """Refuse a footprint that reaches across a closed slit, where both lips lie at one place."""
+    """Refuse a footprint that reaches across a closed slit, whose lips lie at the same place."""
     for hole in holes if shape.shape == "slit" else ():
         x, y, z = hole.place
         across, along = (x, y) if shape.along == "y" else (y, x)
@@ -210,27 +212,27 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
         if away <= hole.footprint:
             reason = (
                 f"it is {away:.3g} m from the wound and its footprint reaches {hole.footprint:.3g} m, across the slit; "
-                "move it away or take a smaller footprint"
+                "move it away or use a smaller footprint"
             )
             raise ScenarioError(place_refusal(hole, reason))
 
 
 def motions_left(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> tuple[Cells, list[Array]]:
-    """Return the body that each cell belongs to, shape `(cells,)`, and of each body the rigid motions that clamps and
-    rollers leave it, `(d, 6)`."""
+    """Return the body of each cell, shape `(cells,)`, and for each body the rigid motions that remain possible,
+    `(d, 6)`."""
     part, held = parts(mesh.p.T, mesh.t.T), tissue.held_components(mesh, clamp, roller)
     nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
     return part, [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
 
 
 def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
-    """Refuse several bodies of which one is held by no clamp, and not by rollers all round either."""
+    """Refuse an organ of several bodies if clamps and rollers do not hold each of them."""
     part, left = motions_left(mesh, clamp, roller)
     loose = [k for k, motions in enumerate(left) if motions.size]
     if loose and len(left) > 1:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
         reason = (
-            f"the organ is in {len(left)} parts, and that about {centre.tolist()} m can still "
+            f"the organ has {len(left)} parts, and the part at {centre.tolist()} m can still "
             f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or give "
             "[[contact]] between them, with tissue.inertia in a dynamic run, and in a static one with a linear material"
         )
@@ -238,13 +240,13 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
 
 
 def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
-    """Refuse a load on an unknown boundary, on one inside the organ, and on one whose nodes are all held."""
+    """Refuse a load on a boundary that is unknown, inside the organ, or with all nodes held."""
     check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]
         if held[mesh.facets[:, facets]].all():
-            reason = "all of it is held, so a load on it moves nothing; name another boundary, or clamp less"
+            reason = "all of it is held, so a load on it has no effect; name another boundary, or clamp less"
             raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
         if np.any(mesh.f2t[1, facets] >= 0):
             reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
@@ -261,15 +263,15 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
         if away <= hole.footprint * (1 - ON_EDGE) + slack:
             reason = (
                 f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
-                "move it away or take a smaller footprint"
+                "move it away or use a smaller footprint"
             )
             raise ScenarioError(place_refusal(hole, reason))
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
-    """Return the mesh with the boundaries that the scenario adds: surface facets whose centre lies in a box.
+    """Return the mesh with the scenario's boundaries: surface facets whose centre lies in a box.
 
-    One to which nothing is added is the same mesh: a copy would number its facets anew.
+    Without boxes this is the same mesh, because a copy would renumber its facets.
     """
     if not boxes:
         return mesh
@@ -279,7 +281,7 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
     for box in boxes:
         key = ["tissue", "boundary", box.name]
         if box.name in named:
-            raise ScenarioError(refusal(dotted_key(key), box.name, "the mesh has one of that name; rename it"))
+            raise ScenarioError(refusal(dotted_key(key), box.name, "the mesh already has this name; rename it"))
         named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
             raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
@@ -294,7 +296,7 @@ def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.
 
 
 def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
-    """Return the cells of a region: those named in the mesh file, or whose centre lies in its box or layer."""
+    """Return the cells of a region: named in the mesh file, or with their centre in its box or layer."""
     key = ["tissue", "region", region.name]
     centres = mesh.p[:, mesh.t].mean(axis=1)
     place: object
@@ -315,7 +317,7 @@ def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
     there = dict(mesh.subdomains or {})
     if name not in there:
         known = ", ".join(sorted(there)) or "none"
-        reason = f"the mesh file has no region of that name; its regions are {known}; correct it, or give a box"
+        reason = f"the mesh file has no such region; its regions are {known}; correct it, or give a box"
         raise ScenarioError(refusal(dotted_key(["tissue", "region", name, "name"]), name, reason))
     return np.asarray(there[name])
 
@@ -326,14 +328,13 @@ def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> Scen
 
 
 def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
-    """Tell which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
+    """Return which columns of `points` (3, k) lie in the box of two corners (2, 3)."""
     low, high = corners.min(axis=0)[:, None], corners.max(axis=0)[:, None]
     return np.asarray(np.all((points >= low) & (points <= high), axis=0))
 
 
 def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
-    """Return the strength of the tissue at a point, that of the cell whose centre is nearest [Pa]; infinite if none
-    is given."""
+    """Return the strength of the tissue at a point, from the nearest cell [Pa]; infinite without a value."""
     if table.strength is None and all(region.strength is None for region in table.region):
         return np.inf
     near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
@@ -342,7 +343,7 @@ def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
-    """Return the organ's material: numbers, or one per cell where regions have their own."""
+    """Return the organ's material: numbers, or one per cell if regions differ."""
     values = (table.youngs_modulus, table.poisson_ratio, table.density)
     if not table.region:
         return tissue.Material(*values)

@@ -1,5 +1,5 @@
-"""Requirements on the pieces of a thread before the solution: control points for their holes, holders in statics, and
-enough thread for the hands."""
+"""Checks of the pieces of a thread before the solution: control points for holes, holders in statics, length
+for hands."""
 
 from collections.abc import Sequence
 
@@ -15,11 +15,11 @@ from thread.errors import ThreadError
 from thread.spline import Spline
 from thread.thread import Thread
 
-AT_CUT = 1e-9  # of the thread: a hole this near a cut is at it, on the one side or the other by round-off
+AT_CUT = 1e-9  # of the thread: at this distance round-off decides on which side of a cut a hole is
 
 
 def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None:
-    """Refuse a hole, of those at `s` [m], at a cut of a thread of a `length` [m]."""
+    """Refuse a hole, among those at `s` [m], at a cut of a thread of `length` [m]."""
     cuts = np.array(scenario.thread.cuts)
     if at_cut := [value for value in s if np.abs(cuts - value).min(initial=np.inf) <= AT_CUT * length]:
         reason = f"a piercing is there, at s = {at_cut[0]:.6g} m; cut next to it"
@@ -27,15 +27,15 @@ def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None
 
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
-    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], and in statics a piece that
-    nothing holds."""
+    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], and in statics an
+    unheld piece."""
     if spline.pieces == 1:
         return
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
-        where = "the piece of the thread from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
+        where = "the thread's piece from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
-            reason = f"{where} gets {points} of them, but needs {least} for {holes} piercings; raise it"
+            reason = f"{where} has {points}, but needs {least} for {holes} piercings; raise it"
             raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
         if scenario.solve.kind == "static" and not holes and not is_held_at_end(scenario.thread, k, spline.pieces):
             reason = f"solve.kind is static and {where} is in no hole; remove one of its cuts, or add a piercing"
@@ -43,8 +43,10 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
 
 
 def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, key: str) -> None:
-    """Refuse cuts, given by that `key`, that leave a piece shorter than the `diameter` [m] of a thread whose pieces end
-    at `ends` [m]: where knots travel, there is no other bound."""
+    """Refuse cuts of this `key` that leave a piece shorter than the thread's `diameter` [m].
+
+    The pieces end at `ends` [m]. With travelling knots this is the only bound.
+    """
     every = list(ends)
     for s in cuts:
         if min(abs(end - s) for end in every) < diameter:
@@ -54,7 +56,7 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
 
 
 def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
-    """Refuse cuts during the run at which the thread has an end already, and those that leave a piece of one span."""
+    """Refuse cuts during the run at an existing end of the thread, and cuts that leave a piece of one span."""
     spline = thread.spline
     if thread.travels:
         check_stubs([table.s for table in cuts], spline.piece_ends.tolist(), thread.section.diameter, "cut.s")
@@ -71,13 +73,13 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
 
 
 def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
-    """Return whether a piece has an end of the thread on which something acts."""
+    """Return whether a piece has an end of the thread with a holder or a load."""
     ends = ((0, thread.start), (pieces - 1, thread.end))
     return any(piece == k and end.kind != "free" for k, end in ends)
 
 
 def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[float]) -> None:
-    """Refuse to draw a piece of thread out of its hole at `s` [m], or one anchored hole past another."""
+    """Refuse hands that draw a piece of thread out of its hole at `s` [m], or one anchored hole past another."""
     anchored = [
         (h, at) for h, at in zip(holes, s, strict=True) if h.kind == "anchored" and h.pull is None and h.from_ == 0.0
     ]
@@ -95,7 +97,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
             raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or use a longer path"))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):
-            reason = f"no thread is left between it and piercing {name!r}; draw less, or use a longer path between them"
+            reason = f"no thread remains between it and piercing {name!r}; draw less, or use a longer path between them"
             raise ScenarioError(refusal(key, hole.draw, reason))
         before[piece] = (hole.name, way)
 

@@ -1,4 +1,4 @@
-"""Places of holes on the organ's surface: found before its mesh is graded towards them."""
+"""Places of holes on the organ's surface, found before the mesh is graded towards them."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -19,8 +19,11 @@ Holes = tuple[model.Piercing, ...]
 
 
 def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> Scenario:
-    """Return the scenario with numbers in place of every `at = "surface"`, those of the `store` where it has them, on a
-    mesh of its own or on the one `given`. Raises `ScenarioError`, `MeshError`."""
+    """Return the scenario with coordinates instead of every `at = "surface"`.
+
+    The mesh is the one `given`, or generated. Places in the `store` are reused. Raises `ScenarioError`,
+    `MeshError`.
+    """
     if scenario.tissue is None or all(hole.at != "surface" for hole in scenario.piercing):
         return scenario
     find = partial(holes_on_surface, scenario.tissue, scenario.piercing, given)
@@ -31,8 +34,11 @@ def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = 
 
 
 def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | None) -> Holes:
-    """Return the holes where their lines meet the organ's surface, twice where its cells are finer at holes: on facets
-    of the size that they have elsewhere, then on those of a mesh that is fine where the holes came to lie."""
+    """Return the holes at the intersections of their lines with the organ's surface.
+
+    If cells are smaller at holes, the search runs twice: on a mesh without holes, then on a mesh graded towards
+    the places found first.
+    """
     mesh = mesh_of(table, ()) if given is None else given
     found = landed(mesh, holes)
     if given is None and getattr(table.mesh, "h_site", None) is not None:
@@ -43,8 +49,8 @@ def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | N
 
 
 def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
-    """Return the holes, those sought on the surface of a mesh where they are found there. Raises `ScenarioError` for
-    one whose line meets no surface."""
+    """Return the holes at their places found on the surface of a mesh. Raises `ScenarioError` for a line
+    without intersection."""
     find = tissue.landing(mesh)
     places: list[Vector] = []
     for hole in holes:

@@ -27,13 +27,14 @@ def run(
     on_step: OnStep | None = None,
     remedies: bool = True,
 ) -> OpenRun:
-    """Run a scenario, or a prepared one, into a folder, and open it.
+    """Run a scenario, or a prepared simulation, into a folder, and return the opened folder.
 
-    `mesh` and `on_step` as in `prepare`, None leaves those of what is prepared. A folder that holds a run is refused,
-    unless the run goes on (`resume`) or is replaced (`overwrite`); one with laws of one's own cannot go on, since no
-    file says whether they are the same. What helps a run that fails is tried on copies and said in a remark, unless
-    `remedies` is False. A step is recorded before `on_step` is called with it; an exception from it ends the run, whose
-    folder then says so. Raises the errors of input that cannot be run, and of a run that fails.
+    `mesh` and `on_step` are as in `prepare`; None leaves those of a prepared simulation. A folder with a run is
+    refused, unless the run is continued (`resume`) or replaced (`overwrite`). A run with laws from Python
+    cannot be continued, because no file identifies them. If a run fails, remedies are tried on copies and
+    reported in a remark, unless `remedies` is False. Each step is recorded before `on_step` is called with its
+    record. An exception from `on_step` ends the run, and the folder reports the end. Raises the errors of
+    refused input and of a failed run.
     """
     folder, ready = folder_of(folder), scenario if isinstance(scenario, Simulation) else None
     if ready is not None:
@@ -59,7 +60,7 @@ def run(
 
 
 def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
-    """Prepare a scenario with the parts `given` for another that differs in its solution method only."""
+    """Return a simulation with the parts `given` for another scenario; only the solution method may differ."""
     return prepare(
         scenario,
         store,
@@ -74,15 +75,17 @@ def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
 def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
     """Refuse another mesh for a prepared simulation, and a resume with laws from Python."""
     if mesh is not None:
-        raise ScenarioError("mesh is refused: what is prepared has its own; give it to prepare(scenario, mesh=…)")
+        raise ScenarioError("mesh is refused: the prepared simulation has a mesh; give it to prepare(scenario, mesh=…)")
     if resume and (unsaid := simulation.assembly.given.unsaid):
-        reason = f"no file says which {', '.join(unsaid)} the run had; run it anew, overwrite=True"
+        reason = f"no file contains the {', '.join(unsaid)} of the run; start it again with overwrite=True"
         raise ScenarioError(f"resume is refused: {reason}")
 
 
 def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:
-    """Return the recorder of a run into a folder and its steps, from the last checkpoint for a resume; None if the run
-    is complete. Raises `ScenarioError`."""
+    """Return the recorder of a run into a folder and its steps, after the last checkpoint for a resumed run.
+
+    None if the run is complete. Raises `ScenarioError`.
+    """
     checkpoint = None
     if resume and can_resume(folder, simulation.scenario):
         if completed_run(folder, simulation.scenario) is not None:

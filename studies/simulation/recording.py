@@ -65,8 +65,10 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 
 def would_stay_after(now: OrganRun) -> bool:
-    """Return whether the thread would stay at rest where the last step has brought it, if there is one; in time where
-    it is pressed alone."""
+    """Return whether the thread stays at the equilibrium of the last step; also true without an equilibrium.
+
+    In dynamics only a compressed thread is checked.
+    """
     ended = [(step.solution, step.new) for step in now.taken[-1:]]
     if now.at_once and not ended:
         ended = [(solution_at(now.system, now.state), now.state)]
@@ -76,7 +78,7 @@ def would_stay_after(now: OrganRun) -> bool:
 
 
 def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:
-    """Return the piercings that are no balls of a tract."""
+    """Return the piercings without the balls of tracts."""
     return tuple(hole for hole in holes if not hole.tract)
 
 
@@ -87,8 +89,7 @@ def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ..
 
 
 def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
-    """Yield the pairs of surfaces of wounds, with their contact and the places of all nodes of the organ, `(n, 3)`
-    [m]."""
+    """Yield the surface pairs of wounds, with their contact and the places of all nodes of the organ, `(n, 3)` [m]."""
     organ: Any = now.system.organ
     touching = observe_contact(now.system, now.state)
     both = ((open_lips, None), (organ.gaps if touching else None, touching))
@@ -102,24 +103,24 @@ def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tu
 
 
 def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
-    """Observe surfaces that do not press on one another, with all nodes of the organ at `points` `(n, 3)` [m]."""
+    """Return the observation of surfaces without contact, with all nodes of the organ at `points` `(n, 3)` [m]."""
     displacement, k = points - gaps.body.points, len(gaps.left)
     none, slips = np.zeros(k), np.zeros(k, dtype=bool)
     return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
 
 
 def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[ContactRecord, ...]:
-    """Return the surfaces that a wound lies between, pair by pair."""
+    """Return the surfaces of wounds, pair by pair."""
     return tuple(contact_record(*observed) for observed in observed_wounds(now, open_lips))
 
 
 def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[GapRecord, ...]:
-    """Return how the surfaces that a wound lies between gape along their rims."""
+    """Return the gaps of wounds along their rims."""
     return tuple(gap for wound, lips, points in observed_wounds(now, open_lips) for gap in wound.profile(lips, points))
 
 
 def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> ContactRecord:
-    """Return one pair of surfaces; the gap of a node that faces nothing is their extent."""
+    """Return one pair of surfaces; the gap of a node that faces nothing is the extent of the surfaces."""
     part = wound.gaps.parts[wound.part]
     pressure, faces = part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
     apart = faces & (lips.gap > APART)
@@ -167,7 +168,7 @@ def reduction_record(system: System, state: State) -> ReductionRecord | None:
 
 
 def krylov_record(system: System, state: State) -> KrylovRecord | None:
-    """Return how the organ is solved in a state, None of one that has no Krylov space."""
+    """Return the Krylov space of the organ in a state, None for an organ without a Krylov space."""
     organ = system.organ
     if not isinstance(organ, tissue.KrylovOrgan):
         return None
@@ -181,7 +182,7 @@ def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] 
         return None, None
     organ: Any = system.organ
     pressure, gap = np.zeros(nodes), np.full(nodes, np.nan)
-    both = organ.gaps.nodes[:, ::-1]  # a right node may be the nearest of several left ones, of which the last is shown
+    both = organ.gaps.nodes[:, ::-1]  # a right node can face several left nodes: the last is shown
     pressure[both], gap[both] = organ.gaps.pressure(lips.force)[:, None], lips.gap[:, None]
     return pressure, gap
 
@@ -193,8 +194,10 @@ def end_torques(state: State) -> tuple[float, float]:
 
 
 def thread_record(now: OrganRun) -> ThreadRecord:
-    """Return the thread sampled evenly on each span; tension is interpolated between the Gauss points, where it is
-    best."""
+    """Return the thread sampled evenly on each span.
+
+    Tension is interpolated between the Gauss points, where it is most accurate.
+    """
     state, thread, spline = now.state, now.system.thread, now.system.thread.spline
     breaks, ends = spline.breaks, np.searchsorted(spline.breaks, spline.piece_ends)
     inner = np.arange(SAMPLES) / SAMPLES
@@ -218,8 +221,10 @@ def thread_record(now: OrganRun) -> ThreadRecord:
 
 
 def bearing_along(holes: Sequence[PiercingObservation], s: Array) -> Array | None:
-    """Return the force of the tissue along tracts on the thread, per length, at abscissae, shape `(m, 3)` [N/m]: that
-    of the ball that stands for the length around it, zero elsewhere. None without tracts."""
+    """Return the force of the tissue on the thread along tracts, per length, at abscissae, shape `(m, 3)` [N/m].
+
+    It is constant along the length of a ball, and zero elsewhere. None without tracts.
+    """
     balls = [(ball, ball.bearing) for ball in holes if ball.tract and ball.bearing]
     if not balls:
         return None

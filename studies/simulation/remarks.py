@@ -1,7 +1,7 @@
-"""Remarks on a run: before its first step from its assembly, at its end from its largest values.
+"""Remarks on a run: from its assembly before the first step, from its largest values at the end.
 
-Each function judges one thing by plain numbers and returns the remarks that it deserves. The bounds stand in the
-catalogue, `studies.output.remarks`.
+Each function judges one quantity by plain numbers and returns its remarks. The bounds are in the catalogue,
+`studies.output.remarks`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -68,16 +68,16 @@ from thread.thread import Thread
 from thread.vectors import curvature
 
 MILLI = 1e-3
-LOOKS = 9  # places between two holes at which it is asked how deep the thread lies
+LOOKS = 9  # places between two holes at which the depth of the thread is computed
 PRESSURES, LENGTHS = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}
-UNITS = {  # of a key in SI, and those that it may have been given in
+UNITS = {  # SI unit of a key, and other units that the user may have meant
     "size": ("m", LENGTHS),
     "length": ("m", LENGTHS),
     "diameter": ("m", LENGTHS),
     "youngs_modulus": ("Pa", PRESSURES),
     "density": ("kg/m³", {"g/cm³": 1e3}),
 }
-PLAUSIBLE = {  # what organs and sutures have, with room to spare
+PLAUSIBLE = {  # ranges of organs and sutures, with a margin
     "size": (1e-3, 2.0),  # m
     "tissue.youngs_modulus": (3e2, 1e10),  # Pa: brain to tendon
     "tissue.density": (3e2, 5e3),  # kg/m³
@@ -89,7 +89,7 @@ PLAUSIBLE = {  # what organs and sutures have, with room to spare
 
 
 def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
-    """Return the remarks that are known before the first step, for a thread laid with control points `q` (n, c) [m]."""
+    """Return the remarks before the first step, for a thread with control points `q` (n, c) [m]."""
     scenario, system = assembly.scenario, assembly.system
     thread = system.thread
     straight = thread.bending and not thread.coil
@@ -131,8 +131,8 @@ def times_of(scenario: Scenario) -> dict[str, float]:
 
 
 def ramps_of(scenario: Scenario) -> dict[str, float]:
-    """Return the ramps of dead loads on a thread that starts at rest [s], by the key of the end; none for a start along
-    the path."""
+    """Return the ramps of dead loads on a thread that starts at rest [s], by the key of the end; empty for a
+    start on the path."""
     if scenario.solve.start != "rest":
         return {}
     ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
@@ -140,8 +140,8 @@ def ramps_of(scenario: Scenario) -> dict[str, float]:
 
 
 def unloaded_rest(key: str, ramp: float) -> list[Remark]:
-    """Judge whether the dead load on the end `key` of a thread, which grows within a `ramp` [s], is there at the rest
-    that a run starts from."""
+    """Return a remark if the dead load on the end `key` grows within a `ramp` [s] and is absent at the start at
+    rest."""
     text = (
         f"the dead load on {key} grows within {ramp:.3g} s and is zero at t = 0, so the run starts at rest "
         f"without it; remove {key}.ramp to start under the full load"
@@ -219,7 +219,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
 
 
 def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
-    """Judge strain and turn of the tissue at the holes."""
+    """Return remarks on strain and turn of the tissue at the holes."""
     out = []
     for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
         strained = (
@@ -236,7 +236,7 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
 
 
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
-    """Judge strain and rotation of the organ's cells."""
+    """Return remarks on strain and rotation of the organ's cells."""
     wide = extremes.strained > SHARE
     code = "tissue-strain" if wide else "local-strain"
     which = "affect the forces" if wide else "do not affect the forces; local stress there is not supported"
@@ -263,7 +263,7 @@ def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
         if max(difference, bound) <= limit:
             continue
         off = difference > limit
-        code, how = ("reduction", "is") if off else ("reduction-bound", "may be up to")
+        code, how = ("reduction", "is") if off else ("reduction-bound", "can be up to")
         text = (
             f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ "
             f"(limit {limit / MILLI:.2g} mm, {REDUCED:.0%} of the largest displacement of a hole); raise "
@@ -311,7 +311,7 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRe
 
 
 def turned_pressure(extremes: Extremes) -> list[Remark]:
-    """Judge how far the surfaces under a pressure turned."""
+    """Return a remark on the turn of pressed surfaces."""
     text = (
         f"a surface under pressure turned by up to {extremes.pressed_turn:.2g} rad, but the pressure keeps its "
         f"direction (limit about {SMALL_ROTATION:g} rad); use a smaller pressure, or stiffer tissue"
@@ -320,7 +320,7 @@ def turned_pressure(extremes: Extremes) -> list[Remark]:
 
 
 def crossed_lips(extremes: Extremes) -> list[Remark]:
-    """Judge how far lips that do not press on one another went through one another."""
+    """Return a remark on the overlap of lips without contact."""
     text = (
         f"the lips of the wound overlap by {extremes.crossed:.2g} of their extent, because contact is off; set "
         "tissue.contact = true"
@@ -346,7 +346,7 @@ def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
 
 
 def coarse_spans(ratio: float) -> list[Remark]:
-    """Judge whether the spline can follow the bends at the holes; `ratio` is a step's `span_ratio`."""
+    """Return a remark if spans are too long for the bends at the holes; `ratio` is a step's `span_ratio`."""
     text = (
         f"the spans at the holes are {ratio:.2g} of the bending length of the thread (limit {RESOLVED:g}); "
         'remove thread.knots = "fixed", or raise thread.control_points'
@@ -355,7 +355,7 @@ def coarse_spans(ratio: float) -> list[Remark]:
 
 
 def few_spans(number: float | None) -> list[Remark]:
-    """Judge whether the spline can bend between two holes; `number` is a step's `spans_between`."""
+    """Return a remark if the spline cannot bend between two holes; `number` is a step's `spans_between`."""
     if number is None or number >= BETWEEN:
         return []
     text = (
@@ -366,7 +366,7 @@ def few_spans(number: float | None) -> list[Remark]:
 
 
 def followed(branches: float) -> list[Remark]:
-    """Judge in how many load steps an equilibrium was followed along its branch by arc length."""
+    """Return a remark on the number of load steps that followed a branch by arc length."""
     text = (
         f"{branches:.0f} load steps failed and were continued along the branch by arc length, without a check "
         "of stability; raise solve.load_steps to resolve the branch"
@@ -375,7 +375,7 @@ def followed(branches: float) -> list[Remark]:
 
 
 def past_limit(fallen: float) -> list[Remark]:
-    """Return a remark if the loads have `fallen` along a branch, as a part of the full loads."""
+    """Return a remark if the loads have `fallen` along a branch, as a share of the full loads."""
     text = (
         f"the loads fell along a branch by {fallen:.2g} of the full loads: under rising loads thread or tissue "
         'would jump there, perhaps to another branch; use solve.kind = "dynamic" to follow the jump'
@@ -384,7 +384,7 @@ def past_limit(fallen: float) -> list[Remark]:
 
 
 def unstable(would_stay: bool) -> list[Remark]:
-    """Judge whether a thread at rest would stay there."""
+    """Return a remark on an unstable equilibrium of the thread."""
     text = (
         "this equilibrium of the thread is unstable (it would buckle, snap or roll over), and no stable one "
         'was found; use solve.kind = "dynamic", or lay the path out of its plane'
@@ -393,20 +393,22 @@ def unstable(would_stay: bool) -> list[Remark]:
 
 
 def rubs(assembly: Assembly) -> bool:
-    """Return whether something has friction, by which the end depends on the way there."""
+    """Return whether the run has friction, so that its end depends on its history."""
     return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
 def has_slid(assembly: Assembly, step: StepRecord) -> bool:
-    """Return whether a thread that rubs in its holes was drawn through one by more than its diameter."""
+    """Return whether a thread with friction was drawn through a hole by more than its diameter."""
     diameter = section_of(assembly.scenario.thread).diameter
     drawn = (abs(hole.slip) for hole in step.piercings)
     return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > SLID * diameter
 
 
 def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
-    """Return remarks on energy that the time steps created or dissipated; `rough`: the run has friction; `slid`: the
-    thread slid far."""
+    """Return remarks on energy that the time steps created or dissipated.
+
+    `rough`: the run has friction. `slid`: the thread slid far.
+    """
     out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
     if extremes.created > CREATED * scale:
         text = (
@@ -431,24 +433,27 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
 
 
 def moves(energy: EnergyRecord) -> bool:
-    """Return whether a run in time still moves at its end, by its kinetic energy."""
+    """Return whether a dynamic run still moves at its end, by its kinetic energy."""
     return unrest(energy.kinetic, energy.of_deformation) > SETTLED
 
 
 def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
-    """Return a remark if a run did not come to rest, by its kinetic energy and by the length `slide` [m] that a thread
-    of a `diameter` [m] would slide in the same time again."""
+    """Return a remark if a run did not come to rest.
+
+    The criteria are its kinetic energy and the length `slide` [m] that a thread of `diameter` [m] slides in
+    another run of the same duration.
+    """
     share = unrest(energy.kinetic, energy.of_deformation)
     text = (
         f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g}), "
-        f"and at its final speed the thread would slide by {slide / MILLI:.2g} mm in the same time again "
+        f"and at its final speed the thread would slide by {slide / MILLI:.2g} mm in another such run "
         f"(limit {SLID * diameter / MILLI:.2g} mm)"
     )
     return judged(moves(energy) or slide > SLID * diameter, "not-at-rest", "solve.duration", text)
 
 
 def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark]:
-    """Name the holes that the thread is not in at the end of a run, though they have begun and not ended."""
+    """Return a remark on holes without the thread at the end of a run, though they have begun and not ended."""
     times = [(hole.from_, np.inf if hole.until is None else hole.until) for hole in holes]
     left = [
         found.name
@@ -463,14 +468,14 @@ def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark
 
 
 def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
-    """Name the ties that are open at the end of a run although they have begun, unless their loop is cut."""
+    """Return remarks on ties that have begun but are open at the end of a run, unless their loop is cut."""
     at = {hole.name: hole.s for hole in step.piercings}
     cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
     out = []
     for tie, found in zip(scenario.tie, step.ties, strict=True):
         first, last = sorted(at[name] for name in tie.between)
         text = (
-            f"the tie {tie.name!r} has come undone by t = {step.time:.4g} s, because the thread ran out of its loop "
+            f"the tie {tie.name!r} is open at t = {step.time:.4g} s, because the thread ran out of its loop "
             "before the hands drew hard enough; let their force grow faster (ramp), or leave longer ends"
         )
         lost = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
@@ -479,7 +484,7 @@ def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
 
 
 def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
-    """Judge under which forces (t,) [N] ties were locked, NaN of one that was not."""
+    """Return remarks on ties locked below their force; `forces` (t,) [N] are NaN for a tie that was not locked."""
     out = []
     for tie, force in zip(ties, forces.tolist(), strict=True):
         text = (
@@ -491,7 +496,8 @@ def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
 
 
 def swinging(swing: float) -> list[Remark]:
-    """Judge how far the force of a hole was off a straight course over the last steps, over the largest of them."""
+    """Return a remark if a hole's force deviates from a straight line over the last steps, as a share of the
+    largest force."""
     text = (
         f"the force of a hole oscillates over the last {SEEN} steps by {swing:.2g} of the largest (limit "
         f"{SWUNG:g}): use a smaller solve.dt, or a longer run"
@@ -500,8 +506,10 @@ def swinging(swing: float) -> list[Remark]:
 
 
 def chattering(names: Sequence[str], times: Array) -> list[Remark]:
-    """Judge when holes changed again and again between stick and slip within a few steps, `times` (p,) [s], NaN where
-    one did not."""
+    """Return a remark on holes that changed often between stick and slip within a few steps.
+
+    `times` (p,) [s] are NaN for a hole that did not.
+    """
     chattered = np.flatnonzero(~np.isnan(times))
     if not chattered.size:
         return []
@@ -516,7 +524,7 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
 
 
 def inaccurate_cells(assembly: Assembly) -> list[Remark]:
-    """Judge the cells at the holes of a mesh that was refined."""
+    """Return remarks on the cells at the holes of a refined mesh."""
     table, fit = assembly.scenario.tissue, assembly.fit
     if fit is None or table is None or table.mesh.accuracy == "given":
         return []
@@ -525,7 +533,7 @@ def inaccurate_cells(assembly: Assembly) -> list[Remark]:
 
 
 def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> list[Remark]:
-    """Judge the relative errors of the holes' compliance that cells refined to an `accuracy` leave."""
+    """Return remarks on errors of the holes' compliance above the requested `accuracy`."""
     return [
         remark(
             "accuracy",
@@ -540,7 +548,7 @@ def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> l
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
-    """Judge the cells [m] at a hole, if they were not `refined` to an accuracy."""
+    """Return a remark on coarse cells [m] at a hole, unless they were `refined` to an accuracy."""
     key = dotted_key(["piercing", hole.name, "footprint"])
     if hole.footprint == 0.0:
         text = f"{hole.name!r} is a bare point, whose displacement depends on the cell size; set {key}"
@@ -554,7 +562,7 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
 
 
 def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
-    """Judge how far holes were moved to the surface."""
+    """Return remarks on holes that were moved far to the surface."""
     return [
         remark(
             "moved",
@@ -568,7 +576,7 @@ def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
 
 
 def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
-    """Judge how near holes are to one another; two at one place are one hole at two times."""
+    """Return remarks on neighbouring holes; two holes at the same place are one hole at two times."""
     out = []
     for one, other in combinations(holes, 2):
         apart, reach = dist(one.place, other.place), NEAR * (one.footprint + other.footprint)
@@ -582,13 +590,13 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
 
 
 def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
-    """Judge how rough surfaces are that press on one another."""
+    """Return remarks on contacts with a large coefficient of friction."""
     return [
         remark(
             "contact-rough",
             " - ".join(pair.between),
             f"the friction of {pair.between[0]!r} and {pair.between[1]!r} is {pair.friction:.3g}, above {STEEP:g}: "
-            "several solutions may exist; compare with smaller steps",
+            "several solutions can exist; compare with smaller steps",
         )
         for pair in contacts
         if pair.friction > STEEP
@@ -596,16 +604,16 @@ def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
 
 
 def undetermined_slip(free: bool) -> list[Remark]:
-    """Judge whether how far a thread slides is determined: not where it slides as a whole at no cost, `free`."""
+    """Return a remark if the slip is undetermined, because the thread is `free` to slide as a whole."""
     text = (
-        "nothing holds the thread along itself, so the slip of each hole depends on the load steps (forces, "
+        "nothing holds the thread in its axial direction, so the slip of each hole depends on the load steps (forces, "
         "places and differences of slips do not); hold an end, anchor a hole, or set friction"
     )
     return judged(free, "slides-freely", "piercing", text)
 
 
 def unheld(scenario: Scenario) -> list[Remark]:
-    """Judge whether something holds the organ of a run in time."""
+    """Return a remark if nothing holds the organ of a dynamic run."""
     organ = scenario.tissue
     free = not (organ is None or organ.clamp or organ.roller or scenario.touching)
     text = (
@@ -616,7 +624,7 @@ def unheld(scenario: Scenario) -> list[Remark]:
 
 
 def off_path(assembly: Assembly) -> list[Remark]:
-    """Judge how far the holes that hold the thread at the start are from its path."""
+    """Return remarks on holes far from the path that hold the thread at the start."""
     bound = OFF_PATH * assembly.system.thread.section.diameter
     there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
     places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
@@ -626,7 +634,7 @@ def off_path(assembly: Assembly) -> list[Remark]:
             "off-path",
             hole.name,
             f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, more than {OFF_PATH:g} diameters "
-            f"({bound / MILLI:.2g} mm): the thread is bent to it before the first step; lead the path through it",
+            f"({bound / MILLI:.2g} mm): the thread is bent to it before the first step; move the path",
         )
         for hole, gap in zip(assembly.holes, away, strict=True)
         if hole.from_ == 0.0 and gap > bound and not isinstance(hole, Ball)
@@ -634,8 +642,10 @@ def off_path(assembly: Assembly) -> list[Remark]:
 
 
 def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
-    """Return the smallest radius of a thread with control points `q` (n, c) [m] at the points of its bending energy,
-    and its abscissa [m]."""
+    """Return the smallest bend radius of a thread with control points `q` (n, c) [m], and its abscissa [m].
+
+    It is computed at the points of the bending energy.
+    """
     rule = thread.elastic_rule
     first, second = (np.einsum("egi,eia->ega", rule.b[:, :, d], q[thread.points_of_span, :3]) for d in (1, 2))
     bent = curvature(first, second)
@@ -644,7 +654,7 @@ def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
 
 
 def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
-    """Judge the smallest `radius` [m] in which a thread of a `diameter` [m] is laid, at the abscissa `at` [m]."""
+    """Return a remark on a bend `radius` [m] below the thread's `diameter` [m], at the abscissa `at` [m]."""
     text = (
         f"the path bends the thread to a radius of {radius / MILLI:.2g} mm at s = {at:.4g} m, below its "
         f"diameter of {diameter / MILLI:.2g} mm: its fibres are strained by {0.5 * diameter / radius:.0%}, and "
@@ -654,7 +664,7 @@ def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
 
 
 def along_path(assembly: Assembly) -> list[Remark]:
-    """Judge the thread between each two neighbouring holes that hold it at the start."""
+    """Return remarks on the thread between neighbouring holes that hold it at the start."""
     path, body, scenario = assembly.path, assembly.body, assembly.scenario
     if body is None:
         return []
@@ -681,8 +691,11 @@ def along_path(assembly: Assembly) -> list[Remark]:
 
 
 def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> list[Remark]:
-    """Judge the first and the last strand of the thread, whose holes are its `own` at abscissae of the path [m]; not
-    the free tail of an anchored hole, which nothing pulls."""
+    """Return remarks on the first and the last strand of the thread, with its `own` holes at abscissae of the
+    path [m].
+
+    The free tail of an anchored hole is not judged, because nothing pulls on it.
+    """
     path, thread = assembly.path, assembly.scenario.thread
     strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
     out: list[Remark] = []
@@ -697,17 +710,18 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
 
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
-    """Judge how deep [m] a strand that has to cross the surface without a hole lies in the tissue."""
+    """Return a remark on a strand that lies `depth` [m] deep in tissue and crosses the surface without a hole."""
     text = (
         f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue and crosses its surface "
-        "without a hole, so it meets no resistance there; add a [[tract]] if the strand is a bite through a wound, "
-        "else a [[piercing]], or lead thread.path around the organ"
+        "without a hole, so it has no resistance there; add a [[tract]] if the strand is a bite through a wound, "
+        "else a [[piercing]], or move thread.path around the organ"
     )
     return judged(depth > IN_TISSUE * diameter, "no-hole", hole, text)
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
-    """Judge how deep [m] the thread lies in tissue between two holes without a tract, by the names of the holes."""
+    """Return a remark on the depth [m] of the thread in tissue between two holes without a tract, by the names
+    of the holes."""
     deep = {holes: depth for holes, depth in depths.items() if depth > IN_TISSUE * diameter}
     if not deep:
         return []
@@ -722,26 +736,31 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> l
 
 
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
-    """Judge how much of the path of a tract, `bare` of its `length` [m] and no part of the way across a wound, has no
-    room for balls of a `radius` [m]."""
+    """Return a remark if a `bare` length of a tract's path is too long [m].
+
+    This length of the whole `length` [m] has no room for balls of a `radius` [m]. Passages across a wound are
+    excluded.
+    """
     text = (
         f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or "
         f"within its radius of {radius / MILLI:.2g} mm of a surface, so the thread does not bear on tissue "
-        "there; lead the path deeper or use a smaller radius"
+        "there; move the path deeper or use a smaller radius"
     )
     return judged(bare > BARE * radius, "tract-bare", name, text)
 
 
 def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
-    """Judge the stiffness of the thread along a tract."""
+    """Return a remark on the stiffness of the thread along a tract."""
     radius = next(radius_of(each, scenario.piercing) for each in scenario.tract if each.name == tract.tract)
     EI = section_of(scenario.thread).EI if scenario.thread.bending else 0.0
     return stiffer_than_taut(tract.tract, EI * tract.turn / radius**2, tract.turn, tract.tension, tract.spacing)
 
 
 def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
-    """Judge the force `push` [N] by which a thread that makes a `turn` [rad] from one ball of a tract to the next, a
-    `spacing` [m] on, presses on them against its `tension` [N]."""
+    """Return a remark if the bending force `push` [N] of the thread on a ball is large against its `tension` [N].
+
+    The thread makes a `turn` [rad] from one ball of a tract to the next, at a distance `spacing` [m].
+    """
     text = (
         f"along the tract {name!r} the stiffness of the thread presses on each ball with {push:.2g} N (turn "
         f"{turn:.2g} rad) under a tension of {tension:.2g} N, so results depend on the spacing of "
@@ -752,7 +771,7 @@ def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spaci
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:
-    """Return the values that may be given in a wrong unit, by their key [SI]."""
+    """Return the values that can be in a wrong unit, by their key [SI]."""
     section, body = section_of(assembly.scenario.thread), assembly.body
     out: dict[str, Any] = {
         "thread.length": assembly.system.thread.spline.end,
@@ -768,7 +787,7 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
 
 
 def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
-    """Judge whether values [SI] by their key are such as organs and sutures have."""
+    """Return remarks on values [SI] outside the range of organs and sutures, by their key."""
     return [
         remark("units", key, unlike_text(key, odd))
         for key, found in values.items()
@@ -777,12 +796,12 @@ def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
 
 
 def odd_values(values: Array, low: float, high: float) -> Iterable[float]:
-    """Return the first value that is not between two bounds, if any."""
+    """Return the first value outside two bounds, in a list; empty if there is none."""
     return values[(values < low) | (values > high)][:1].tolist()
 
 
 def unlike_text(key: str, value: float) -> str:
-    """Say of a value that it is unlike an organ or a suture, and in which other units it would be like one."""
+    """Return the text on a value outside the range of organs and sutures, with the likely units."""
     low, high = PLAUSIBLE[key]
     unit, others = UNITS[key.rpartition(".")[2]]
     likely = [other for other, factor in others.items() if low <= factor * value <= high]

@@ -1,4 +1,4 @@
-"""Remedies for a failed run: each is tried on a copy before it is named."""
+"""Remedies for a failed run: each is tried on a copy before it is recommended."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,16 +21,19 @@ log = logging.getLogger(__name__)
 Make = Callable[[Scenario], Simulation]
 Settings = Mapping[str, Any]  # by dotted names
 
-FINER = 4  # by how much shorter steps are: what a tenth more helps is chance
-MOST = 5000  # corrections of Newton that a copy may take: what a few hundred steps at a quarter of their length do
-PAST = 10  # steps of the run that failed, beyond the one that failed, that a copy is followed
+FINER = 4  # factor of shorter steps: a smaller change can help by chance
+MOST = 5000  # Newton corrections allowed for a copy: enough for a few hundred steps of a quarter of their length
+PAST = 10  # number of steps of the failed run beyond the failure, to which a copy is computed
 IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, ThreadError)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of a copy with other `settings`, computed to the `time` [s]: it "ends" well, is "past" the failure,
-    "fails", is "slow" and takes more than `MOST` corrections, or is "refused"."""
+    """The result of a copy with other `settings`, computed to the `time` [s].
+
+    Its outcome: it "ends" well, is "past" the failure, "fails", is "slow" (more than `MOST` corrections), or is
+    "refused".
+    """
 
     settings: Settings
     outcome: Literal["ends", "past", "fails", "slow", "refused"]
@@ -38,26 +41,26 @@ class Trial:
 
     @property
     def helps(self) -> bool:
-        """Whether the copy gets past where the run failed."""
+        """Whether the copy passes the time of the failure."""
         return self.outcome in ("ends", "past")
 
     @property
     def text(self) -> str:
-        """The settings as a person writes them."""
+        """The settings in the notation of a scenario."""
         return written(self.settings)
 
 
 def written(settings: Settings) -> str:
-    """Write settings as a person does."""
+    """Return settings in the notation of a scenario."""
     return ", ".join(f"{key} = {as_toml(value)}" for key, value in settings.items())
 
 
 def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | None, make: Make) -> Remark:
-    """Try remedies for a `scenario` that failed after its `last` step (None: before the first) until one helps, and
-    return the remark; `make` prepares a copy.
+    """Try remedies for a failed `scenario` until one helps, and return the remark.
 
-    What is tried is told by scenario and failure alone, and a copy is given up by the corrections that it takes, so
-    that of the same run the same is said.
+    `last` is its last step, None for a failure before the first step; `make` prepares a copy. Only scenario and
+    failure determine the remedies. A copy is ended by its number of corrections and not by time, so repeated
+    runs give the same remark.
     """
     time, trials = last.time if last else 0.0, list[Trial]()
     for settings in remedies(scenario, failure):
@@ -89,7 +92,7 @@ def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
 
 
 def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> Trial:
-    """Run a copy with other settings until it is well past a `time` [s], has taken too many corrections, or fails."""
+    """Run a copy with other settings until it is well past a `time` [s], needs too many corrections, or fails."""
     goal, corrections = time + PAST * scenario.solve.duration / scenario.solve.steps, 0
     try:
         copy = make(parsed(changed(tables(scenario), settings)))
@@ -113,12 +116,12 @@ def remark_of(trials: Sequence[Trial], time: float) -> Remark:
     """Return the remark on the `trials` on copies of a run whose last step ended at `time` [s]."""
     vain = "; ".join(trial.text for trial in trials if trial.outcome == "fails")
     slow = "; ".join(trial.text for trial in trials if trial.outcome == "slow")
-    other = [f"in vain: {vain}"] * bool(vain) + [f"given up after {MOST} corrections: {slow}"] * bool(slow)
+    other = [f"no help: {vain}"] * bool(vain) + [f"stopped after {MOST} corrections: {slow}"] * bool(slow)
     if not trials[-1].helps:
         text = f"no remedy helped on a copy of the run; {', '.join(other)}" if other else "no copy could be prepared"
         return remark("remedy", "solve", text)
     reached = f"gets past t = {time:.4g} s; it was computed to {trials[-1].time:.4g} s"
-    ways = {"ends": "comes to its end", "past": reached}
+    ways = {"ends": "reaches its end", "past": reached}
     before = f" (tried before, {', '.join(other)})" if other else ""
     text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{before}"
     return remark("remedy", "solve", text)

@@ -1,7 +1,7 @@
 """A store of parts that scenarios share: mesh, discrete organ, factor and compliance, keyed by their inputs.
 
-An organ is made from all of a scenario but what is listed here: the thread, what is done to it in time, and what a hole
-does to the thread alone. A key that is not listed, such as one that is added later, makes another organ.
+An organ depends on all of a scenario except the tables and keys listed here: the thread, its events in time,
+and the effect of a hole on the thread only. An unlisted key, for example a new one, makes another organ.
 """
 
 import hashlib
@@ -30,10 +30,10 @@ OF_STEPS = (
     "epsilon",
 )
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
-# of the organ, beside its mesh and stiffness
+# keys of the organ that do not affect its mesh and stiffness
 OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load", "reduction")
-OF_PULL = ("force", "ramp")  # of an end of the thread: it is laid before anything pulls
-OF_LENGTH = ("start", "dt", "duration", "load_steps")  # of a run, before which the thread is laid
+OF_PULL = ("force", "ramp")  # of an end of the thread: the thread is laid before the loads act
+OF_LENGTH = ("start", "dt", "duration", "load_steps")  # of a run: the thread is laid before the run
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
@@ -45,7 +45,7 @@ class Store(Protocol):
 
 
 class Unshared:
-    """A cache that keeps nothing."""
+    """A cache that stores nothing."""
 
     def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
         """Return the result of `make`."""
@@ -53,7 +53,7 @@ class Unshared:
 
 
 class Shared:
-    """Keeps the last of each kind: cases in the order of their organs make each organ once."""
+    """Stores the last part of each kind: if cases are sorted by organ, each organ is made once."""
 
     def __init__(self) -> None:
         self._kept: dict[str, tuple[str, Any]] = {}
@@ -64,35 +64,35 @@ class Shared:
         with self._lock:
             known = self._kept.get(kind)
             if known is None or known[0] != key:
-                self._kept.pop(kind, None)  # before the next is made: a large organ needs the memory of the last
+                self._kept.pop(kind, None)  # first, because a large organ needs the memory of the last one
                 known = self._kept[kind] = key, make()
             made: Made = known[1]
             return made
 
 
 def organ_key(scenario: Scenario) -> str:
-    """Return the digest of all that the organ with its holes is made from."""
+    """Return the digest of all inputs of the organ with its holes."""
     return digest(organ_tables(scenario) | {"krylov": scenario.has_krylov}, scenario)
 
 
 def reduction_key(scenario: Scenario) -> str:
-    """Return the digest of all that the basis of an organ is made from: it is the same whatever damps."""
+    """Return the digest of all inputs of an organ's basis; damping is not an input."""
     plain = organ_tables(scenario)
     return digest(plain | {"tissue": without(plain.get("tissue", {}), ("rayleigh",))}, scenario)
 
 
 def start_key(scenario: Scenario) -> str:
-    """Return the digest of all that the start is made from: the thread is laid on the organ before anything pulls."""
+    """Return the digest of all inputs of the start; loads are none, because the thread is laid before they act."""
     plain = without(tables(scenario), ("title", "cut", "output"))
     solve = without(plain["solve"], OF_LENGTH)
     return digest(plain | {"thread": unpulled(plain["thread"]), "solve": solve}, scenario)
 
 
 def thread_key(scenario: Scenario, length: float, s: Sequence[float]) -> str:
-    """Return the digest of all that the thread is made from, with its rest length and the abscissae of holes [m]."""
+    """Return the digest of all inputs of the thread, with its rest length and the abscissae of holes [m]."""
     laid = [length, *(float(at) for at in s)]
     made = {"thread": unpulled(tables(scenario)["thread"]), "laid": laid, "scheme": scenario.solve.scheme}
-    if scenario.thread.knots == "travelling":  # whose knots are those of the holes that it is laid in, and of ties
+    if scenario.thread.knots == "travelling":  # travelling knots depend on the holes and ties
         holes = [[hole.direction == "free", hole.from_ == 0.0] for hole in scenario.piercing]
         made |= {"knots": [holes, len(scenario.tie)]}
     return digest(made, scenario)
@@ -104,18 +104,18 @@ def unpulled(thread: dict[str, Any]) -> dict[str, Any]:
 
 
 def body_key(scenario: Scenario) -> str:
-    """Return the digest of all that the discrete elasticity of an organ is made from."""
+    """Return the digest of all inputs of an organ's discrete elasticity."""
     return digest(body_tables(scenario), scenario)
 
 
 def places_key(scenario: Scenario) -> str:
-    """Return the digest of all that the places of holes on the organ's surface are made from."""
+    """Return the digest of all inputs of the places of holes on the organ's surface."""
     lines = [[hole.near, hole.line] for hole in scenario.piercing]
     return digest(body_tables(scenario) | {"lines": lines}, scenario)
 
 
 def mesh_key(scenario: Scenario) -> str:
-    """Return the digest of all that an organ's mesh is made from."""
+    """Return the digest of all inputs of an organ's mesh."""
     plain = body_tables(scenario)
     organ = without(plain.get("tissue", {}), OF_MATERIAL)
     regions = [without(region, OF_MATERIAL) for region in organ.get("region", [])]
@@ -123,23 +123,23 @@ def mesh_key(scenario: Scenario) -> str:
 
 
 def organ_tables(scenario: Scenario) -> dict[str, Any]:
-    """Return the tables of a scenario that an organ with its holes is made from."""
+    """Return the tables of a scenario that determine an organ with its holes."""
     plain = without(tables(scenario), NOT_OF_ORGAN)
     holes = [without(hole, OF_THREAD) for hole in plain.get("piercing", [])]
     thread, places = scenario.thread, [hole.s for hole in scenario.piercing]
-    laid = {"laid": [thread.path, thread.length, places]} if scenario.tract else {}  # the balls of tracts lie along it
+    laid = {"laid": [thread.path, thread.length, places]} if scenario.tract else {}  # with balls along the path
     return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)} | laid
 
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
-    """Return the tables of a scenario that its organ's discrete elasticity is made from: holes by their places."""
+    """Return the tables of a scenario that determine its organ's discrete elasticity, with the places of holes."""
     of_holes: tuple[str, ...] = ("name", "at", "footprint")
     plain = without(organ_tables(scenario), ("solve", "tract", "laid"))
-    if scenario.tissue is not None and scenario.tissue.mesh.accuracy != "given":  # cells that fit the holes and balls
+    if scenario.tissue is not None and scenario.tissue.mesh.accuracy != "given":  # refined cells
         of_holes, plain = (*of_holes, "weight", "direction"), without(organ_tables(scenario), ("solve",))
     holes = [{key: hole[key] for key in of_holes if key in hole} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
-    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # where bodies may float none need be held
+    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # if bodies may float, none must be held
 
 
 def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:

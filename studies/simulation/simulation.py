@@ -45,8 +45,8 @@ from studies.simulation.timing import timed
 from studies.simulation.tracts import Ball
 
 OnStep = Callable[[StepRecord], None]
-Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # of steps, each with what makes its frame
-AT_ONCE = 50  # steps at most before they are recorded: until then nobody sees them or can call them off
+Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # steps, each with a function that makes its frame
+AT_ONCE = 50  # largest number of steps before they are recorded: the user cannot see or stop steps before
 
 
 @dataclass(frozen=True)
@@ -84,19 +84,22 @@ class Simulation:
 
     @property
     def tissue_dofs(self) -> int:
-        """Unknowns of the organ that are not held."""
+        """Number of the organ's unknowns that are not held."""
         return self.assembly.organ.size
 
     @property
     def balls(self) -> int:
-        """Balls of all tracts."""
+        """Number of balls of all tracts."""
         return len(self.assembly.holes) - len(self.scenario.piercing)
 
     @cached_property
     def refinement(self) -> dict[str, Any]:
-        """The `rounds` in which cells were refined at the holes, and by piercing the relative `errors` of its
-        compliance that were estimated [-]; empty for a mesh that is as given. With `tissue.mesh.bound` the `bounds` of
-        the exact compliance over that of the mesh, lower and upper [-]."""
+        """The `rounds` of refinement at the holes, and the estimated relative `errors` of their compliance by
+        piercing [-].
+
+        Empty without refinement. With `tissue.mesh.bound` also the `bounds` of the exact compliance over the
+        compliance of the mesh, lower and upper [-].
+        """
         fit, out = self.assembly.fit, {}
         if fit is not None:
             errors = {name: error for name, error in self._by_piercing(fit.errors) if np.isfinite(error)}
@@ -106,7 +109,7 @@ class Simulation:
         return out
 
     def _by_piercing(self, values: Array) -> Iterator[tuple[str, Any]]:
-        """Yield the piercings' names and own values, of those `(p,)` or `(p, k)` of all sites."""
+        """Yield the piercings' names and values, from `(p,)` or `(p, k)` values of all sites."""
         for hole, value in zip(self.assembly.holes, values.tolist(), strict=True):
             if not isinstance(hole, Ball):
                 yield hole.name, value
@@ -122,9 +125,12 @@ class Simulation:
 
     @property
     def methods(self) -> dict[str, str | None]:
-        """The solution methods; `solver` is that of the organ, as `auto` chose it, and `organ` whether its steps begin
-        "whole", in its "krylov" space or in a small "basis"; None without one. A recorder adds the step at which the
-        space was abandoned."""
+        """The solution methods.
+
+        `solver` is the organ's solver after the choice of `auto`. `organ` is the initial solution of its steps:
+        "whole", in its "krylov" space or in a small "basis"; both are None without an organ. A recorder adds
+        the step of a change to the whole organ.
+        """
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
@@ -134,7 +140,7 @@ class Simulation:
 
     @property
     def _newton(self) -> str:
-        """What steps are solved by where they can be: "compiled" loops, or "numpy"."""
+        """Solution of the steps, if possible: "compiled" loops, else "numpy"."""
         solve, organ, system = self.scenario.solve, self.assembly.organ, self.assembly.system
         iterates = solve.kind == "static" or solve.scheme == "newton"
         linear = getattr(organ, "gaps", None) is None and not isinstance(organ, tissue.FiniteOrgan)
@@ -142,12 +148,12 @@ class Simulation:
 
     @property
     def steps(self) -> int:
-        """Steps to be taken."""
+        """Number of steps to be taken."""
         return self.scenario.solve.steps
 
     @cached_property
     def open_lips(self) -> tissue.Gaps | None:
-        """The lips of a wound that do not press on one another, None without any."""
+        """The lips of a wound without contact, None without such lips."""
         body, table = self.assembly.body, self.scenario.tissue
         apart = LIPS in self.scenario.wounds and LIPS not in self.scenario.touching
         if body is None or table is None or not apart or not isinstance(table.mesh, WoundMesh):
@@ -155,7 +161,7 @@ class Simulation:
         return lip_gaps(table.mesh, body)
 
     def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
-        """Return the record of a step that took some `seconds`."""
+        """Return the record of a step whose computation took `seconds`."""
         return step_record(now, seconds, self.open_lips)
 
     @cached_property
@@ -166,16 +172,18 @@ class Simulation:
     def advance(self, memory: Arrays | None = None) -> Moments:
         """Yield the start, then every step, each with a function that makes its frame.
 
-        With the `memory` of a step's record: that step again, then those after it. Raises `ScenarioError` for a memory
-        that is none of this simulation.
+        With the `memory` of a step's record: this step again, then the steps after it. Raises `ScenarioError`
+        for a memory of another simulation.
         """
         if memory is None:
             return self._from(self.laid(), self._starts_at_rest)
         return self._from(recall(replace(self.laid(), fresh=not self._starts_at_rest), memory), False)
 
     def _from(self, now: OrganRun, rests: bool) -> Moments:
-        """Step on from where the run is, or from its rest. BLAS keeps to one thread: two of them on busy cores cost
-        more than they bring."""
+        """Yield the steps from the present state, or from its state of rest.
+
+        BLAS uses one thread: on busy cores two threads are slower.
+        """
         with threadpool_limits(limits=1, user_api="blas"):
             now = now.rested() if rests else now
             yield from self._told(self.record(now), now)
@@ -187,35 +195,38 @@ class Simulation:
                 now = runs[-1]
 
     def _told(self, record: StepRecord, now: OrganRun) -> Moments:
-        """Yield a step, and tell of it once the caller is done with it: what records a run has recorded it then."""
+        """Yield a step, and call `on_step` after the caller has used the step, so that it is recorded first."""
         yield record, partial(self.snapshot, now)
         if self.on_step is not None:
             self.on_step(record)
 
     def is_on_grid(self, now: OrganRun) -> bool:
-        """Return whether a longer run reaches the same state; False for a last step that was cut short."""
+        """Return whether a longer run reaches the same state; False for a last step that was shortened."""
         solve = self.scenario.solve
         return solve.kind == "static" or now.state.time == now.number * solve.dt
 
     def stepper(self, end: WhichEnd = "end", deadline: float | None = None) -> Stepper:
-        """Return the run for a host program to step, which moves an `end` of the thread; each step should take no
-        longer than the `deadline` [s], None: than it stands for. Raises `ScenarioError`."""
+        """Return the run for a host program, which moves an `end` of the thread and calls each step.
+
+        `deadline` [s] is the longest time of a step; None is the simulated time of the step. Raises
+        `ScenarioError`.
+        """
         return Stepper(self, end, deadline)
 
     @property
     def _starts_at_rest(self) -> bool:
-        """Whether slack is taken up before the clock starts."""
+        """Whether slack is taken up before the first step."""
         return self.scenario.solve.start == "rest"
 
     def beginning(self) -> OrganRun:
-        """Return the run before the first step. Raises `RestError` if it is to start at rest, and there is none."""
+        """Return the run before the first step. Raises `RestError` for a start at rest without equilibrium."""
         if not self._starts_at_rest:
             return self.laid()
         with threadpool_limits(limits=1, user_api="blas"):
             return self.laid().rested()
 
     def laid(self) -> OrganRun:
-        """Return the run with the thread where it was laid."""
+        """Return the run with the thread as laid."""
         made, solve = self.assembly, self.scenario.solve
         one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
         cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
@@ -230,7 +241,7 @@ class Simulation:
         )
 
     def next(self, now: OrganRun) -> OrganRun:
-        """Return the run one step, or load step, further."""
+        """Return the run after one more step or load step."""
         solve, number = self.scenario.solve, now.number + 1
         if solve.kind == "static":
             return now.load(number / self.steps, solve.duration)
@@ -238,7 +249,7 @@ class Simulation:
         return now.step(solve.dt if self.is_whole(dt) else dt, self.time_of(number))
 
     def onward(self, now: OrganRun) -> list[OrganRun]:
-        """Return the runs after the next steps: of all that are made at once, else of one alone."""
+        """Return the runs after the next steps: of all steps that are made in one call, else of one step."""
         solve, numbers = self.scenario.solve, range(now.number + 1, min(now.number + AT_ONCE, self.steps) + 1)
         whole = [number for number in numbers if self.is_whole(self.length_of(number))]
         if solve.kind == "static" or not whole:
@@ -251,12 +262,12 @@ class Simulation:
         return solve.duration if number == self.steps else number * solve.dt
 
     def length_of(self, number: int) -> float:
-        """Return how long a step is [s]."""
+        """Return the length of a step [s]."""
         solve = self.scenario.solve
         return solve.duration - (number - 1) * solve.dt if number == self.steps else solve.dt
 
     def is_whole(self, dt: float) -> bool:
-        """Return whether a step of so many seconds is as long as the others, but for round-off."""
+        """Return whether a step of `dt` seconds has full length, up to round-off."""
         return abs(dt - self.scenario.solve.dt) < WHOLE * self.scenario.solve.dt
 
     def snapshot(self, now: OrganRun) -> Snapshot:
@@ -266,7 +277,7 @@ class Simulation:
 
     @cached_property
     def _cells_at_holes(self) -> tuple[NDArray[np.intp], ...]:
-        """The cells on which each hole that is no ball of a tract bears."""
+        """The cells on which each hole bears, without the balls of tracts."""
         organ: Any = self.assembly.organ
         each = zip(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites), strict=True)
         return tuple(cells for hole, cells in each if not isinstance(hole, Ball))
@@ -283,7 +294,7 @@ class Simulation:
         return replace(organ, hole_strain=strain, hole_energy=energy)
 
     def _organ_record(self, state: State) -> OrganRecord | None:
-        """Return what the organ is like, but for its holes."""
+        """Return the state of the organ without the values at its holes."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is not None and isinstance(organ, tissue.FiniteOrgan):
             U = organ.displacement(state.organ)
@@ -315,9 +326,11 @@ def finite_record(
     crossed: float,
     lips: tuple[Array, Array] | tuple[None, None],
 ) -> OrganRecord:
-    """Return what is drawn of an organ at finite strain: Cauchy stress, stretch less one, and rotation;
-    `crossed` is how far lips are through one another, over their extent, and `lips` are their pressure and gap. Nothing
-    else is beyond what its model holds for."""
+    """Return the fields of an organ at finite strain: Cauchy stress, stretch minus one, and rotation.
+
+    `crossed` is the overlap of lips over their extent, and `lips` are their pressure and gap. No share of
+    energy is outside the model.
+    """
     hyper, U = organ.law, organ.displacement(state)
     stress = tissue.cauchy_stress(hyper, U, organ.stressed(state))
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
@@ -346,7 +359,7 @@ def finite_record(
 
 
 def method(solve: Solve) -> Take:
-    """Tell how a step is taken: by which integrator, and with the organ in the same system or after the thread."""
+    """Return the function that takes a step: its integrator, and the organ in the same system or after the thread."""
     ways = {"euler": (try_step, backward_euler), "bdf2": (stepping.bdf2_step, stepping.scheme_of)}
     thread_step: Take
     thread_step, scheme_of = ways[solve.integrator]
@@ -369,27 +382,28 @@ def prepare(
     ranks: tissue.Ranks | None = None,
     on_step: OnStep | None = None,
 ) -> Simulation:
-    """Prepare everything that is known before the first step.
+    """Prepare everything that is needed before the first step.
 
-    What a `store` has of mesh, organ and factor is shared, None: made anew. What else is given takes the place of what
-    the scenario says, None leaves it:
+    Mesh, organ and factor are reused from a `store` if possible; None makes them anew. The other arguments
+    replace parts of the scenario; None keeps the scenario's part:
 
-    - `mesh` [m]: the organ's, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario that has no
-      other says `kind = "given"`.
-    - `basis`: that of one's own forms, `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or of
-      `ElementTetP2`; its mesh is the organ's.
-    - `stiffness`: a linear organ's over the unknowns of the basis, a symmetric sparse matrix `(N, N)` [N/m], or a
-      function that makes it of the basis. Mass, supports and loads are still those of the scenario.
-    - `friction`: a `coupling.interfaces.FrictionLaw` by the name of each piercing that has one, added to the friction
-      of the scenario.
-    - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F, shape
-      `(3, 3)`, as `tissue.materials.own` has them, or a `tissue.materials.density.Density`. It takes the place of the
-      shear of E and ν; their bulk modulus is added, κ/2 (J − 1)².
-    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share the columns of a
-      linear organ without inertia.
+    - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario
+      without another mesh has `kind = "given"`.
+    - `basis`: the basis of your own forms, `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or
+      with `ElementTetP2`; its mesh becomes the organ's mesh.
+    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse matrix `(N,
+      N)` [N/m], or a function of the basis that returns it. Mass, supports and loads stay those of the
+      scenario.
+    - `friction`: a `coupling.interfaces.FrictionLaw` by the name of its piercing, added to the friction of the
+      scenario.
+    - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F,
+      shape `(3, 3)`, as in `tissue.materials.own`, or a `tissue.materials.density.Density`. It replaces the
+      shear part of E and ν; their bulk part κ/2 (J − 1)² is added.
+    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share the columns
+      of a linear organ without inertia.
 
-    `on_step` is called with the record of the start and of every step, once whoever steps is done with it; an exception
-    from it ends the run. Raises the errors of input that cannot be run.
+    `on_step` is called with the record of the start and of every step, after the caller has used the record; an
+    exception from it ends the run. Raises the errors of refused input.
     """
     check_given(scenario)
     given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy, ranks)
@@ -410,7 +424,7 @@ def check_doors(store: object, on_step: object) -> None:
 
 
 def refuse_open_ties(simulation: Simulation) -> None:
-    """Refuse a tie from the start that cannot begin on the thread as it is laid. Raises `ScenarioError`."""
+    """Refuse a tie at the start that cannot begin on the thread as laid. Raises `ScenarioError`."""
     if not any(tie.from_ == 0.0 for tie in simulation.scenario.tie):
         return
     try:
@@ -421,8 +435,11 @@ def refuse_open_ties(simulation: Simulation) -> None:
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
-    """Return the consistent start, that of the `store` where it has it. Raises `ScenarioError` if there is none, the
-    constraints cannot be met, or statics or a start at rest asks for the equilibrium of dead loads that have none."""
+    """Return the consistent start, from the `store` if possible.
+
+    Raises `ScenarioError` if there is no start or the constraints cannot be met, and if statics or a start at
+    rest needs an equilibrium that the dead loads do not have.
+    """
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
@@ -439,6 +456,6 @@ def sound_start(assembly: Assembly, store: Store) -> State:
             refuse_unbalanced(assembly.system, state, solve.duration if solve.kind == "static" else 0.0)
         except UnbalancedError as error:
             otherwise = ', or set solve.start = "path"' if solve.start == "rest" else ""
-            told = f"{error.cause}, and no equilibrium; {error.remedy}{otherwise}"
+            told = f"{error.cause}, so there is no equilibrium; {error.remedy}{otherwise}"
             raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
     return state

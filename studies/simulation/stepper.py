@@ -1,8 +1,9 @@
-"""A run that a host program steps: it moves an end of the thread and receives the forces, as a haptic loop needs.
+"""A run stepped by a host program, which moves an end of the thread and receives the forces, for example a
+haptic loop.
 
-stepper = prepare(scenario).stepper()
-while …:
-    forces = stepper.step(1e-3, hand)
+    stepper = prepare(scenario).stepper()
+    while …:
+        forces = stepper.step(1e-3, hand)
 """
 
 from array import array
@@ -27,13 +28,13 @@ class Stepped(Protocol):
 
     @property
     def scenario(self) -> Scenario:
-        """As run."""
+        """The scenario as run."""
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step."""
 
     def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
-        """Return the record of a step that took some `seconds`."""
+        """Return the record of a step whose computation took `seconds`."""
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return the snapshot of a state."""
@@ -46,8 +47,12 @@ LATE = 99.0  # per cent of the steps
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces after a step [N]: `hand` (3,), of the thread on the hand; `other` (3,), of the thread on the holder of the
-    other end, zero without one; `piercings` (p, 3), of the holes on the thread, zero if it is not in the hole."""
+    """Forces after a step [N].
+
+    `hand` (3,) is the force of the thread on the hand. `other` (3,) is its force on the holder of the other
+    end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the thread, zero if it is not
+    in the hole.
+    """
 
     hand: Array
     other: Array
@@ -56,11 +61,11 @@ class Forces:
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall-clock times of the steps so far [s], and how many took longer than their deadline."""
+    """Wall-clock times of the steps so far [s], and the number of steps above their deadline."""
 
     steps: int
     median: float
-    late: float  # 99 of a hundred steps took less
+    late: float  # 99 % of the steps took less
     worst: float
     missed: int
 
@@ -73,16 +78,17 @@ class Timing:
 
 
 def is_led(end: End) -> TypeGuard[Driven | Fixed]:
-    """Return whether an end is held by its place alone, so that a hand may move it."""
+    """Return whether an end is held by its place only, so that a hand can move it."""
     return isinstance(end, Driven | Fixed) and not isinstance(end, Clamped)
 
 
 class Stepper:
-    """A run that a host program steps.
+    """A run stepped by a host program.
 
-    `end` is the end of the thread that the host moves, which its scenario must hold by its place: driven or fixed. What
-    else the scenario does goes on by itself. `deadline` [s] is how long a step may take, None: as long as it stands
-    for. Raises `ScenarioError` for statics, for an end that is not held, for no end, and for a deadline below 0 s.
+    `end` is the end of the thread that the host moves; the scenario must hold it by its place, driven or fixed.
+    Other events of the scenario continue. `deadline` [s] is the longest time of a step; None is the simulated
+    time of the step. Raises `ScenarioError` for statics, for an end without a prescribed place, for an unknown
+    end, and for a deadline below 0 s.
     """
 
     def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
@@ -90,10 +96,10 @@ class Stepper:
         if end not in ENDS:
             raise ScenarioError(refusal("end", end, 'allowed are "start" and "end", of the thread'))
         if deadline is not None and not deadline >= 0.0:
-            reason = "allowed are times from 0 s on; None is the length of the step"
+            reason = "allowed are times of 0 s or more; None is the length of the step"
             raise ScenarioError(refusal("deadline", deadline, reason))
         if scenario.solve.kind == "static":
-            raise ScenarioError(refusal("solve.kind", "static", "a stepper goes on in time; use dynamic"))
+            raise ScenarioError(refusal("solve.kind", "static", "a stepper needs time steps; use dynamic"))
         self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
         self._now = simulation.beginning()
         if not is_led(self._now.system.ends[self._side]):
@@ -119,7 +125,7 @@ class Stepper:
 
     @property
     def forces(self) -> Forces:
-        """The forces of the last step, before the first one zero."""
+        """The forces of the last step, zero before the first step."""
         state = self._now.state
         reaction = -state.reaction[:, :3]
         holes = len(self._now.system.piercings)
@@ -127,18 +133,19 @@ class Stepper:
 
     @property
     def timing(self) -> Timing:
-        """Times of the steps so far. Raises `ValueError` before the first."""
+        """Times of the steps so far. Raises `ValueError` before the first step."""
         if not self._seconds:
-            raise ValueError("no step was taken yet, so no times are known; take one")
+            raise ValueError("no step was taken yet, so no times are known; take a step")
         seconds = np.frombuffer(self._seconds)
         median, late = np.percentile(seconds, [50.0, LATE])
         return Timing(len(seconds), float(median), float(late), float(seconds.max()), self._missed)
 
     def step(self, dt: float, end_position: ArrayLike) -> Forces:
-        """Go `dt` [s] further while the hand moves evenly to `end_position` (3,) [m], and return the forces.
+        """Advance by `dt` [s] while the hand moves at constant speed to `end_position` (3,) [m], and return the
+        forces.
 
-        A step that fails leaves the run where it was, so that the host may try another. Raises `ValueError` for what is
-        no place or no time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
+        A failed step leaves the run unchanged, so that the host can try another. Raises `ValueError` for an
+        invalid place or time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
         """
         began = perf_counter()
         try:
@@ -159,7 +166,7 @@ class Stepper:
         return forces
 
     def _led(self, dt: float, place: Array) -> OrganRun:
-        """Return the run with a hand that leads the end from where it is to `place` within `dt` [s]."""
+        """Return the run with a hand that moves the end from its present place to `place` within `dt` [s]."""
         run, here = self._now, self._now.state.time
         held = run.system.ends[self._side]
         assert is_led(held)

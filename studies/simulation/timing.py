@@ -1,4 +1,4 @@
-"""The time that a step takes."""
+"""The computing time of a step."""
 
 from collections.abc import Callable
 from time import perf_counter
@@ -8,8 +8,7 @@ Made = TypeVar("Made")
 
 
 def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
-    """Return the result of a function and its wall-clock time [s], without the time of compilation if it `compiles`
-    loops."""
+    """Return the result of a function and its wall-clock time [s], without compilation if it `compiles` loops."""
     began = perf_counter()
     if not compiles:
         return make(), perf_counter() - began

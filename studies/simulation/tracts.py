@@ -1,4 +1,4 @@
-"""Tracts: the balls of tissue that the thread bears on between two holes, in a row along its path."""
+"""Tracts: the tissue balls on which the thread bears between two holes, in a row along its path."""
 
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
@@ -16,18 +16,21 @@ from thread.path import RoundedPath
 
 Distances = Callable[[Array], Array]
 
-LOOKS = 8  # per radius: places along a path at which it is asked how deep it lies
+LOOKS = 8  # per radius: number of places along a path at which its depth is computed
 MOST_LOOKS = 2000
-BITE_LOOKS = 32  # places on half a strand, between which depth is taken as linear
-GRAZING = 1e-6  # of the half strand: as deep as round-off puts one that lies on the surface
+BITE_LOOKS = 32  # places on half a strand, with linear depth in between
+GRAZING = 1e-6  # of the half strand: depth from round-off of a strand on the surface
 ROUND_OFF = 1e-9  # of a number of balls
-TOUCHED = 1.01  # radii from a ball to a surface that it touches: where it is a radius deep, but for HALVINGS
-HALVINGS = 20  # of the way between two of them, to where it is a radius deep
+TOUCHED = 1.01  # radii from a ball to a surface that it touches: one radius, and the error of HALVINGS
+HALVINGS = 20  # of the interval between two places, to find the depth of one radius
 
 
 class Ball(Piercing):
-    """A hole that is one ball of a tract: its name, the length of path that it stands for [m], and the number of the
-    part of the path, of those that lie deep enough, that it is in."""
+    """A hole that is one ball of a tract.
+
+    It has the tract's name, the length of path that it represents [m], and the number of its part among the deep parts
+    of the path.
+    """
 
     tract: str
     length: float
@@ -36,8 +39,10 @@ class Ball(Piercing):
 
 @dataclass(frozen=True)
 class Way:
-    """The part of a path between two holes, from abscissa `first` to `last` [m], and its parts of which each point is
-    a radius deep in the tissue or more, `(k, 2)` [m]."""
+    """The part of a path between two holes, from abscissa `first` to `last` [m].
+
+    `deep` are its parts at least a radius deep in the tissue, `(k, 2)` [m].
+    """
 
     first: float
     last: float
@@ -47,8 +52,10 @@ class Way:
 def with_balls(
     scenario: Scenario, path: RoundedPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
 ) -> tuple[tuple[Piercing, ...], list[float]]:
-    """Return the holes and, in between, the balls of the tracts, in the order of the thread, and their abscissae on a
-    thread of a `length` [m] whose holes are at `s` (p,) [m]."""
+    """Return the holes with the balls of the tracts in between, in the order of the thread, and their abscissae.
+
+    The thread has `length` [m], and its holes are at `s` (p,) [m].
+    """
     holes, places = list(scenario.piercing), list(s)
     if mesh is None or not scenario.tract:
         return tuple(holes), places
@@ -62,8 +69,8 @@ def with_balls(
         way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
         if not len(way.deep):
             reason = (
-                f"the path between them is nowhere deeper in the organ than the radius, {radius_of(tract, holes):.3g} "
-                f"m; lead thread.path deeper, or use a smaller tract.{number}.radius"
+                f"the path between them is nowhere deeper in the organ than the radius of "
+                f"{radius_of(tract, holes):.3g} m; move thread.path deeper, or use a smaller tract.{number}.radius"
             )
             raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
         balls = balls_of(tract, path, way, radius_of(tract, holes))
@@ -89,7 +96,7 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
     begins, stops = np.flatnonzero(deep[1:-1] & ~deep[:-2]), np.flatnonzero(deep[1:-1] & ~deep[2:])
 
     def border(inside: int, outside: int) -> float:
-        """Return where between two places the path becomes deep enough."""
+        """Return the abscissa between two places at which the path reaches the depth of a radius."""
         if not 0 <= outside < len(at):
             return float(at[inside])
         low, high = at[inside], at[outside]
@@ -104,13 +111,16 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
 
 
 def of_piercings(holes: Sequence[Piercing], values: Sequence[float]) -> list[float]:
-    """Return those of the values of holes that belong to piercings, without those of balls."""
+    """Return the values of holes that belong to piercings, without balls."""
     return [value for hole, value in zip(holes, values, strict=True) if not isinstance(hole, Ball)]
 
 
 def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
-    """Return the balls of a tract and their abscissae on the path [m], evenly from end to end of the deep part. Balls
-    at both ends make this converge fast, because the thread presses hardest there."""
+    """Return the balls of a tract and their abscissae on the path [m], evenly spaced from end to end of each
+    deep part.
+
+    Balls at both ends make this converge fast, because the thread presses hardest there.
+    """
     balls: list[tuple[float, float, int]] = []
     for part, (low, high) in enumerate(way.deep.tolist()):
         count = int(np.ceil((high - low) / (tract.spacing or radius) * (1.0 - ROUND_OFF)))
@@ -137,9 +147,13 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
 def bites_of(
     scenario: Scenario, path: RoundedPath, at: Sequence[float], rough: Container[str], depths: Distances
 ) -> dict[str, float]:
-    """Return how far the path runs in tissue along its direction at each of the `rough` holes that needs a channel,
-    from the middle of the strand before it to the middle of the one behind [m]: the depth of a bite, half a wall that
-    is pierced on both sides, all of one that it leaves without a hole. `at` (p,) are the abscissae on the path [m]."""
+    """Return the length of path in tissue along its direction at each of the `rough` holes without a given
+    channel [m].
+
+    It is measured from the middle of the strand before a hole to the middle of the strand after it. It is the
+    depth of a bite, half of a wall that is pierced on both sides, and the whole wall if the path leaves it
+    without a hole. `at` (p,) are the abscissae on the path [m].
+    """
     if scenario.tissue is None or not at:
         return {}
     between = [0.0, *(0.5 * (low + high) for low, high in pairwise(at)), path.length]
@@ -152,8 +166,10 @@ def bites_of(
 
 
 def covered(path: RoundedPath, low: float, high: float, along: Array, depths: Distances) -> float:
-    """Return how far a path leads in tissue `along` a unit vector (3,) between two abscissae [m]; a strand on the
-    surface is in none."""
+    """Return the length of a path in tissue `along` a unit vector (3,) between two abscissae [m].
+
+    A strand on the surface is not in tissue.
+    """
     points = path.position(np.linspace(low, high, BITE_LOOKS + 1))
     deep = depths(points) - GRAZING * (high - low)
     inside, away = np.maximum(deep, 0.0), np.abs(deep)
@@ -162,28 +178,34 @@ def covered(path: RoundedPath, low: float, high: float, along: Array, depths: Di
 
 
 def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:
-    """Return the length of a tract's path on which it leaves tissue through one side of a wound, or of surfaces in
-    contact, and goes on behind the other [m]; `balls` with their abscissae on the path."""
+    """Return the length of a tract's path between two balls on opposite sides of a wound or contact [m].
+
+    There the path leaves the tissue at one surface and enters it at the other; `balls` have their abscissae on
+    the path.
+    """
     away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in scenario.wounds]
     gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
     return sum(length for one, other, length in gaps if any(are_beside(*sides, one, other) for sides in away))
 
 
 def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> bool:
-    """Return whether two balls touch one each of two surfaces, of which it is known how far points are from them."""
+    """Return whether two balls touch two opposite surfaces; `first` and `second` return distances from these
+    surfaces."""
     places, touched = np.array([one.place, other.place]), TOUCHED * one.footprint
     a, b = first(places), second(places)
     return bool(max(a[0], b[1]) <= touched or max(b[0], a[1]) <= touched)
 
 
 def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
-    """Refuse a spline too coarse for the balls of its tracts: each takes two of the three unknowns of a control point,
-    and the thread bends between two."""
+    """Refuse a spline too coarse for the balls of its tracts.
+
+    Each ball takes two of the three unknowns of a control point, and the thread bends between two balls.
+    """
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls
     if balls and thread.knots == "fixed" and thread.control_points < least:
         reason = (
             f"{len(holes) - balls} piercings and {balls} balls of tracts need at least {least} (4, 3 for each piercing "
-            "and 2 for each ball); raise it, or take a larger tract.spacing"
+            "and 2 for each ball); raise it, or use a larger tract.spacing"
         )
         raise ScenarioError(refusal("thread.control_points", thread.control_points, reason))

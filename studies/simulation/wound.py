@@ -1,10 +1,10 @@
 """A wound between two contact surfaces: closing forces, eversion of its edges, and gaps along them.
 
-A hole belongs to the surfaces that are nearest to it in the reference shape, and lies on the left side of them or on
-the right. With d their normal there, from left to right, the thread draws the hole to the other side by f·d on the left
-and by −f·d on the right, f its force on the tissue. Of a loop that is tied all holes and balls of tracts are one
-stitch, unless it goes to the other side more often than a pulley does and is a running suture. Of another tract its
-balls are one, and any other hole is one alone.
+A hole belongs to the surfaces nearest to it in the reference shape, on their left or right side. The normal d
+there points from left to right, and f is the force of the thread on the tissue. The closing force of a hole is
+f·d on the left and −f·d on the right. All holes and balls in a tied loop are one stitch. A loop that changes
+sides more often than a pulley stitch is a running suture and not one stitch. The balls of any other tract are
+one stitch, and any other hole is a stitch alone.
 """
 
 from collections.abc import Sequence
@@ -22,15 +22,18 @@ from coupling.system import System
 from studies.arrays import Array
 from studies.output.records import GapRecord, StitchRecord
 
-CROSSINGS = 3  # of a pulley, whose thread goes to the other side most often of all single stitches
-BALANCED = 1e-9  # of the holes' forces: what draws a wound together by less is their round-off
+CROSSINGS = 3  # of a pulley stitch, whose thread changes sides most often of all single stitches
+BALANCED = 1e-9  # of the holes' forces: a smaller sum is round-off
 SIDES = (False, True)  # on the right: the left side first
 
 
 @dataclass(frozen=True)
 class Bite:
-    """A hole next to a wound: its `stitch`, whether it is on the `right`, its `place` (3,) in the reference shape [m],
-    and its force towards the other side, `drawn` [N]; a `ball` of a tract, or an opening."""
+    """A hole next to a wound.
+
+    It has its `stitch`, whether it is on the `right`, its `place` (3,) in the reference shape [m], its closing
+    force `drawn` [N], and whether it is a `ball` of a tract or an opening.
+    """
 
     stitch: str
     right: bool
@@ -69,7 +72,7 @@ class Wound:
         return tuple(out)
 
     def _drawn(self, stitch: str, right: bool) -> float:
-        """Return what a stitch draws one side by [N]."""
+        """Return the closing force of a stitch on one side [N]."""
         return sum(bite.drawn for bite in self.bites if bite.stitch == stitch and bite.right is right)
 
     @cached_property
@@ -79,12 +82,16 @@ class Wound:
         return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
     def eversion(self, points: Array) -> float | None:
-        """Return by how much the outer surface on both sides has risen towards the edges, together [rad], with all
-        nodes of the organ at `points` `(n, 3)` [m]; None if a side has no edge on it."""
+        """Return the rise of the outer surface towards the edges, both sides together [rad]; None if a side has
+        no edge.
+
+        All nodes of the organ are at `points` `(n, 3)` [m].
+        """
         return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
     def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
-        """Return the gaps along the left rim by its own `lips`, with all nodes at `points` `(n, 3)` [m]."""
+        """Return the gaps along the left rim from the contact of its `lips`, with all nodes at `points` `(n,
+        3)` [m]."""
         part, (vertices, way) = self.gaps.parts[self.part], self.rims[0].way
         faces, pressure = lips.gap < self.gaps.extent, part.hats.T @ part.vertex_pressure(lips.force)
         if not vertices.size:
@@ -100,8 +107,10 @@ class Wound:
 
 
 def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[PiercingObservation]) -> list[list[Wound]]:
-    """Return the surfaces of each of the gaps, pair by pair, with those of the `holes` of a step, balls of tracts among
-    them, that are nearer to them than to all others."""
+    """Return the surfaces of each of the gaps, pair by pair, with the `holes` of a step nearest to them.
+
+    Balls of tracts are among the holes.
+    """
     places = np.array([hole.x - hole.displacement for hole in holes]).reshape(-1, 3)
     pairs, away = (np.array(both) for both in zip(*(gaps.nearest(places) for gaps in every), strict=True))
     beside = np.argmin(away, axis=0)
@@ -118,8 +127,10 @@ def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[Pier
 def bites_of(
     system: System, gaps: tissue.Gaps, holes: Sequence[PiercingObservation], pairs: Indices, places: Array
 ) -> list[Bite]:
-    """Return every hole next to the `pairs` (p,) of nodes that are nearest to its place in the reference shape,
-    `places` (p, 3) [m]."""
+    """Return every hole with its side and closing force.
+
+    `pairs` (p,) are the node pairs nearest to its place in the reference shape, `places` (p, 3) [m].
+    """
     d = gaps.start[pairs, 4:] / np.linalg.norm(gaps.start[pairs, 4:], axis=1)[:, None]
     right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
     drawn = np.where(right, 1.0, -1.0) * np.vecdot(np.array([hole.force for hole in holes]).reshape(-1, 3), d)
@@ -129,7 +140,7 @@ def bites_of(
 
 
 def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:
-    """Return the name of each hole's stitch: that of its tie, its tract or the hole; `right` (p,) is its side."""
+    """Return the name of each hole's stitch: its tie, its tract or the hole itself; `right` (p,) is its side."""
     names, s = [hole.tract or hole.name for hole in holes], np.array([hole.s for hole in holes])
     for tie in system.ties:
         inside = (s >= s[tie.between[0]]) & (s <= s[tie.between[1]])

@@ -257,8 +257,8 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
         (free, "without \\[tissue\\]"),
         (bare, "a tract's balls need a radius"),
         (cut, "cuts the thread between them, at 0.01 m"),
-        (fixed, "need at least .* raise it, or take a larger tract.spacing"),
-        (shallow, "nowhere deeper in the organ than the radius, 0.0015 m"),
+        (fixed, "need at least .* raise it, or use a larger tract.spacing"),
+        (shallow, "nowhere deeper in the organ than the radius of 0.0015 m"),
     ):
         with pytest.raises(ScenarioError, match=said):
             prepare(parse(tables))

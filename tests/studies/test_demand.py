@@ -75,7 +75,7 @@ def test_coarse_cells_hold_a_hole_as_a_wider_disc() -> None:
     wide = 1e-6 + size_at(body.mesh, np.zeros(3)) ** 2
     for share, told in ((0.99, False), (1.01, True)):
         foreseen = prepare(pulled(share * STRAIN * 1e4 * wide / YIELD)).foreseen
-        assert [each.message for each in foreseen if "a strain of about 0.16, where" in each.message] == [
+        assert [each.message for each in foreseen if "a strain of about 0.16, but" in each.message] == [
             each.message for each in foreseen if each.code == "demand"
         ]
         assert ("demand" in [each.code for each in foreseen]) == told

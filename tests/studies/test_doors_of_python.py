@@ -130,7 +130,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "complex stiffness": (
         lambda: suturefem.prepare(parse(BARE), stiffness=1j * eye_array(UNKNOWNS, format="csr")),  # type: ignore[arg-type]
-        "its numbers are complex128; give real ones",
+        "its numbers are complex128; give real numbers",
     ),
     **{
         f"{key} 5": (lambda key=key: suturefem.prepare(parse(BARE), **{key: 5}), f"{key} = 5 is refused; give a")

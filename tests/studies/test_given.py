@@ -127,7 +127,10 @@ def test_a_prepared_run_into_a_folder(tmp_path: Path) -> None:
     assert told == [0, 1, 2]
     assert [remark["code"] for remark in run.remarks if "Python" in remark["message"]] == ["handed-over"]
     assert "stress-of-e-nu" in {remark["code"] for remark in run.remarks}
-    for again, words in (({"resume": True}, "which stiffness the run had"), ({"mesh": object()}, "has its own")):
+    for again, words in (
+        ({"resume": True}, "contains the stiffness of the run"),
+        ({"mesh": object()}, "prepared simulation has a mesh"),
+    ):
         with pytest.raises(ScenarioError, match=words):
             suturefem.run(simulation, tmp_path, **again)
     assert suturefem.run(simulation, tmp_path, overwrite=True).quantities == run.quantities
@@ -151,19 +154,19 @@ def basis(element: Any = None) -> skfem.Basis:
         (RING, {"stiffness": Form()}, "has no organ; add"),
         (BARE, {"basis": basis(skfem.ElementTetP2())}, "tissue.element = .P1. is refused.*ElementTetP2"),
         (BARE, {"basis": skfem.Basis(skfem.MeshTet(), skfem.ElementTetP1())}, "give .*ElementVector"),
-        (BARE, {"basis": basis(), "mesh": skfem.MeshTet()}, "has a mesh already"),
+        (BARE, {"basis": basis(), "mesh": skfem.MeshTet()}, "also has a mesh"),
         (BARE, {"stiffness": csr_matrix((3, 3))}, "three unknowns at each of the 75 nodes"),
         (BARE, {"stiffness": lambda basis: Form()(basis).toarray()}, "a ndarray of shape"),
         (BARE, {"stiffness": lambda basis: 0.0 * Form()(basis)}, "resists nothing"),
-        (BARE, {"stiffness": lambda basis: np.nan * Form()(basis)}, "numbers that are none"),
+        (BARE, {"stiffness": lambda basis: np.nan * Form()(basis)}, "numbers that are not finite"),
         (BARE, {"stiffness": lambda basis: csr_matrix(np.triu(Form()(basis).toarray()))}, "not symmetric"),
         (FITTED, {"stiffness": Form()}, "tissue.mesh.accuracy = 0.1 is refused.*set \"given\""),
         (FINITE, {"stiffness": Form()}, "tissue.material = .neo-hookean. is refused"),
         (BARE, {"energy": neo_hookean}, "tissue.material = .linear. is refused.*neo-hookean"),
         (changed(FINITE, {"tissue.material": "exponential", "tissue.stiffening": 5.0}), {"energy": neo_hookean},
          "tissue.stiffening is refused"),
-        (FINITE, {"energy": lambda F: np.trace(F.T @ F)}, "bears a stress of"),
-        (FINITE, {"energy": lambda F: 1e5 * ((F[0, 0] - 1) ** 2 + (F[1, 1] - 1) ** 2)}, "a rotation alone changes W"),
+        (FINITE, {"energy": lambda F: np.trace(F.T @ F)}, "has a stress of"),
+        (FINITE, {"energy": lambda F: 1e5 * ((F[0, 0] - 1) ** 2 + (F[1, 1] - 1) ** 2)}, "a pure rotation changes W"),
         (RING, {"friction": {"rink": Howell()}}, "no such piercing; the nearest is 'ring'"),
         (changed(RING, {"piercing.0.kind": "anchored"}), {"friction": {"ring": Howell()}}, "nothing slides there"),
         (changed(RING, {"thread.bending": False}), {"friction": {"ring": Howell()}}, "thread.bending = false"),

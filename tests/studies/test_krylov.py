@@ -277,7 +277,7 @@ def test_a_checkpoint_of_an_organ_solved_otherwise_is_refused() -> None:
     """Independent check: what is kept of an organ in its Krylov space is no state of the whole one, which a machine
     with less memory may take; that is said in words."""
     kept = stepped(prepared(KRYLOV, "solve.duration=2e-3"))[-1].memory
-    with pytest.raises(ScenarioError, match=r"it was solved in its Krylov space, which .* go on where the run began"):
+    with pytest.raises(ScenarioError, match=r"it was solved in its Krylov space, but .* continue where the run began"):
         next(iter(prepared(WHOLE).advance(kept)))
 
 

@@ -180,7 +180,7 @@ def test_regions_of_a_gmsh_file_go_by_their_names(two_volumes: str) -> None:
     assert isinstance(material.youngs_modulus, np.ndarray)
     assert np.all(material.youngs_modulus[made.subdomains["dermis"]] == 5e4)
     assert np.all(material.youngs_modulus[made.subdomains["epidermis"]] == 1e5)
-    with pytest.raises(ScenarioError, match=r"no region of that name; its regions are dermis, epidermis"):
+    with pytest.raises(ScenarioError, match=r"no such region; its regions are dermis, epidermis"):
         organ_mesh(scenario(table, region=[{"name": "derma"}]))
 
 
@@ -211,7 +211,7 @@ def refusal(case: Callable[[], Scenario]) -> str:
             lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, clamp=["left"]),
         ),
         (
-            "in 2 parts, and that about",
+            "has 2 parts, and the part at",
             lambda: scenario({**SLIT, "length": 0.04, "depth": 0.02}, roller=["left", "bottom"]),
         ),
         (
@@ -258,7 +258,7 @@ def test_a_mesh_too_large_for_the_memory_is_refused_before_it_is_made(
     message = refusal(lambda: scenario(table, (ENTRY,)))
     key = "h_site" if "h_site" in table else "h"
     assert f"tissue.mesh.{key} = " in message and "tetrahedra" in message and "unknowns (P1)" in message
-    assert "0.0015 GB are available" in message and "take larger elements" in message
+    assert "0.0015 GB are available" in message and "use larger elements" in message
 
 
 def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -266,7 +266,7 @@ def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
     meshio.Mesh(made.p.T, {"tetra": made.t.T}).write(tmp_path / "block.vtu")
     monkeypatch.setattr(meshing.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e6))
     message = refusal(lambda: scenario({"kind": "file", "path": str(tmp_path / "block.vtu")}))
-    assert message.startswith("tissue.mesh.path") and "0.001 GB are available; take a coarser mesh" in message
+    assert message.startswith("tissue.mesh.path") and "0.001 GB are available; use a coarser mesh" in message
 
 
 # -- the scenarios of this repository, and the command ---------------------------------------------------------------

@@ -67,9 +67,9 @@ def test_the_first_remedy_that_helps_is_named_with_those_that_do_not() -> None:
     """Independent check: copies of which that with the finer thread alone gets past the step that failed."""
     said, made = said_of({"points": {"ends": 1000}})
     assert "with thread.control_points = 40 the run gets past t = 0.03 s" in said
-    assert "in vain: solve.dt = 0.00025" in said and len(made) == 2
+    assert "no help: solve.dt = 0.00025" in said and len(made) == 2
     said, made = said_of({"dt": {"ends": 1000}})
-    assert "with solve.dt = 0.00025 the run gets past" in said and "vain" not in said and len(made) == 1
+    assert "with solve.dt = 0.00025 the run gets past" in said and "no help" not in said and len(made) == 1
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_the_papers_options_are_replaced_together_by_what_is_exact(solve: dict[s
 
 def test_where_nothing_helps_it_says_so() -> None:
     """Independent check: copies that fail, and one that fails before it is well past, or would take too long."""
-    told = "no remedy helped on a copy of the run; in vain: solve.dt = 0.00025; "
+    told = "no remedy helped on a copy of the run; no help: solve.dt = 0.00025; "
     assert told in said_of({})[0]
     assert told in said_of({"dt": {"ends": 4 * (30 + PAST) - 1}})[0]
     slow = MOST // 100
-    late = f"given up after {MOST} corrections: solve.dt = 0.00025"
+    late = f"stopped after {MOST} corrections: solve.dt = 0.00025"
     assert said_of({"dt": {"ends": 1000, "corrections": slow}})[0].endswith(late)
     assert "no remedy helped" not in said_of({"dt": {"ends": 1000, "corrections": slow // 2}})[0]
 
@@ -102,12 +102,12 @@ def test_what_the_scenario_refuses_is_not_said_to_have_been_tried() -> None:
         return Copy(copy, steps=copy.solve.steps, ends=0)
 
     said = try_remedies(scenario_of(), FAILURE, None, make).message
-    assert said == "no remedy helped on a copy of the run; in vain: solve.dt = 0.00025"
+    assert said == "no remedy helped on a copy of the run; no help: solve.dt = 0.00025"
 
 
 def test_a_copy_that_comes_to_its_end() -> None:
     """Independent check: a run that failed near its end."""
-    assert "with solve.dt = 0.00025 the run comes to its end" in said_of({"dt": {"ends": 1000}}, failed=98)[0]
+    assert "with solve.dt = 0.00025 the run reaches its end" in said_of({"dt": {"ends": 1000}}, failed=98)[0]
 
 
 def test_what_is_tried_goes_by_scenario_and_failure() -> None:

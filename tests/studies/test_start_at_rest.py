@@ -224,7 +224,7 @@ def test_the_way_out_of_no_rest_is_tried() -> None:
     scene = stitched()
     scene["thread"] |= {"end": {"kind": "pulled", "force": [0, 0, 4 * PULL]}}
     said = try_remedies(prepare(parse(scene)).scenario, RestError(""), None, prepare)
-    assert 'solve.start = "path"' in said.message and "in vain" not in said.message
+    assert 'solve.start = "path"' in said.message and "no help" not in said.message
 
 
 def test_what_has_no_rest_is_refused_in_words() -> None:

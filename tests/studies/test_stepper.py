@@ -107,7 +107,7 @@ def test_what_cannot_be_stepped_is_refused(simulation: Simulation) -> None:
     with pytest.raises(ScenarioError, match=r'thread\.start\.kind = "pulled"'):
         simulation.stepper("start")
     for deadline in (-1e-3, float("nan")):
-        with pytest.raises(ScenarioError, match=rf"deadline = {deadline} is refused: allowed are times from 0 s on"):
+        with pytest.raises(ScenarioError, match=rf"deadline = {deadline} is refused: allowed are times of 0 s or more"):
             simulation.stepper(deadline=deadline)
     with pytest.raises(ScenarioError, match='end = "tip" is refused: allowed are "start" and "end"'):
         simulation.stepper("tip")  # type: ignore[arg-type]
