@@ -1,8 +1,8 @@
-"""The command line, carried out: ``suture run | check | mesh | study | schema | catalogue | bench``.
+"""The functions of the command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
 
-Exit status: 0 when all is well, 1 for a run that failed, 2 for input that is refused (a sentence for each
-problem on standard error, nothing computed), 3 with ``--strict`` where a remark says that a number is not supported,
-130 or 143 for a run that was interrupted by SIGINT or SIGTERM, 141 where nobody reads what is printed any more.
+Exit status: 0 for success, 1 for a failed run. 2 for refused input: a sentence for each problem on standard
+error, and nothing computed. 3 with ``--strict`` if a remark means an unsupported number. 130 or 143 for a run
+interrupted by SIGINT or SIGTERM. 141 if the output pipe is closed.
 """
 
 import argparse
@@ -56,11 +56,11 @@ from tissue.errors import FactorError, TissueError
 
 REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
-SIGPIPE = 13  # its number, which Windows does not have: a closed pipe is told as a shell tells it
+SIGPIPE = 13  # its number, which Windows lacks: a closed pipe has the exit status of a shell
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status."""
+    """Run a command; return its exit status."""
     return perform(read(arguments))
 
 
@@ -80,7 +80,7 @@ def perform(options: argparse.Namespace) -> int:
 
 
 def _carry_out(options: argparse.Namespace) -> int:
-    """Do what is asked, or say why it is refused."""
+    """Perform the command, or print why it is refused; return the exit status."""
     try:
         status: int = options.command(options)
     except REFUSALS as error:
@@ -98,7 +98,7 @@ def _carry_out(options: argparse.Namespace) -> int:
 
 
 def run(options: argparse.Namespace) -> int:
-    """``suture run``: simulate a scenario into a folder."""
+    """``suture run``: simulate a scenario into a folder; return the exit status."""
     scenario = load(options.file, options.set)
     with locked(options.out):
         check_folder(options.out, scenario, scenario_file(options.file), options.resume, options.overwrite)
@@ -108,10 +108,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace, simulation: Simulation) -> int:
-    """Simulate into a folder that may be written, and draw the last frame."""
+    """Simulate into a writable folder, and draw the last frame; return the exit status."""
     begun = begin(simulation, options.out, options.resume)
     if begun is None:
-        _say(options, f"the run in {options.out} is complete; nothing is left to do")
+        _say(options, f"the run in {options.out} is complete; nothing remains to be done")
         return _doubt(options, [Remark(**record) for record in open_run(options.out).remarks])
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
@@ -128,7 +128,7 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """``suture check``: all that is refused is refused; the start is solved, and drawn where that is asked for."""
+    """``suture check``: check a scenario and solve its start; draw the start if requested. Return the exit status."""
     if options.write:
         print(written(options.file, options.set), end="")
         return 0
@@ -162,7 +162,10 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
 
 def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
     """Return the size of a run: holes, balls of tracts, ties, steps, unknowns, bytes of results and memory, and
-    seconds, including the time to be `prepared`."""
+    seconds.
+
+    The seconds include the time for which the run was `prepared`.
+    """
     scenario, topology = simulation.scenario, simulation.topology
     return {
         "piercings": len(scenario.piercing),
@@ -182,8 +185,11 @@ def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
 
 
 def _draw_start(simulation: Simulation, path: Path) -> str:
-    """Draw thread, holes with footprints, organ and held nodes before the first step; return the line that says how.
-    Raises `OSError`."""
+    """Draw thread, holes with footprints, organ and held nodes before the first step; return the line on the
+    picture.
+
+    Raises `OSError`.
+    """
     _, frame = next(iter(simulation.advance()))
     footprints = [hole.footprint for hole in simulation.scenario.piercing]
     title = f"{simulation.scenario.title or 'start'}: the start"
@@ -194,19 +200,19 @@ def _draw_start(simulation: Simulation, path: Path) -> str:
 
 
 def _doubt(options: argparse.Namespace, remarks: Sequence[Remark]) -> int:
-    """Return the exit status that remarks ask for; a quiet run still names the unsupported ones."""
+    """Return the exit status for remarks; with ``--quiet``, print only the unsupported ones."""
     if options.quiet and not options.json:
         print_lines(doubt_lines(remarks, options.out), sys.stderr)
     return strict_status(options.strict, remarks)
 
 
 def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:
-    """Return the exit status that remarks ask for."""
+    """Return the exit status for remarks."""
     return UNSUPPORTED if strict and any_unsupported(remarks) else 0
 
 
 def make_mesh(options: argparse.Namespace) -> int:
-    """``suture mesh``: the organ's mesh as a file for ParaView, its quality and a picture; nothing is run."""
+    """``suture mesh``: write the organ's mesh for ParaView, with its quality and a picture; nothing is run."""
     report: list[str] = import_module("studies.pictures.mesh_report").write_report(
         load(options.file, options.set), options.out
     )
@@ -215,7 +221,7 @@ def make_mesh(options: argparse.Namespace) -> int:
 
 
 def print_schema(options: argparse.Namespace) -> int:
-    """``suture schema``: the JSON schema of the scenario file, or its keys by table."""
+    """``suture schema``: print the JSON schema of the scenario file, or its keys by table."""
     if options.table:
         print("\n".join(f"## {name}\n\n{table}" for name, table in reference().items()))
     else:
@@ -224,7 +230,7 @@ def print_schema(options: argparse.Namespace) -> int:
 
 
 def print_catalogue(options: argparse.Namespace) -> int:
-    """``suture catalogue``: the sutures that a scenario can name."""
+    """``suture catalogue``: print the sutures that a scenario can name."""
     print(
         f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11} "
         f"{'GJ [N m²]':>11} {'knot pull [N]':>14}"
@@ -244,8 +250,8 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: steps of shipped scenes, a small basis and many tensions, an organ at finite strain and the
-    assembly of a large one, or times of an organ's solvers."""
+    """``suture bench``: measure steps of shipped scenes, many tensions on one organ, finite strain, and an
+    organ's assembly or solvers."""
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     status, given = 0, {"step": options.solver, "many": options.tensions, "finite": options.solver}
@@ -258,7 +264,7 @@ def run_bench(options: argparse.Namespace) -> int:
 
 
 def run_study(options: argparse.Namespace) -> int:
-    """``suture study``: the question of a study, its table and its limits, written into a folder."""
+    """``suture study``: print the question of a study, and write its table and its limits into a folder."""
     if options.name == "list":
         print_lines([f"{name:20}  {study(name).question}" for name in NAMES])
         return 0
@@ -284,7 +290,7 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _draw(simulation: Simulation, recorder: Recorder) -> str:
-    """Draw the last frame; return the line that says how, and leave a remark where there is no picture."""
+    """Draw the last frame; return the line on the picture, and add a remark if there is no picture."""
     if recorder.last_frame is None:
         return ""
     target = recorder.folder / "picture.png"
@@ -297,7 +303,7 @@ def _draw(simulation: Simulation, recorder: Recorder) -> str:
 def _try_remedies(
     options: argparse.Namespace, simulation: Simulation, recorder: Recorder, failure: CouplingError
 ) -> None:
-    """Leave a remark of what helps a run that failed, unless whoever waits for it interrupts that."""
+    """Add a remark on a remedy for a failed run, unless the user interrupts the search."""
     made = Shared()
     with stages(options.quiet or options.json), suppress(KeyboardInterrupt):
         scenario, last = simulation.scenario, recorder.last_step
@@ -307,8 +313,10 @@ def _try_remedies(
 def _simulate(
     simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
 ) -> tuple[int, Status, CouplingError | None]:
-    """Record every step; a failure keeps what was written. Returns the exit status, what became of the run, and the
-    failure of a step."""
+    """Record every step; results before a failure are kept.
+
+    Returns the exit status, the status of the run, and the failure of a step, or None.
+    """
     outcome: Status
     failure: CouplingError | None = None
     progress = Progress(simulation.steps, quiet)
@@ -351,8 +359,7 @@ def _prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Gather the signals that ask for an end, to be heeded between two steps, or two corrections within one; a second
-    one ends at once."""
+    """Collect the signals for an end; they act between two steps or two corrections. A second signal acts at once."""
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -377,7 +384,7 @@ def _signals() -> Iterator[list[int]]:
 
 
 def _in_words(error: OSError) -> str:
-    """Say what the system refused, and of which file."""
+    """Return what the system refused, with the name of the file."""
     reason = error.strerror or str(error) or type(error).__name__
     return f"{error.filename}: {reason}" if error.filename else reason
 
@@ -386,13 +393,13 @@ def close_output() -> None:
     """Discard remaining output, because Python would report the closed pipe at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # a stream without a file has nobody at its end
+        with suppress(OSError, ValueError):  # a stream without a file has no reader
             os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
-    """Say why a study ended early, and where what it has done is."""
+    """Print why a study ended early, and where its completed rows are; return the exit status."""
     progress.close()
     kept = f"; the completed rows are in {folder / 'runs.csv'}" if progress.rows else ""
     return complain(f"{cause}{kept}", status)

@@ -1,4 +1,4 @@
-"""The commands that help: ``suture new | scenes | doctor | completion``."""
+"""The commands for help: ``suture new | scenes | doctor | completion``."""
 
 import argparse
 import json
@@ -26,10 +26,10 @@ GL = (
 
 
 def new(options: argparse.Namespace) -> int:
-    """``suture new``: a scenario with a comment to every key, to be changed."""
+    """``suture new``: write a scenario with a comment on every key, for the user to change."""
     path = options.name if options.name.suffix == ".toml" else options.name.with_name(f"{options.name.name}.toml")
     if path.exists():
-        raise ScenarioError(f"{path} is refused: it exists already; give another name")
+        raise ScenarioError(f"{path} is refused: it already exists; give another name")
     path.parent.mkdir(parents=True, exist_ok=True)
     template = STITCHES if options.stitches else TEMPLATE
     path.write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
@@ -39,7 +39,7 @@ def new(options: argparse.Namespace) -> int:
 
 
 def list_scenes(options: argparse.Namespace) -> int:
-    """``suture scenes``: the shipped scenarios with their titles and costs."""
+    """``suture scenes``: list the shipped scenarios with their titles and costs."""
     told = {name: {"title": title_of(name), "cost": cost_of(name)} for name in scenes()}
     if options.json:
         print(json.dumps(told, ensure_ascii=False))
@@ -50,8 +50,10 @@ def list_scenes(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Finding:
-    """The state of a component: `found` in words, the purpose that it is `needed` for, and the `remedy` if it is
-    missing."""
+    """The state of a component.
+
+    `found` describes it in words, `needed` is its purpose, and `remedy` helps if it is missing.
+    """
 
     name: str
     there: bool
@@ -61,13 +63,13 @@ class Finding:
 
     @property
     def lines(self) -> list[str]:
-        """The finding to be read by a person."""
+        """The finding in lines for a person."""
         told = f"{'ok     ' if self.there else 'missing'} {self.name:14}  {self.found}"
         return [told] if self.there else [told, f"{'':24}needed for {self.needed}; {self.remedy}"]
 
 
 def examine(options: argparse.Namespace) -> int:
-    """``suture doctor``: the installed components, and remedies for missing ones."""
+    """``suture doctor``: list the installed components, and remedies for missing ones."""
     findings = [check() for check in CHECKS]
     if options.json:
         print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
@@ -77,13 +79,13 @@ def examine(options: argparse.Namespace) -> int:
 
 
 def find_code() -> Finding:
-    """Find the version of the code and of Python."""
+    """Return the version of the code and of Python."""
     found = f"{installed_version('suturefem') or 'not installed'}, Python {platform.python_version()}"
     return Finding("suturefem", True, found, "everything")
 
 
 def find_memory() -> Finding:
-    """Find the memory that is available and the processors."""
+    """Return the available memory and the number of processors."""
     import psutil
 
     free = psutil.virtual_memory().available / 1e9
@@ -91,7 +93,7 @@ def find_memory() -> Finding:
 
 
 def find_gmsh() -> Finding:
-    """Find gmsh, which needs libraries of the system."""
+    """Return the state of gmsh, which needs libraries of the system."""
     needed = "graded blocks, open wounds, cylinders, tubes, .msh files, surfaces"
     try:
         import_module("gmsh")
@@ -103,7 +105,7 @@ def find_gmsh() -> Finding:
 
 
 def find_gl() -> Finding:
-    """Test 3-D drawing by drawing a thread."""
+    """Return the state of 3-D drawing, by a test picture of a thread."""
     from studies.output.fields import ThreadRecord
     from studies.output.records import Snapshot
     from studies.pictures.picture import draw_picture
@@ -119,7 +121,7 @@ def find_gl() -> Finding:
 
 
 def finder(name: str, library: str, needed: str) -> Callable[[], Finding]:
-    """Return the finder of an optional library."""
+    """Return the function that finds an optional library."""
 
     def find() -> Finding:
         version = installed_version(library)
@@ -135,8 +137,8 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_gl,
     finder("matplotlib", "matplotlib", "suture plot, figures of studies, sweeps and refinements"),
     finder("PyAMG", "pyamg", "multigrid of large organs"),
-    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast"),
-    finder("Pardiso", "pypardiso", "the least fill on large organs"),
+    finder("CHOLMOD", "cvxopt", "factorisation ten times faster"),
+    finder("Pardiso", "pypardiso", "fewest nonzeros in factors of large organs"),
     finder("pandas", "pandas", "data frames of open_run"),
     finder("Parquet", "pyarrow", "table.parquet of a sweep"),
     finder("plotly", "plotly", "suture report"),
@@ -156,7 +158,7 @@ PREAMBLE = {
 
 
 def print_completion(options: argparse.Namespace) -> int:
-    """``suture completion``: the script by which a shell completes commands, options and scenes."""
+    """``suture completion``: print the script by which a shell completes commands, options and scenes."""
     import shtab
 
     from studies.command.parser import TABLE, parser_for

@@ -1,4 +1,4 @@
-"""Lines that are printed: on a terminal no longer than it is wide, elsewhere as they are, to be searched."""
+"""Printing of lines: wrapped on a terminal, unchanged elsewhere so that they can be searched."""
 
 import re
 import sys
@@ -7,12 +7,12 @@ from shutil import get_terminal_size
 from textwrap import wrap
 from typing import TextIO
 
-LONGEST_LINE, MOST_LINES = 1000, 40  # characters, and lines, of what is told of an error
-LABEL = re.compile(r".{,24}\s{2,}(?=\S)|suture: |")  # what stands before the words of a line
+LONGEST_LINE, MOST_LINES = 1000, 40  # largest number of characters of a line, and of lines, of an error
+LABEL = re.compile(r".{,24}\s{2,}(?=\S)|suture: |")  # the label before the words of a line
 
 
 def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print lines, on standard output unless another stream is given; without any, nothing."""
+    """Print lines on standard output, unless another stream is given; print nothing without lines."""
     if not lines:
         return
     stream = stream or sys.stdout
@@ -21,8 +21,10 @@ def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
 
 
 def fold(line: str, width: int) -> list[str]:
-    """Wrap a line at `width`, with later lines indented below its first word after the label. Longer words, such as
-    paths, stay whole."""
+    """Wrap a line at `width`, with later lines indented below the first word after the label.
+
+    Longer words, for example paths, stay whole.
+    """
     if len(line) <= width:
         return [line]
     found = LABEL.match(line)
@@ -33,7 +35,7 @@ def fold(line: str, width: int) -> list[str]:
 
 
 def complain(why: object, status: int) -> int:
-    """Say on standard error why there is no result, a line for each problem; return the exit status."""
+    """Print on standard error why there is no result, a line for each problem; return the exit status."""
     lines = str(why).splitlines()
     told = [line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + " …" for line in lines[:MOST_LINES]]
     told += [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []

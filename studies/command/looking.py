@@ -1,4 +1,4 @@
-"""The commands that look at results: ``suture report``, ``suture view`` and ``suture plot``."""
+"""The commands that show results: ``suture report``, ``suture view`` and ``suture plot``."""
 
 import argparse
 
@@ -6,7 +6,7 @@ from studies.command.lines import print_lines
 
 
 def report_results(options: argparse.Namespace) -> int:
-    """``suture report``: one page of folders."""
+    """``suture report``: write one page on the given folders."""
     import plotly  # noqa: F401  # the first to be missed, because its extra brings the others too
 
     from studies.report.report import write_report
@@ -16,7 +16,7 @@ def report_results(options: argparse.Namespace) -> int:
 
 
 def view_results(options: argparse.Namespace) -> int:
-    """``suture view``: a run in a window or as pictures, or the macro that draws it in ParaView."""
+    """``suture view``: show a run in a window or as pictures, or write a macro that draws it in ParaView."""
     from studies.pictures.looking import view, write_macro
 
     print_lines(write_macro(options.macro) if options.macro else view(options.folder, options.out, options.time))
@@ -24,7 +24,7 @@ def view_results(options: argparse.Namespace) -> int:
 
 
 def plot_results(options: argparse.Namespace) -> int:
-    """``suture plot``: columns of a run over time."""
+    """``suture plot``: draw columns of a run over time."""
     from studies.report.plotting import plot
 
     print_lines(plot(options.folder, options.columns, options.out))

@@ -1,5 +1,7 @@
-"""The parser of the command line. The arguments and the module of a command are loaded only when it is called, so help
-and version are fast."""
+"""The parser of the command line.
+
+The arguments and the module of a command are loaded only for its call, so help and version are fast.
+"""
 
 import argparse
 import os
@@ -15,8 +17,8 @@ Adder = Callable[[argparse.ArgumentParser], None]
 
 
 class Command(NamedTuple):
-    """A command: its description, the function that adds its arguments, and the function of a module that performs
-    it."""
+    """A command: its description, the function that adds its arguments, and the module with the function that
+    performs it."""
 
     text: str
     add: Adder
@@ -25,7 +27,7 @@ class Command(NamedTuple):
 
 
 def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of the command line, with the arguments of the commands that it names."""
+    """Return the parser of the command line, with the arguments of the named commands."""
     parser = argparse.ArgumentParser(prog="suture", description="A suture thread and the organ it pierces.")
     parser.add_argument("--version", action=Version, nargs=0, help="print the version, and the commit of a clone")
     commands = parser.add_subparsers(required=True, metavar="command")
@@ -38,7 +40,7 @@ def parser_for(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """Parse the command line (None: that of the process); ends the process on a fault."""
+    """Return the parsed command line (None: the arguments of the process); end the process at a fault."""
     given = sys.argv[1:] if arguments is None else arguments
     parser = parser_for(given)
     asked = next((word for word in given if not word.startswith("-")), None)
@@ -54,7 +56,7 @@ def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def carry_out(command: Command, options: argparse.Namespace) -> int:
-    """Carry out a command; return the exit status."""
+    """Carry out a command; return its exit status."""
     status: int = getattr(import_module(command.module), command.function)(options)
     return status
 
@@ -151,7 +153,7 @@ def _levels(text: str) -> int:
     from studies.refinement.ladder import LEAST
 
     if not text.isdecimal() or int(text) < LEAST:
-        raise argparse.ArgumentTypeError(f"{text} is refused: a verdict needs {LEAST} levels or more")
+        raise argparse.ArgumentTypeError(f"{text} is refused: give {LEAST} levels or more, for a verdict")
     return int(text)
 
 
@@ -162,13 +164,13 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=[…]",
         action="append",
         default=[],
-        help="values of a key, a list in TOML; with several keys, all combinations",
+        help="values of a key as a list in TOML; several keys give all combinations",
     )
     parser.add_argument(
-        "--paired", action="store_true", help="combine the first values of all keys, then the second ones"
+        "--paired", action="store_true", help="combine the first values of all keys, then the second values, and so on"
     )
     parser.add_argument(
-        "--table", metavar="FILE.csv", type=Path, help="cases from a table with a key above each column"
+        "--table", metavar="FILE.csv", type=Path, help="read cases from a table; each column has a key as its head"
     )
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier sweep")
     parser.add_argument(
@@ -179,15 +181,15 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
 
 
 class Columns(argparse.Action):
-    """Take two or three names."""
+    """Accept two or three names."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
     ) -> None:
-        """Keep the names. Ends the process where they are fewer or more."""
+        """Store the names, or end the process for another number of names."""
         names = list(values) if isinstance(values, list) else []
         if len(names) not in (2, 3):
-            parser.error(f"{option} takes two columns, x and y, or three, x, y and by; got {len(names)}")
+            parser.error(f"{option} needs two columns, x and y, or three, x, y and by; got {len(names)}")
         setattr(namespace, self.dest, names)
 
 
@@ -200,7 +202,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         action="append",
         required=True,
-        help="number of summary.json, such as piercings.exit.tension_after; may be repeated",
+        help="number of summary.json, for example piercings.exit.tension_after; can be repeated",
     )
     parser.add_argument(
         "--levels", metavar="N", type=_levels, default=LEVELS, help=f"number of levels, at least 3, default {LEVELS}"
@@ -209,7 +211,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         "--over", choices=(*KINDS, "all"), default="all", help="quantity to be refined, default all together"
     )
     parser.add_argument(
-        "--adaptive", action="store_true", help="refine the cells at the holes by their accuracy, as --over accuracy"
+        "--adaptive", action="store_true", help="refine the cells at the holes by their accuracy, like --over accuracy"
     )
     parser.add_argument(
         "--ratio", metavar="R", type=float, default=None, help="ratio of successive levels, default √2; 2 of accuracies"
@@ -226,7 +228,7 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     from studies.study import PRESETS
 
     parser.add_argument("name", metavar="NAME", help="a study, or list")
-    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, two minutes at most")
+    parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, at most two minutes")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
     parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
     parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
@@ -245,14 +247,14 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         choices=("all", "step", "many", "finite", "organ"),
         default="all",
-        help="default: all, which is step, many, finite and the assembly of a large organ",
+        help="default: all = step, many, finite and the assembly of a large organ",
     )
     parser.add_argument(
         "--sizes", metavar="N", type=_count, nargs="+", default=[3_000, 10_000, 30_000], help="unknowns, for organ"
     )
-    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="of the organ, for organ")
+    parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="element of the organ, for organ")
     parser.add_argument("--solver", choices=SOLVERS, default="auto", help="solver of the organ, for step and finite")
-    parser.add_argument("--tensions", metavar="N", type=_count, default=64, help="on one organ, for many")
+    parser.add_argument("--tensions", metavar="N", type=_count, default=64, help="tensions on one organ, for many")
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
 
 
@@ -264,33 +266,33 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 def _add_view(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
     parser.add_argument("--out", metavar="FILE", type=Path, help="draw into a .png or .gif file")
-    parser.add_argument("--time", metavar="SECONDS", type=float, help="time of the picture, default: the end")
+    parser.add_argument("--time", metavar="SECONDS", type=float, help="time of the picture, default the end")
     parser.add_argument("--macro", metavar="FILE.py", type=Path, help="write a ParaView macro that draws the run")
 
 
 def _add_plot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, such as piercings.exit.tension_after")
+    parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, for example piercings.exit.tension_after")
     parser.add_argument("--out", metavar="FILE", type=Path, help=".png, .svg or .pdf, default DIR/plot.png")
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", type=Path, help="name of the new file; .toml is added if missing")
-    parser.add_argument("--stitches", action="store_true", help="a wound with three tied stitches")
+    parser.add_argument("--stitches", action="store_true", help="write a wound with three tied stitches")
 
 
 def _add_completion(parser: argparse.ArgumentParser) -> None:
     shell = os.path.basename(os.environ.get("SHELL", "bash"))
     known = ("bash", "zsh", "fish")
     parser.add_argument(
-        "shell", choices=known, nargs="?", default=shell if shell in known else "bash", help="default: that of $SHELL"
+        "shell", choices=known, nargs="?", default=shell if shell in known else "bash", help="default: from $SHELL"
     )
 
 
 SWEEPS, LOOKING, HELP = "studies.command.sweeps", "studies.command.looking", "studies.command.help"
 TABLE = {
-    "new": Command("write a commented scenario to begin with", _add_new, "new", HELP),
-    "scenes": Command("list the scenarios that are shipped", _add_json, "list_scenes", HELP),
+    "new": Command("write a commented scenario as a start", _add_new, "new", HELP),
+    "scenes": Command("list the shipped scenarios", _add_json, "list_scenes", HELP),
     "check": Command("check whether a scenario can be run, and its cost", _add_check, "check"),
     "run": Command("simulate a scenario into a folder", _add_run, "run"),
     "sweep": Command("run a scenario for many values of its keys, into one table", _add_sweep, "run_sweep", SWEEPS),

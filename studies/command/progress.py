@@ -9,18 +9,18 @@ from functools import partial
 from time import monotonic
 from typing import Any, TextIO
 
-WIDTH = 30  # characters of the bar, fewer where the words beside it are many
-TICK = 1.0  # s between two times of what is being done
+WIDTH = 30  # largest number of characters of the bar
+TICK = 1.0  # s between two updates of the elapsed time
 REFRESH = 0.1  # s between two drawings on a terminal
-TERMINAL = 79  # characters of a line that is written over
-TOLD = ("tissue", "coupling", "studies")  # packages that say what they begin
-TOLD_OF_LOOPS = ("coupling.step.tables", "coupling.run.course")  # say that kernels are compiled
-TOLD_IN_STEPS = (*TOLD_OF_LOOPS, "coupling.run.run", "tissue.organs.krylov")  # of a rest and of a whole organ too
-TENTHS = 10  # plain lines when the output is not a terminal
+TERMINAL = 79  # characters of a line that is overwritten
+TOLD = ("tissue", "coupling", "studies")  # packages that log their stages
+TOLD_OF_LOOPS = ("coupling.step.tables", "coupling.run.course")  # these log compilation
+TOLD_IN_STEPS = (*TOLD_OF_LOOPS, "coupling.run.run", "tissue.organs.krylov")  # also rest and whole organs
+TENTHS = 10  # number of plain lines if the output is not a terminal
 
 
 class Progress:
-    """A bar that redraws itself on a terminal; elsewhere a plain line at every tenth of the way."""
+    """A bar that redraws itself on a terminal; elsewhere a plain line at every tenth of the run."""
 
     def __init__(self, steps: int, quiet: bool = False, stream: TextIO | None = None) -> None:
         self._steps = max(steps, 1)
@@ -29,24 +29,23 @@ class Progress:
         self._is_terminal = self._stream.isatty()
         self._start = self._first = self._drawn = monotonic()
         self._tenth = 0
-        self._first_step: int | None = None  # that the pace is measured from; not 1 in a run that is resumed
+        self._first_step: int | None = None  # start of the pace measurement; not 1 in a resumed run
 
     def update(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
-        """Tell that a step is done, the simulated time [s] that it reached, its Newton iterations, and the time [s]
-        that it took."""
+        """Show a completed step: its simulated time [s], its Newton iterations, and its computing time [s]."""
         if step <= 1 or self._first_step is None:
-            self._first = monotonic()  # the first step prepares what the others use: no measure of their pace
+            self._first = monotonic()  # not in the pace: the first step prepares data for the others
             self._first_step = max(step, 1)
-        if self._quiet or seconds == 0.0 or not self._is_due(step):  # 0: where the run starts, or goes on
+        if self._quiet or seconds == 0.0 or not self._is_due(step):  # 0: the start of a run or of its continuation
             return
         self._drawn = monotonic()
         try:
             self._draw(step, time, newton_iterations, seconds)
-        except BrokenPipeError:  # nobody looks any more; the run goes on
+        except BrokenPipeError:  # nobody reads the output; the run continues
             self._quiet = True
 
     def begin_anew(self) -> None:
-        """Restart the measurement of the pace at the next step, without the time of waiting."""
+        """Restart the measurement of the pace at the next step, to exclude a wait."""
         self._first_step = None
 
     def _draw(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
@@ -83,8 +82,11 @@ class Progress:
 
 
 class Stages(logging.Handler):
-    """Shows the stage before the first step: one line per stage, or on a terminal one overwritten line with the elapsed
-    time, until a record that is `over`, which stays, or the end. After such a record `waited` is called, if given."""
+    """Shows the stage before the first step.
+
+    It writes one line per stage. On a terminal one overwritten line shows the elapsed time, until the end or a
+    record that is `over`, which stays. After this record `waited` is called, if given.
+    """
 
     def __init__(
         self, stream: TextIO | None = None, every: float = TICK, waited: Callable[[], None] | None = None
@@ -98,7 +100,7 @@ class Stages(logging.Handler):
         self._clock: Clock | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show the new stage, unless it was shown last."""
+        """Show the new stage, unless it is already shown."""
         text, over = record.getMessage(), getattr(record, "over", False)
         if over and self._waited is not None:
             self._waited()
@@ -112,7 +114,7 @@ class Stages(logging.Handler):
             self._clock = Clock(self._every, partial(self._tell_time, text))
 
     def close(self) -> None:
-        """Take away the line that is written over."""
+        """Remove the overwritten line."""
         self._stop()
         if self._is_terminal and self._told:
             self._write("\r\x1b[K")
@@ -124,7 +126,7 @@ class Stages(logging.Handler):
         self._write(f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
 
     def _write(self, text: str) -> None:
-        with suppress(BrokenPipeError):  # nobody looks any more; the work goes on
+        with suppress(BrokenPipeError):  # nobody reads the output; the work continues
             self._stream.write(text)
             self._stream.flush()
 
@@ -135,7 +137,7 @@ class Stages(logging.Handler):
 
 
 class Clock:
-    """Shows the elapsed time next to the current stage `every` so many seconds, until it is stopped."""
+    """Shows the elapsed time next to the current stage every `every` seconds, until it is stopped."""
 
     def __init__(self, every: float, tell: Callable[[float], None]) -> None:
         self._every, self._tell, self._start = every, tell, monotonic()
@@ -144,7 +146,7 @@ class Clock:
         self._thread.start()
 
     def stop(self) -> None:
-        """Tell nothing any more."""
+        """Stop showing the time."""
         self._stopped.set()
         self._thread.join()
 
@@ -175,8 +177,10 @@ def stages(quiet: bool = False, told: Sequence[str] = TOLD, waited: Callable[[],
 
 
 class StudyProgress:
-    """Progress of a study: the number of completed rows and the last of them, in one line that a terminal overwrites;
-    elsewhere one line per new text."""
+    """Progress of a study: the number of completed rows and the text of the last row.
+
+    A terminal has one overwritten line; elsewhere each new text has a line.
+    """
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stderr
@@ -187,7 +191,7 @@ class StudyProgress:
         self.rows = 0
 
     def update(self, rows: Sequence[Any]) -> None:
-        """Tell of the last row by its words and of the time since the start."""
+        """Show the last row by its words, with the time since the start."""
         self.rows = len(rows)
         words = ", ".join(value for value in vars(rows[-1]).values() if isinstance(value, str) and value)
         if words == self._told and not self._is_terminal:
@@ -206,7 +210,7 @@ class StudyProgress:
 
 
 def duration(seconds: float) -> str:
-    """Write a duration in the units one would say it in."""
+    """Return a duration in words."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

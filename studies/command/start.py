@@ -1,5 +1,4 @@
-"""Entry point of the command: arguments are read before the libraries are loaded, and an interrupt ends in a
-sentence."""
+"""Entry point of the command: arguments are read before the libraries are loaded, and an interrupt gives a sentence."""
 
 import codecs
 import gc
@@ -10,15 +9,16 @@ import sys
 
 from studies.status import INTERRUPTED
 
-# Bytes, near the largest that glibc goes by: it keeps twice the size of the largest block that was freed for what is
-# asked for next (mallopt(3), M_MMAP_THRESHOLD). Else pages of arrays go to the system, to be cleared a moment later.
+# Bytes, near the largest threshold of glibc. After a block of this size is freed, glibc keeps up to twice its
+# size for later requests (mallopt(3), M_MMAP_THRESHOLD). Otherwise the pages of freed arrays return to the
+# system, which clears them before the next use.
 KEPT = 31 * 2**20
 
 
 def main() -> int:
-    """Run a command; returns the exit status."""
+    """Run a command; return its exit status."""
     _mend_streams()
-    # No command uses more threads, and a process with others cannot be forked.
+    # No command needs more threads, and a process with several threads cannot be forked safely.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         from studies.command.parser import read
@@ -27,7 +27,7 @@ def main() -> int:
         gc.disable()
         from studies.command.command import perform
 
-        gc.freeze()  # half a million objects of the libraries, which all collections of a run would look through
+        gc.freeze()  # half a million objects of the libraries, which each collection would search
         gc.enable()
         _keep_freed_memory()
         return perform(options)
@@ -37,8 +37,10 @@ def main() -> int:
 
 
 def _mend_streams() -> None:
-    """Lead a stream that is closed to nowhere, and write what the encoding of another lacks as JSON escapes it, so that
-    what is JSON stays JSON."""
+    """Redirect a closed stream to nowhere, and write letters outside an encoding as JSON escapes them.
+
+    JSON output therefore remains valid.
+    """
     codecs.register_error("escaped", _escaped)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
@@ -49,14 +51,13 @@ def _mend_streams() -> None:
 
 
 def _escaped(error: UnicodeError) -> tuple[str, int]:
-    """Return letters that an encoding lacks as JSON escapes them, and where to go on."""
+    """Return the letters outside an encoding as JSON escapes them, and the next position."""
     assert isinstance(error, UnicodeEncodeError)
     return json.dumps(error.object[error.start : error.end])[1:-1], error.end
 
 
 def _keep_freed_memory() -> None:
-    """Free a large array that nobody wrote to: from then on what is freed stays with the process; elsewhere than with
-    glibc it does nothing."""
+    """Free a large unused array, so that freed memory then stays with the process; without glibc this has no effect."""
     import numpy as np
 
     np.empty(KEPT, np.uint8)

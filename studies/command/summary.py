@@ -1,4 +1,4 @@
-"""The end of a run, in lines to be read by a person."""
+"""The end of a run, in lines for a person."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,11 +16,11 @@ from studies.output.tally import Status
 from studies.scenario import Piercing, PulledEnd, Scenario, Thread
 
 MILLI = 1e-3
-SEEN = 1e-6  # m: nearer, a hole is at the place that was meant
+SEEN = 1e-6  # m: a smaller distance from the intended place is not shown
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
-    """Write the summary of a run for a person."""
+    """Return the summary of a run in lines for a person."""
     iterations = summary["newton_iterations"] / max(summary["steps"], 1)
     pace = summary["seconds_per_step"]
     begun = " from rest" if scenario.solve.start == "rest" else ""
@@ -32,13 +32,13 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
         lines += [
-            f"thread     within {summary['constraint_max']:.0e} m of its holes, largest strain {_strain(summary)}"
+            f"thread     at most {summary['constraint_max']:.0e} m from its holes, largest strain {_strain(summary)}"
         ]
     return lines
 
 
 def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
-    """Write a table of the piercings."""
+    """Return a table of the piercings."""
     if not piercings:
         return []
     width = max(8, *(len(piercing.name) for piercing in piercings))
@@ -71,7 +71,7 @@ def _energy_lines(energy: dict[str, float]) -> list[str]:
 
 
 def remark_lines(remarks: Sequence[Remark]) -> list[str]:
-    """Write the remarks, each on a line, those first that say that a number is not supported."""
+    """Return the remarks, one per line, unsupported numbers first."""
     if not remarks:
         return ["remarks    none"]
     ordered = sorted(remarks, key=lambda remark: not remark.unsupported)
@@ -79,13 +79,13 @@ def remark_lines(remarks: Sequence[Remark]) -> list[str]:
 
 
 def doubt_lines(remarks: Sequence[Remark], folder: Path) -> list[str]:
-    """Return one line that names the unsupported numbers of the run in a folder, none where all are supported."""
+    """Return one line on the unsupported numbers of the run in a folder; empty if all are supported."""
     named = ", ".join(f"{remark.where} ({remark.code})" for remark in remarks if remark.unsupported)
     return [f"suture: unsupported: {named}; the reasons are in {folder / 'summary.json'}"] if named else []
 
 
 def refinement_line(refinement: Mapping[str, Any]) -> str:
-    """Tell how accurate the cells at the holes are, and how they became so."""
+    """Return the line on the accuracy of the cells at the holes and their refinement."""
     if "rounds" not in refinement:
         return ""
     last, errors = refinement["rounds"][-1], refinement["errors"]
@@ -96,7 +96,7 @@ def refinement_line(refinement: Mapping[str, Any]) -> str:
 
 
 def place_lines(holes: Sequence[Piercing]) -> list[str]:
-    """Tell where holes came to lie on the surface, and by how much they were moved to it."""
+    """Return the lines on holes found on the surface, with the distance moved."""
     lines = []
     for hole in holes:
         if hole.moved is not None:
@@ -107,7 +107,7 @@ def place_lines(holes: Sequence[Piercing]) -> list[str]:
 
 
 def load_lines(thread: Thread) -> list[str]:
-    """Tell how the dead loads on the ends of the thread grow, where they do."""
+    """Return the lines on dead loads with a ramp on the ends of the thread."""
     ends = ((name, getattr(thread, name)) for name in ENDS)
     return [
         f"load       thread.{name}: {float(np.linalg.norm(end.force)):.4g} N, grows within {end.ramp:.3g} s"
@@ -117,7 +117,7 @@ def load_lines(thread: Thread) -> list[str]:
 
 
 def contact_line(contact: ContactRecord) -> str:
-    """Tell how two surfaces press on one another."""
+    """Return the line on two surfaces in contact."""
     rubs = f", friction {contact.friction:.3g} N, {contact.slipping} pairs slip" if contact.friction else ""
     return (
         f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} node pairs are pressed, largest "
@@ -157,7 +157,7 @@ def range_line(met: Mapping[str, Any]) -> str:
 
 
 def print_summary(scenario: Scenario, recorder: Recorder, status: Status, picture: str = "") -> None:
-    """Print the end of a run; `picture` says how that was drawn, empty if none was asked for."""
+    """Print the end of a run; `picture` is the line on the picture, empty without a picture."""
     step, summary = recorder.last_step, recorder.summary(status)
     lines = [*summary_lines(scenario, summary)]
     table = piercing_lines(step.piercings) if step else []

@@ -24,7 +24,10 @@ STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
 
 
 def run_sweep(options: argparse.Namespace) -> int:
-    """``suture sweep``: a scenario for many values of its keys; a case that fails is a row and no failure."""
+    """``suture sweep``: run a scenario for many values of its keys.
+
+    A failed case is a row of the table; the exit status is still 0.
+    """
     cases = cases_of(options)
     base = read(options.file, options.set)
     told = Teller(options.json)
@@ -48,7 +51,8 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 
 def cases_of(options: argparse.Namespace) -> list[Settings]:
-    """Return the cases that a command line asks for: a table, or lists; the latter within each case of the former."""
+    """Return the cases of a command line: a table, or lists of values; with both, all lists for each row of the
+    table."""
     over = parse_over(options.over)
     lists = paired(over) if options.paired and over else grid(over)
     given = read_table(options.table) if options.table else [{}]
@@ -69,7 +73,7 @@ def report(table: SweepTable, folder: Path) -> list[str]:
 
 
 def _parquet(folder: Path) -> str:
-    """Return where the table in Parquet is, or how to have it."""
+    """Return the place of the table in Parquet, or how to install its package."""
     path = folder / "table.parquet"
     return f", {path.name}" if path.is_file() else f" (table.parquet needs pyarrow: {installation('pyarrow')})"
 
@@ -87,7 +91,7 @@ def verdict_lines(one: Refined) -> list[str]:
 
 
 class Teller:
-    """Tells how far a sweep has come, a line a case, on standard error."""
+    """Shows the progress of a sweep on standard error, one line per case."""
 
     def __init__(self, quiet: bool = False) -> None:
         self._begin = monotonic()
@@ -95,31 +99,30 @@ class Teller:
         self._first: int | None = None
 
     def begin(self, count: int) -> None:
-        """Write how many cases there are: the first may take a while."""
+        """Write the number of cases, because the first case can take long."""
         if not self._quiet:
             print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
 
     def tell(self, told: Told) -> None:
-        """Write a line on the completed case and the remaining time; cases that were refused beforehand do not
-        count."""
+        """Write a line on the completed case and the remaining time; cases refused before the run do not count."""
         if self._quiet:
             return
         if self._first is None and told.exit_status != REFUSED:
             self._first = told.done
         left = "" if self._first is None else f", {self._left(told, self._first)} left"
-        settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "as it is"
+        settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "unchanged"
         what = next((word for word, number in STATUSES.items() if number == told.exit_status), "failed")
         why = f": {'; '.join(told.error.splitlines())}" if told.error else ""
         print_lines([f"{told.done}/{told.count}{left}: {what}: {settings}{why}"], sys.stderr)
 
     def _left(self, told: Told, first: int) -> str:
-        """Return the time that is left in words, by the pace since the `first` case that was run."""
+        """Return the remaining time in words, from the pace since the `first` case that was run."""
         taken = monotonic() - self._begin
         return duration(taken / (told.done - first + 1) * (told.count - told.done))
 
 
 def run_refinement(options: argparse.Namespace) -> int:
-    """``suture refine``: convergence of numbers of a scenario, in words."""
+    """``suture refine``: write the convergence of numbers of a scenario in words."""
     told = Teller(options.json)
     told.begin(options.levels)
     try:

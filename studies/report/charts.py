@@ -10,26 +10,28 @@ from numpy.typing import NDArray
 from studies.arrays import Array
 from studies.output.reading import RunResults, Table
 
-MOST_ROWS = 1000  # of a series: more are finer than a screen
-SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that read better by another name
-FIRST = 3  # charts with data that stand beside the result
-CHARTS = (  # title, and the columns that it shows; the most asked for come first
+MOST_ROWS = 1000  # of a series: more points than a screen can show
+SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
+FIRST = 3  # number of charts next to the result
+CHARTS = (  # title and columns; the most useful charts come first
     ("Tension of the thread at each hole", (("piercings", "tension_before"), ("piercings", "tension_after"))),
     ("Smallest and largest gap of each pair of surfaces", (("contact", "smallest_gap"), ("contact", "largest_gap"))),
-    ("What draws each wound together", (("contact", "closure_force"),)),
+    ("Closure force of each wound", (("contact", "closure_force"),)),
     ("Thread drawn through each hole", (("piercings", "slip"),)),
     ("Force of each hole on the thread", (("piercings", "force"),)),
     ("Force of the holders on the thread", (("steps", "start_reaction"), ("steps", "end_reaction"))),
     ("Energy", (("energy", "kinetic"), ("energy", "elastic_thread"), ("energy", "elastic_tissue"))),
 )
-LOOSE = ("time", "step")  # columns that are no quantity of their own
+LOOSE = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Series:
-    """A quantity of a run over time, each shape `(n,)`; `item` is the piercing, pair of surfaces or boundary that it is
-    of, empty for one of the whole run."""
+    """A quantity of a run over time, each shape `(n,)`.
+
+    `item` is its piercing, pair of surfaces or boundary; empty for a quantity of the whole run.
+    """
 
     run: str
     table: str
@@ -50,7 +52,7 @@ class Series:
         return f"{self.table}: {self.label}"
 
     def record(self) -> dict[str, Any]:
-        """Return the series as the page reads it."""
+        """Return the series for the script of the page."""
         return {
             "run": self.run, "key": self.key, "label": self.label, "unit": self.unit,
             "x": plain(self.time), "y": plain(self.values),
@@ -58,17 +60,17 @@ class Series:
 
 
 def series_of(run: RunResults, name: str) -> list[Series]:
-    """Return every quantity of a run's tables that has a row for every step, and the length of every vector."""
+    """Return every quantity of a run's tables with one row per step, and the length of every vector."""
     return [one for table, item, rows in parts_over_time(run) for one in quantities(name, table, item, rows)]
 
 
 def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
-    """Return the tables of a run, all but its events, part by part: name, item, rows, of which each step has one."""
+    """Return the tables of a run except its events, part by part: name, item, and rows, one per step."""
     return [(name, item, rows) for name in run.tables if name != "events" for item, rows in run.parts(name).items()]
 
 
 def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
-    """Yield the quantities of a table's rows, thinned out and in the units of the charts."""
+    """Yield the quantities of a table's rows, with fewer points and in the units of the charts."""
     chosen = thinned(len(rows.columns["time"]))
     time = rows.columns["time"][chosen]
     for name, unit, values in [*plain_columns(rows), *lengths(rows)]:
@@ -82,7 +84,7 @@ def plain_columns(rows: Table) -> list[tuple[str, str, Array]]:
 
 
 def lengths(rows: Table) -> list[tuple[str, str, Array]]:
-    """Return the length of every vector that stands in three columns, but for a place and a unit vector."""
+    """Return the length of every vector in three columns, except places and unit vectors."""
     names = [name[:-2] for name in rows.numeric if {f"{name[:-2]}_{axis}" for axis in AXES} <= set(rows.numeric)]
     return [
         (name, unit, np.linalg.norm([rows.columns[f"{name}_{axis}"] for axis in AXES], axis=0))
@@ -92,14 +94,14 @@ def lengths(rows: Table) -> list[tuple[str, str, Array]]:
 
 
 def thinned(rows: int) -> NDArray[np.int64]:
-    """Choose at most `MOST_ROWS` rows, evenly, the first and the last among them."""
+    """Return at most `MOST_ROWS` row numbers, evenly spaced, with the first and the last row."""
     if rows <= MOST_ROWS:
         return np.arange(rows, dtype=np.int64)
     return np.unique(np.linspace(0, rows - 1, MOST_ROWS).round().astype(np.int64))
 
 
 def plain(values: Array) -> list[float | None]:
-    """Return numbers of six digits for JSON, None for numbers that are not finite."""
+    """Return numbers with six digits for JSON, None for numbers that are not finite."""
     return [float(f"{value:.6g}") if np.isfinite(value) else None for value in values.tolist()]
 
 

@@ -1,4 +1,4 @@
-"""The page of a report: pieces of HTML, and the whole with its style, its script and plotly's own in it."""
+"""The page of a report: pieces of HTML, and the whole page including its style, its script and plotly's script."""
 
 import html
 import json
@@ -19,7 +19,7 @@ def plotly_script() -> str:
 
 
 def whole_page(title: str, body: Iterable[str], data: Mapping[str, Any]) -> str:
-    """Return a page that needs no other file; its head forbids loading any."""
+    """Return a page that needs no other file; its head forbids the loading of files."""
     parts = {name: (HERE / f"page.{name}").read_text(encoding="utf-8") for name in ("html", "css", "js")}
     numbers = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return Template(parts["html"]).substitute(
@@ -49,12 +49,12 @@ def number_text(value: object) -> str:
 
 
 def cell(value: object) -> object:
-    """Return a number of a table, or None."""
+    """Return a value of a table, None for NaN."""
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def figure(png: str, words: str) -> str:
-    """Return a picture in base64, with words in its place."""
+    """Return a picture in base64, with an alternative text."""
     return f'<img class="figure" alt="{escaped(words)}" src="data:image/png;base64,{png}">'
 
 
@@ -64,12 +64,12 @@ def heading(text: str) -> str:
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph that explains."""
+    """Return a paragraph of explanation."""
     return f'<p class="note">{escaped(text)}</p>'
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
-    """Return a table, of which the first `words` columns are words and the others numbers."""
+    """Return a table whose first `words` columns are words and the others numbers."""
 
     def line(tag: str, cells: Sequence[object]) -> str:
         parts = [
@@ -83,7 +83,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1)
 
 
 def remark_list(remarks: Sequence[Mapping[str, str]], without: str) -> str:
-    """Return remarks, or a sentence for a list `without` any."""
+    """Return the remarks as a list, or the sentence `without` if there is none."""
     if not remarks:
         return paragraph(without)
     words = ("severity", "message", "code", "where")
@@ -97,12 +97,12 @@ def remark_list(remarks: Sequence[Mapping[str, str]], without: str) -> str:
 
 
 def beside(left: str, right: str) -> str:
-    """Return two parts next to each other, one below the other on a narrow screen."""
+    """Return two parts next to each other; on a narrow screen one is below the other."""
     return f'<div class="beside"><div>{left}</div><div>{right}</div></div>'
 
 
 def folded(title: str, text: str) -> str:
-    """Return text that is shown when asked for."""
+    """Return text that is shown on a click."""
     return f"<details><summary>{escaped(title)}</summary><pre>{escaped(text)}</pre></details>"
 
 
@@ -112,7 +112,7 @@ def chart(name: str) -> str:
 
 
 def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = "") -> str:
-    """Return a choice, of options of its own or of those that the page's script adds."""
+    """Return a selection, with the given options or with options from the page's script."""
     items = "".join(
         f"<option{' selected' if option == chosen else ''}>{escaped(option)}</option>" for option in options
     )
@@ -128,7 +128,7 @@ def view_controls() -> str:
             '<label>time <input type="range" id="time" min="0" value="0" step="1"></label>',
             '<span id="moment"></span><button id="play" type="button">play</button>',
             selection("field", "organ coloured by"),
-            '<label>opened up to y <input type="range" id="front" step="any"></label>',
+            '<label>cut open up to y <input type="range" id="front" step="any"></label>',
             "</div>",
             '<div class="view" id="view"></div>',
         ]

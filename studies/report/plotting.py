@@ -1,4 +1,4 @@
-"""``suture plot``: columns of a run over time, in one figure, a panel for each unit."""
+"""``suture plot``: columns of a run over time, in one figure with a panel for each unit."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +14,9 @@ Line = tuple[str, str, Sequence[float], Sequence[float]]  # name, unit, times [s
 
 
 def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
-    """Draw columns over time into a figure; return the lines to be read by a person.
+    """Draw columns over time into a figure; return the lines for a person.
 
-    Raises `ResultsError` for a name that the run does not have, and for a file of another kind.
+    Raises `ResultsError` for an unknown name, and for a file of another kind.
     """
     run = read_run(folder)
     lines = [line_of(run, name) for name in names]
@@ -38,8 +38,10 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
 
 
 def line_of(run: RunResults, name: str) -> Line:
-    """Return a column by its name, in the unit of the charts. Raises `ResultsError` with the names it is a part of, or
-    the nearest one."""
+    """Return a column by its name, in the unit of the charts.
+
+    Raises `ResultsError` with the names that contain it, or with the nearest name.
+    """
     known = {key: (table, column) for key, table, column in columns_of(run)}
     if name not in known:
         alike = [key for key in known if name in key]
@@ -57,9 +59,11 @@ def line_of(run: RunResults, name: str) -> Line:
 
 
 def columns_of(run: RunResults) -> list[tuple[str, Table, str]]:
-    """List what can be drawn: `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`,
-    `piercings.exit.force` for the length of a vector and `piercings.exit.force_x` for a component; each with its table
-    and its column there."""
+    """List the columns that can be drawn, each with its table and its column there.
+
+    Examples are `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`, `piercings.exit.force` for
+    the length of a vector and `piercings.exit.force_x` for a component.
+    """
     return [
         (".".join(filter(None, (name, item, column))), table, column)
         for name, item, table in parts_over_time(run)

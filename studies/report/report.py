@@ -1,4 +1,4 @@
-"""``suture report``: runs, studies and sweeps in one page of HTML that asks the network for nothing."""
+"""``suture report``: runs, studies and sweeps in one HTML page that needs no network."""
 
 import base64
 from collections import Counter
@@ -30,7 +30,7 @@ UNENDED = (
     "The run has not ended, or its summary is damaged. If it was killed, continue it with --resume. Its results so far "
     "follow."
 )
-MOST_ROWS = 200  # of a table that is shown whole
+MOST_ROWS = 200  # of a table; more rows are left out
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
 PAGE_COLOURS = {
     "lines": [*COLOURS, "#444444", "#8a6d5c"],  # a chart over time has more lines than a figure
@@ -57,13 +57,13 @@ class Rows:
 
 
 def write_report(folders: Sequence[Path], path: Path) -> list[str]:
-    """Write the report of folders into a page; return the lines to be read by a person.
+    """Write the report of folders into a page; return the lines for a person.
 
-    Raises `ResultsError` for a folder that holds neither a run nor a study nor a sweep, or a page that has not the name
-    of one.
+    Raises `ResultsError` for a folder without a run, a study or a sweep, and for a page with another suffix
+    than HTML.
     """
     if path.suffix.lower() not in (".html", ".htm"):
-        raise ResultsError(f"--out {path} is refused: a report is a page; name it {path.stem}.html")
+        raise ResultsError(f"--out {path} is refused: a report is an HTML page; name it {path.stem}.html")
     page.plotly_script()
     runs = [read_run(folder) for folder in folders if holds_run(folder)]
     others = [read_rows(folder) for folder in folders if not holds_run(folder)]
@@ -74,7 +74,7 @@ def write_report(folders: Sequence[Path], path: Path) -> list[str]:
     for left in killed:
         left.unlink(missing_ok=True)
     write_text(path, text)
-    return [f"report     {path}, {len(text.encode()) / 1e6:.3g} MB; open it in a browser, it needs no network"]
+    return [f"report     {path}, {len(text.encode()) / 1e6:.3g} MB; open it in a browser; it needs no network"]
 
 
 def labels(folders: Sequence[Path]) -> list[str]:
@@ -85,16 +85,12 @@ def labels(folders: Sequence[Path]) -> list[str]:
 
 
 def read_rows(folder: Path) -> Rows:
-    """Read a study, a sweep or a refinement. Raises `ResultsError` for a folder that is none, or is not finished."""
+    """Read a study, a sweep or a refinement. Raises `ResultsError` for another or an unfinished folder."""
     swept = holds_sweep(folder) or holds_sweep(folder, "refinement")
     if not swept and not holds_study(folder):
-        raise ResultsError(
-            f"{folder} is refused: it holds neither a run nor a study nor a sweep; give a folder that has one"
-        )
+        raise ResultsError(f"{folder} is refused: it holds no run, study or sweep; give a folder with one of them")
     if not (folder / "table.csv").is_file():
-        raise ResultsError(
-            f"{folder} is refused: it has no table.csv yet; let the command that began it come to its end"
-        )
+        raise ResultsError(f"{folder} is refused: it has no table.csv yet; wait until its command ends, or continue it")
     return read_sweep(folder) if swept else read_study(folder)
 
 
@@ -117,13 +113,13 @@ def read_sweep(folder: Path) -> Rows:
 
 
 def estimated(one: Mapping[str, Any]) -> str:
-    """Return the estimated error of the finest level in words, empty where none was refined to an accuracy."""
+    """Return the estimated error of the finest level in words; empty without refinement to an accuracy."""
     known = [error for error in one.get("estimates", ()) if error is not None]
     return f"; estimated error of the holes' compliance {100.0 * known[-1]:.2g} %" if known else ""
 
 
 def drawn(folder: Path) -> str:
-    """Return the figure of a folder in base64, empty if it has none."""
+    """Return the figure of a folder in base64; empty without a figure."""
     figure = folder / "figure.png"
     return base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else ""
 
@@ -173,7 +169,7 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
         yield page.heading("In space")
         yield page.paragraph(
             "Deformations are to scale. The thread is coloured by its tension; arrows are forces of the holes on the "
-            "thread, to one scale. Drag to turn, scroll to come nearer."
+            "thread, all to the same scale. Drag to turn, scroll to zoom."
         )
         yield page.view_controls()
     yield page.heading("Summary")
@@ -185,21 +181,21 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bo
     for name, run in runs.items():
         yield page.remark_list(remarks_of(run, "note"), f"{name}: no notes") if run.summary else ""
         yield from events_section(name, run)
-    yield page.heading("Where the numbers come from")
+    yield page.heading("Origin of the numbers")
     for name, run in runs.items():
         yield page.folded(f"{name}: versions, machine and digests", as_json(run.provenance))
         yield page.folded(f"{name}: the scenario as run", run.scenario)
 
 
 def last_picture(run: RunResults) -> str:
-    """Return the picture that a run left in its folder, or how to draw it."""
+    """Return the picture in a run's folder, or a note on how to draw it."""
     if not (run.folder / "picture.png").is_file():
-        return page.paragraph("There is no picture; suture view draws one: --out picture.png in the folder of the run.")
+        return page.paragraph("There is no picture; draw it into the folder by suture view with --out picture.png.")
     return page.figure(base64.b64encode((run.folder / "picture.png").read_bytes()).decode(), "the end of the run")
 
 
 def doubts(run: RunResults) -> str:
-    """Return the remarks by which numbers of a run are not supported."""
+    """Return the remarks on unsupported numbers of a run."""
     if not run.summary:
         return page.paragraph(UNENDED)
     return page.remark_list(remarks_of(run, "unsupported"), "All numbers are supported.")
@@ -222,7 +218,7 @@ def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
             ("Newton iterations", "newton_iterations"),
             ("seconds a step", "seconds_per_step"),
             ("unknowns of the organ", "tissue_dofs"),
-            ("thread off its holes at most [m]", "constraint_max"),
+            ("largest distance of thread and hole [m]", "constraint_max"),
         )
     ]
     rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
@@ -251,7 +247,7 @@ def part(summary: Mapping[str, Any], *keys: str) -> Any:
 
 
 def size(value: Any) -> Any:
-    """Return the length of a vector, and any other value as it is."""
+    """Return the length of a vector, and any other value unchanged."""
     return hypot(*value) if isinstance(value, list) and all(isinstance(each, float) for each in value) else value
 
 
@@ -286,28 +282,29 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
 
 
 def axes_of(table: Table) -> tuple[str, str]:
-    """Choose the first axes: the last and the first column of numbers that change, except the count of cases."""
+    """Return the names of the first axes: the first and the last column of numbers that change, without the
+    case number."""
     varied = [name for name in table.numeric if name != "case" and changes(table.columns[name])] or table.numeric
     return (varied[0], varied[-1]) if varied else ("", "")
 
 
 def changes(numbers: NDArray[np.float64]) -> bool:
-    """Whether there are two different numbers, NaN aside."""
+    """Return whether there are two different finite numbers."""
     return len(set(numbers[np.isfinite(numbers)].tolist())) > 1
 
 
 def whole_table(table: Table, names: Sequence[str]) -> str:
-    """Return columns of a table, and how many rows there are beyond those shown."""
+    """Return columns of a table, with a note on the number of rows that are not shown."""
     count = min(MOST_ROWS, len(next(iter(table.columns.values()))))
     columns = [table.columns[name].tolist() for name in names]
     rows = [[page.cell(value) for value in row] for row in zip(*columns, strict=True)][:count]
     more = len(columns[0]) - count
-    note = page.paragraph(f"and {more} rows more, in the folder's table") if more else ""
+    note = page.paragraph(f"and {more} more rows in the folder's table") if more else ""
     return page.table([table.heading(name) for name in names], rows, words=0) + note
 
 
 def grid_record(rows: Rows) -> dict[str, Any]:
-    """Return the rows of a study or a sweep as the page reads them, in the units of the charts."""
+    """Return the rows of a study or a sweep for the script of the page, in the units of the charts."""
     factors = {name: SHOWN.get(unit, (1.0, unit)) for name, unit in rows.table.units.items()}
     columns = {
         name: plain(factors.get(name, (1.0, ""))[0] * values) if values.dtype.kind == "f" else values.tolist()

@@ -1,8 +1,8 @@
 """The three-dimensional view of a report: the organ's surface, the thread and the forces, frame by frame, packed.
 
-Numbers are whole numbers of 16 bits in base64: displacements over their largest, a field over its range. Where that is
-still too much for a page, frames are left out first, then the surface is made coarser, its corners staying corners of
-the mesh.
+Numbers are 16-bit integers in base64: displacements relative to the largest, a field relative to its range. If
+this exceeds the budget of the page, frames are left out first. Then the surface is made coarser; its corners
+remain nodes of the mesh.
 """
 
 import base64
@@ -20,26 +20,29 @@ from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, piec
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
-BYTES = 9e6  # of the page, for the views of all its runs; 4/3 of it in base64
+BYTES = 9e6  # bytes of the page for the views of all its runs; in base64 4/3 of this
 MOST_FRAMES = 51
 FEWEST_NODES = 400  # of a surface
-SHORT, WIDE = 2**15 - 1, 2**16 - 1  # the largest numbers of 16 bits with a sign and without
-QUANTILE = 0.995  # of a field, at which its colours end: the highest, at the holes, are not to drown the rest
+SHORT, WIDE = 2**15 - 1, 2**16 - 1  # largest 16-bit numbers with and without a sign
+QUANTILE = 0.995  # of a field, at the end of its colours: high values at the holes must not hide the rest
 STRESSES = ("xx", "yy", "zz", "xy", "yz", "xz")
-THREAD_POINTS = 600  # of a frame
+THREAD_POINTS = 600  # largest number per frame
 
 
 @dataclass(frozen=True)
 class Skin:
-    """The part of an organ's surface that is drawn: the numbers of its nodes in the mesh, shape `(n,)`, and its
-    triangles by their places among those, shape `(k, 3)`."""
+    """The drawn part of an organ's surface.
+
+    `nodes` are the numbers of its nodes in the mesh, shape `(n,)`, and `triangles` are places in `nodes`, shape
+    `(k, 3)`.
+    """
 
     nodes: Indices
     triangles: Indices
 
 
 def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
-    """Return a run's view for the page, without the organ if there is none. Raises `ResultsError`."""
+    """Return a run's view for the page; without an organ only the thread. Raises `ResultsError`."""
     with refused_if_torn(run.folder / "frames"):
         return _view_record(run, name, budget)
 
@@ -61,7 +64,7 @@ def _view_record(run: RunResults, name: str, budget: float) -> dict[str, Any]:
 
 
 def chosen_frames(count: int) -> NDArray[np.int64]:
-    """Choose at most `MOST_FRAMES` frames, evenly, the first and the last among them."""
+    """Return at most `MOST_FRAMES` frame numbers, evenly spaced, with the first and the last frame."""
     return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(np.int64))
 
 
@@ -99,7 +102,7 @@ def whole_skin(points: Array, cells: Indices) -> Skin:
 
 
 def decimated(points: Array, skin: Skin, most: int) -> Skin:
-    """Return a surface of about `most` nodes, which are nodes of the given one."""
+    """Return a surface with about `most` nodes, all from the given surface."""
     if len(skin.nodes) <= most:
         return skin
     import pyvista as pv
@@ -112,7 +115,7 @@ def decimated(points: Array, skin: Skin, most: int) -> Skin:
 
 
 def field_names(organ: Any) -> list[tuple[str, str]]:
-    """Return the fields that can be chosen, with units: von Mises stress first, then the other nodal and cell
+    """Return the names of the selectable fields, with units: von Mises stress first, then other nodal and cell
     fields."""
     scalars = [
         name
@@ -127,7 +130,7 @@ def field_names(organ: Any) -> list[tuple[str, str]]:
 
 
 def field_values(organ: Any, cells: Indices, fields: Sequence[tuple[str, str]]) -> list[Array]:
-    """Return each field at the nodes, shape `(nodes,)`; of a cell's field the mean over the cells at a node."""
+    """Return each field at the nodes, shape `(nodes,)`; a field of cells is averaged over the cells at a node."""
     nodes = organ.n_points
     out = []
     for name, _ in fields:
@@ -161,7 +164,7 @@ def field_record(name: str, unit: str, values: Array) -> dict[str, Any]:
 
 
 def thread_record(thread: Any) -> dict[str, Any]:
-    """Return a thread of one frame: places in mm and tension, with nothing between its pieces."""
+    """Return the thread of one frame: places in mm and tension, with a gap between its pieces."""
     points, tension = np.asarray(thread.points, dtype=np.float64), np.asarray(thread.point_data["tension"])
     s = np.asarray(thread.point_data["s"], dtype=np.float64)
     chain: list[int] = []
@@ -176,7 +179,7 @@ def thread_record(thread: Any) -> dict[str, Any]:
 
 
 def holes_record(frame: FrameFiles, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the piercings of one frame that the thread is in: name, place in mm, and force [N]."""
+    """Return the piercings of one frame that contain the thread: name, place in mm, and force [N]."""
     holes = frame.read("piercings")
     if holes is None:
         return []
@@ -189,5 +192,5 @@ def holes_record(frame: FrameFiles, names: Sequence[str]) -> list[dict[str, Any]
 
 
 def packed(values: Array | Indices, kind: Any) -> str:
-    """Return numbers as text: little-endian, of a kind, in base64."""
+    """Return numbers as text: little-endian, of the given kind, in base64."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<")).tobytes()).decode()

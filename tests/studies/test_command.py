@@ -254,7 +254,7 @@ def test_a_new_scenario_can_be_run(
     assert command.main(["new", "wound", "--stitches"]) == 0
     assert command.main(["check", "wound.toml"]) == 0
     assert command.main(["new", "mine.toml"]) == 2
-    assert "it exists already" in capsys.readouterr().err
+    assert "it already exists" in capsys.readouterr().err
 
 
 def test_help_and_version_load_no_library(capsys: pytest.CaptureFixture[str]) -> None:

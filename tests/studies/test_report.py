@@ -222,10 +222,10 @@ def test_what_is_no_result_is_refused(tmp_path: Path, run: Path, capsys: pytest.
     pytest.importorskip("plotly")
     (tmp_path / "empty").mkdir()
     assert main(["report", str(tmp_path / "empty"), "--out", str(tmp_path / "page.html")]) == 2
-    assert "neither a run nor a study nor a sweep" in capsys.readouterr().err
+    assert "no run, study or sweep" in capsys.readouterr().err
     (tmp_path / "empty" / "table.csv").write_text("a,b\n1,2\n", encoding="utf-8")
     assert main(["report", str(tmp_path / "empty"), "--out", str(tmp_path / "page.html")]) == 2
-    assert "neither a run nor a study nor a sweep" in capsys.readouterr().err
+    assert "no run, study or sweep" in capsys.readouterr().err
     (tmp_path / "begun").mkdir()
     (tmp_path / "begun" / "sweep.json").write_text('{"kind": "sweep"}', encoding="utf-8")
     assert main(["report", str(tmp_path / "begun"), "--out", str(tmp_path / "page.html")]) == 2

@@ -224,7 +224,7 @@ def test_a_run_that_is_lengthened_is_one_of_the_longer_duration(
     assert (out / "scenario.toml").read_bytes() == (whole / "scenario.toml").read_bytes()
     digests = [json.loads((folder / MARK).read_text())["scenario_sha256"] for folder in (out, whole)]
     assert digests[0] == digests[1]
-    assert start(file, out, "--resume") == 0  # nothing is left to do
+    assert start(file, out, "--resume") == 0  # nothing remains to be done
 
 
 def test_only_the_duration_may_grow(file: Path, whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -307,7 +307,7 @@ def test_a_completed_run_is_left_alone(file: Path, whole: Path, capsys: pytest.C
     """Independent check: nothing to do is no error, and touches nothing."""
     before = {path: path.stat().st_mtime_ns for path in whole.rglob("*")}
     assert command.main(["run", str(file), "--out", str(whole), "--resume"]) == 0
-    assert "is complete; nothing is left to do" in capsys.readouterr().out
+    assert "is complete; nothing remains to be done" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in whole.rglob("*")} == before
     assert command.main(["run", str(whole / "scenario.toml"), "--out", str(whole), "--resume", "--quiet"]) == 0
 
