@@ -153,7 +153,7 @@ def _levels(text: str) -> int:
     from studies.refinement.ladder import LEAST
 
     if not text.isdecimal() or int(text) < LEAST:
-        raise argparse.ArgumentTypeError(f"{text} is refused: give {LEAST} levels or more, for a verdict")
+        raise argparse.ArgumentTypeError(f"{text} is refused: a verdict needs {LEAST} or more levels")
     return int(text)
 
 

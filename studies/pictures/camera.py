@@ -1,7 +1,7 @@
 """Camera of a picture: its position, projections of points, and free places for labels.
 
-The camera looks along one direction without perspective, so that one scale bar holds for the whole picture, and the
-pixel of a point is a linear function of its place.
+The camera has no perspective, so one scale bar is valid for the whole picture, and the pixel of a point is a
+linear function of its place.
 """
 
 from collections.abc import Sequence
@@ -11,17 +11,20 @@ import numpy as np
 
 from studies.arrays import Array
 
-TOWARDS = (0.25, -0.85, 0.46)  # from the scene to the camera: from the side and above
+TOWARDS = (0.25, -0.85, 0.46)  # from the scene to the camera: seen from the side and above
 UP = (0.0, 0.0, 1.0)
-STEPS = (1.0, 2.0, 5.0)  # of a scale bar, times a power of ten
-RINGS, ROUND = (0.6, 1.0, 1.6, 2.4, 3.4, 4.6), 16  # distances in heights of a label, and directions, that are tried
+STEPS = (1.0, 2.0, 5.0)  # lengths of a scale bar, times a power of ten
+RINGS, ROUND = (0.6, 1.0, 1.6, 2.4, 3.4, 4.6), 16  # distances tried, in heights of a label, and number of directions
 CLEAR = 6.0  # pixels around a label
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A view without perspective: unit vectors to the right, up and towards the camera, the place in the middle of the
-    picture, the pixels of a metre, and the picture's size in pixels."""
+    """A view without perspective.
+
+    It has unit vectors to the right, up and towards the camera, the place in the middle of the picture, the
+    pixels per metre, and the picture's size in pixels.
+    """
 
     right: Array  # (3,)
     up: Array  # (3,)
@@ -31,7 +34,7 @@ class Camera:
     size: tuple[int, int]
 
     def pixels(self, points: Array) -> Array:
-        """Return where points `(n, 3)` [m] are in the picture, `(n, 2)`, from its lower left corner."""
+        """Return the pixels of points `(n, 3)` [m] in the picture, `(n, 2)`, from its lower left corner."""
         across = (np.atleast_2d(points) - self.focus) @ np.stack([self.right, self.up], axis=1)
         return np.asarray(self.scale * across + 0.5 * np.array(self.size))
 
@@ -42,8 +45,10 @@ class Camera:
 
 
 def camera_on(points: Array, size: tuple[int, int], margins: tuple[float, float, float, float]) -> Camera:
-    """Return the camera that sees points `(n, 3)` [m] as large as they go between margins left, right, below and above
-    [pixels]."""
+    """Return the camera that shows points `(n, 3)` [m] as large as possible.
+
+    `margins` are left, right, below and above [pixels].
+    """
     away = np.asarray(TOWARDS) / np.linalg.norm(TOWARDS)
     right = np.cross(UP, away)
     right /= np.linalg.norm(right)
@@ -60,7 +65,7 @@ def camera_on(points: Array, size: tuple[int, int], margins: tuple[float, float,
 
 
 def scale_bar(scale: float, most: float) -> tuple[float, str]:
-    """Return the length of a scale bar [m] of at most so many pixels, and its words."""
+    """Return the length of a scale bar [m] of at most `most` pixels, and its text."""
     longest = most / scale
     power = 10.0 ** np.floor(np.log10(longest))
     length = max(step * power for step in STEPS if step * power <= longest * (1.0 + 1e-9))
@@ -74,8 +79,11 @@ def along_arrows(holes: Array, tips: Array) -> Array:
 
 
 def label_places(anchors: Array, boxes: Array, taken: Array, size: tuple[int, int]) -> Array:
-    """Return the lower left corners `(n, 2)` [pixels] of labels of sizes `boxes` `(n, 2)`, each near its anchor
-    `(n, 2)`, where they cover neither one another nor points that are `taken` `(k, 2)`, as far as there is room."""
+    """Return the lower left corners `(n, 2)` [pixels] of labels of sizes `boxes` `(n, 2)`.
+
+    Each label is near its anchor `(n, 2)`. If there is room, labels cover neither each other nor `taken` points
+    `(k, 2)`.
+    """
     placed: list[tuple[Array, Array]] = []
     for anchor, box in zip(anchors, boxes, strict=True):
         tries = [corner_at(anchor, box, ring, turn) for ring in RINGS for turn in range(ROUND)]
@@ -85,7 +93,7 @@ def label_places(anchors: Array, boxes: Array, taken: Array, size: tuple[int, in
 
 
 def corner_at(anchor: Array, box: Array, ring: float, turn: int) -> Array:
-    """Return the corner of a label that lies a distance from its anchor in one of the directions, below first."""
+    """Return the corner of a label at a distance from its anchor in one of the directions; the first is below."""
     angle = 2.0 * np.pi * turn / ROUND - 0.5 * np.pi
     way = np.array([np.cos(angle), np.sin(angle)])
     return np.asarray(anchor + ring * box[1] * way + 0.5 * box * way - 0.5 * box)
@@ -94,7 +102,7 @@ def corner_at(anchor: Array, box: Array, ring: float, turn: int) -> Array:
 def covered(
     corner: Array, box: Array, taken: Array, placed: Sequence[tuple[Array, Array]], size: tuple[int, int]
 ) -> float:
-    """Return how much a label would cover: points, ten for each other label or edge of the picture."""
+    """Return the cost of the covered area of a label: one per point, ten per label, 1000 outside the picture."""
     low, high = corner - CLEAR, corner + box + CLEAR
     points = float(np.all((taken >= low) & (taken <= high), axis=1).sum()) if len(taken) else 0.0
     others = sum(bool(np.all((low < there + wide) & (high > there))) for there, wide in placed)

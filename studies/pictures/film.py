@@ -1,4 +1,4 @@
-"""An animation of frames as a GIF, by pyvista; in a child process, as `studies.pictures.space`."""
+"""An animation of frames as a GIF, by pyvista; in a child process, like `studies.pictures.space`."""
 
 import pickle
 import sys
@@ -12,17 +12,17 @@ from studies.pictures.scene import Film, Frame
 from studies.pictures.space import draw_staged, stage_of
 
 SIZE = (900, 600)  # pixels
-PAUSE, LAST = 120, 1500  # ms that a picture stands, and the last one
+PAUSE, LAST = 120, 1500  # ms of each picture, and of the last one
 
 
 def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
-    """Draw frames into a GIF file, all to one scale."""
+    """Draw frames into a GIF file, all at the same scale."""
     stage = stage_of(frames, topology, title)
     write_film(frames, path, lambda frame, picture: draw_staged(frame, stage, picture))
 
 
 def write_film(frames: Sequence[Frame], path: Path, draw: Callable[[Frame, Path], None]) -> None:
-    """Write frames, each drawn into a picture by `draw`, one after the other, again and again."""
+    """Write an endless animation of frames; `draw` draws each of them into a picture."""
     scratch = path.with_name("frame.png")
     pictures = []
     for frame in frames:
@@ -33,7 +33,7 @@ def write_film(frames: Sequence[Frame], path: Path, draw: Callable[[Frame, Path]
 
 
 def small(path: Path) -> Image.Image:
-    """Read a picture in the size of an animation."""
+    """Return a picture in the size of an animation."""
     with Image.open(path) as picture:
         return picture.convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
 

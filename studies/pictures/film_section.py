@@ -1,4 +1,4 @@
-"""An animation of frames as a GIF, in sections by matplotlib: needs no OpenGL."""
+"""An animation of frames as a GIF, in sections by matplotlib, without OpenGL."""
 
 import pickle
 import sys
@@ -13,7 +13,7 @@ from studies.pictures.view import scale_of
 
 
 def draw_film(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
-    """Draw frames into a GIF file, all to one scale."""
+    """Draw frames into a GIF file, all at the same scale."""
     scale = scale_of(frames)
     write_film(frames, path, lambda frame, picture: draw_scaled(frame, topology, picture, title, scale))
 

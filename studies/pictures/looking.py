@@ -1,4 +1,4 @@
-"""``suture view``: a run in a window, or where there is no screen as a picture and an animation."""
+"""``suture view``: a run in a window, or without a screen as a picture and an animation."""
 
 import os
 import sys
@@ -14,13 +14,15 @@ from studies.output.reading import FrameFiles, ResultsError, RunResults, read_ru
 from studies.pictures.picture import Drawn, draw_picture, draw_scene, words_of
 from studies.pictures.scene import frame_of
 
-MOST_PICTURES = 24  # of an animation
+MOST_PICTURES = 24  # largest number of pictures of an animation
 KINDS = (".png", ".gif")
 
 
 def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
-    """Show a run; return the lines to be read by a person. Raises `ResultsError` for a folder without a run or frames,
-    and for a file of another kind."""
+    """Show a run; return the lines for a person.
+
+    Raises `ResultsError` for a folder without a run or frames, and for a file of another kind.
+    """
     run = read_run(folder)
     if not run.frames:
         raise ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
@@ -33,9 +35,9 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
 
 
 def write_macro(path: Path) -> list[str]:
-    """Write the macro that draws a run in ParaView; return the lines to be read by a person."""
+    """Write the macro that draws a run in ParaView; return the lines for a person."""
     if path.suffix != ".py":
-        raise ResultsError(f"--macro {path} is refused: a macro is a program of Python; name it {path.stem}.py")
+        raise ResultsError(f"--macro {path} is refused: a macro is a Python file; name it {path.stem}.py")
     write_bytes(path, Path(__file__).with_name("paraview_macro.py").read_bytes())
     return [f"macro      {path}: in ParaView, Macros > Import new macro; or pvpython {path} DIR"]
 
@@ -46,14 +48,14 @@ def has_screen(environment: Mapping[str, str], system: str) -> bool:
 
 
 def window(folder: Path) -> str:
-    """Open a window and wait until it is closed; return why there was none, empty if there was."""
+    """Open a window and wait until it is closed; return the reason if none could be opened, else an empty text."""
     with tempfile.TemporaryDirectory() as scratch:
         done = run_module("studies.pictures.window", Path(scratch), [folder.resolve()], patience=None)
     return words_of(done) if done.returncode else ""
 
 
 def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
-    """Draw the frame nearest to a time, by default the last, or all frames; return the line that says how."""
+    """Draw the frame nearest to a time, by default the last, or all frames; return the line on the picture."""
     if out.suffix.lower() not in KINDS:
         raise ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
@@ -71,12 +73,12 @@ def still(run: RunResults, out: Path, time: float | None) -> Drawn:
 
 
 def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
-    """Return the frame nearest to a time [s], the last without one."""
+    """Return the frame nearest to a time [s], or the last frame without a time."""
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 
 def film(run: RunResults, out: Path) -> Drawn:
-    """Draw frames into a GIF file, no more than are patiently drawn."""
+    """Draw frames into a GIF file, at most `MOST_PICTURES` of them."""
     count = len(run.frames)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(int)).tolist()
     frames = [frame_of(snapshot_of(run.frames[number], run.piercings)) for number in chosen]

@@ -23,13 +23,16 @@ from studies.simulation.sharing import Unshared
 Indices = NDArray[np.integer]
 
 MILLI = 1e-3
-NO_REGION, NO_CELL = 0, -1  # what the array `region` holds in addition to the regions' numbers
+NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the regions' numbers
 
 
 @dataclass(frozen=True)
 class MeshScene:
-    """A mesh to be drawn: points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of the
-    wound's lips, the places of the piercings `(p, 3)` [m], and a title."""
+    """A mesh for a picture.
+
+    It has points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of the wound's
+    lips, the places of the piercings `(p, 3)` [m], and a title.
+    """
 
     points: Array
     cells: Indices
@@ -40,12 +43,12 @@ class MeshScene:
 
 
 def write_report(scenario: Scenario, path: Path) -> list[str]:
-    """Make the mesh, write it to `path` (.vtu) and a picture next to it; return the lines to be read by a person.
+    """Make the mesh, write it to `path` (.vtu) with a picture next to it, and return the lines for a person.
 
     Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
     """
     if path.suffix.lower() != ".vtu":
-        raise ScenarioError(f"--out {path} is refused: the mesh is written for ParaView; name it {path.stem}.vtu")
+        raise ScenarioError(f"--out {path} is refused: the mesh is a ParaView file; name it {path.stem}.vtu")
     scenario = with_places(scenario, Unshared())
     fit = fit_of(scenario)
     mesh = organ_mesh(scenario) if fit is None else fit.body.mesh
@@ -63,32 +66,32 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
 
 
 def fit_of(scenario: Scenario) -> tissue.Fitted | None:
-    """Return how the cells at the holes are refined, None for a mesh that is as given."""
+    """Return the refinement of the cells at the holes, None without refinement."""
     if scenario.tissue is None or scenario.tissue.mesh.accuracy == "given":
         return None
     return assemble(scenario).fit
 
 
 def round_lines(fit: tissue.Fitted | None) -> list[str]:
-    """Write the rounds in which cells were refined."""
+    """Return the lines on the rounds of refinement."""
     rounds = () if fit is None else fit.rounds
     return [
-        f"round {number}    {one.unknowns} unknowns, the compliance of a hole known to {100.0 * one.error:.2g} %"
+        f"round {number}    {one.unknowns} unknowns, largest error of a hole's compliance {100.0 * one.error:.2g} %"
         for number, one in enumerate(rounds, start=1)
     ]
 
 
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
-    """Write size, quality, boundaries, regions, and the element size at each piercing."""
+    """Return the lines on size, quality, boundaries, regions, and the element size at each piercing."""
     found, content = quality(mesh), volumes(mesh.p.T, mesh.t.T)
     unknowns = 3 * mesh.nvertices, 3 * (mesh.nvertices + mesh.nedges)
     return [
         f"mesh       {mesh.nvertices} vertices, {mesh.nelements} tetrahedra, {content.sum() / MILLI**3:.6g} mm³",
         f"unknowns   {unknowns[0]} with P1, {unknowns[1]} with P2",
-        f"quality    dihedral angle {found.dihedral_min:.1f}° at least, radius ratio {found.radius_ratio_min:.2f} at "
-        f"least, {found.radius_ratio_median:.2f} in the median",
+        f"quality    smallest dihedral angle {found.dihedral_min:.1f}°, radius ratio {found.radius_ratio_min:.2f} at "
+        f"least and {found.radius_ratio_median:.2f} in the median",
         f"edges      {found.edge_min / MILLI:.3g} to {found.edge_max / MILLI:.3g} mm",
-        *(f"site       {hole.name}: edges of {size_at(mesh, np.array(hole.place)) / MILLI:.3g} mm there, footprint "
+        *(f"site       {hole.name}: edge length {size_at(mesh, np.array(hole.place)) / MILLI:.3g} mm, footprint "
           f"{hole.footprint / MILLI:.3g} mm" for hole in scenario.piercing),
         *(f"boundary   {name}: {len(facets)} facets, {areas(mesh, facets).sum() / MILLI**2:.6g} mm²"
           for name, facets in (mesh.boundaries or {}).items()),
@@ -104,7 +107,7 @@ def areas(mesh: skfem.MeshTet, facets: Indices) -> Array:
 
 
 def region_numbers(mesh: skfem.MeshTet) -> Indices:
-    """Return the number of the region of each cell, from 1 in the order of their names, 0 outside all of them."""
+    """Return the number of the region of each cell, from 1 in the order of their names, 0 outside all regions."""
     numbers = np.full(mesh.nelements, NO_REGION)
     for number, cells in enumerate((mesh.subdomains or {}).values(), start=NO_REGION + 1):
         numbers[cells] = number
@@ -112,9 +115,14 @@ def region_numbers(mesh: skfem.MeshTet) -> Indices:
 
 
 def paraview(mesh: skfem.MeshTet, indicators: Array | None = None) -> meshio.Mesh:
-    """Make tetrahedra and surface triangles with cell arrays: `region` (−1 on triangles), `radius_ratio` (0 on
-    triangles), with `indicators` of the cells `indicator`, their shares of the holes' relative errors, for each
-    boundary `boundary_…`, 1 on its triangles, and for each region `region_…`, 1 in its cells."""
+    """Return tetrahedra and surface triangles with cell arrays.
+
+    - `region`: number of the region, −1 on triangles,
+    - `radius_ratio`: quality, 0 on triangles,
+    - `indicator`: with `indicators`, the cells' shares of the holes' relative errors,
+    - `boundary_…`: for each boundary, 1 on its triangles,
+    - `region_…`: for each region, 1 in its cells.
+    """
     named = mesh.boundaries or {}
     facets = np.unique(np.concatenate([mesh.boundary_facets(), *named.values()]))
     m, k = mesh.nelements, len(facets)

@@ -1,4 +1,4 @@
-"""The picture of a mesh in a section, by matplotlib: needs no OpenGL."""
+"""The picture of a mesh in a section, by matplotlib, without OpenGL."""
 
 import pickle
 import sys
@@ -15,7 +15,7 @@ from studies.pictures.view import MARKER, MILLI, SIZE, colours
 
 
 def draw_section(scene: MeshScene, path: Path) -> None:
-    """Draw the cut y = const through the piercings [mm], coloured by the mean edge length about each node."""
+    """Draw the cut y = const through the piercings [mm], coloured by the mean edge length at each node."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained")
     axes = figure.add_subplot()
     low, high = scene.points[:, 1].min(), scene.points[:, 1].max()
@@ -35,7 +35,7 @@ def draw_section(scene: MeshScene, path: Path) -> None:
 
 
 def _sizes(scene: MeshScene) -> np.ndarray:
-    """Return the mean length of the edges at each node, those shared by more cells counted more [m]."""
+    """Return the mean length of the edges at each node [m], weighted by the number of cells of each edge."""
     cells = np.asarray(scene.cells)
     pairs = cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)

@@ -1,7 +1,8 @@
-"""Macro for ParaView 5.11 or newer: warps the organ by its displacement, draws the thread as a tube coloured by its
-tension and the holes' forces as arrows, and names the holes.
+"""Macro for ParaView 5.11 or newer that draws a run.
 
-In ParaView: Macros > Import new macro, open results.pvd, select it, start the macro. Or pvpython FILE.py DIR.
+It warps the organ by its displacement. It draws the thread as a tube coloured by its tension and the holes'
+forces as arrows, and names the holes. In ParaView: Macros > Import new macro, open results.pvd, select it,
+start the macro. Or pvpython FILE.py DIR.
 """
 
 import csv
@@ -11,8 +12,8 @@ from typing import Any
 
 from paraview import simple
 
-THICK = 0.003  # radius of the drawn thread over the size of what is seen; the thread itself is too thin to be seen
-LONGEST = 0.16  # length of the longest arrow over that
+THICK = 0.003  # radius of the drawn thread over the size of the scene; the real radius would be invisible
+LONGEST = 0.16  # length of the longest arrow over the size of the scene
 
 
 def main() -> None:
@@ -39,7 +40,7 @@ def main() -> None:
 
 
 def part_of(source: Any, name: str, array: str) -> Any:
-    """Return a part of the run by its name, None if the run has none with that array."""
+    """Return a part of the run by its name, None if the run has no part with this array."""
     block = simple.ExtractBlock(registrationName=f"{name} block", Input=source, Selectors=[f"/Root/{name}"])
     part = simple.MergeBlocks(registrationName=name, Input=block)
     simple.UpdatePipeline(time=simple.GetAnimationScene().AnimationTime, proxy=part)
@@ -47,7 +48,7 @@ def part_of(source: Any, name: str, array: str) -> Any:
 
 
 def draw_organ(organ: Any, view: Any) -> None:
-    """Draw the organ warped by its displacement, coloured by stress, as one sees through it."""
+    """Draw the organ warped by its displacement, coloured by stress and half transparent."""
     if organ is None:
         return
     warped = simple.WarpByVector(registrationName="organ warped", Input=organ)
@@ -66,7 +67,7 @@ def draw_thread(thread: Any, view: Any, radius: float) -> None:
 
 
 def draw_forces(holes: Any, view: Any, length: float) -> None:
-    """Draw the forces of the holes on the thread as arrows, the longest so long."""
+    """Draw the forces of the holes on the thread as arrows; `length` is the length of the longest."""
     if holes is None:
         return
     largest = holes.PointData["force"].GetRange(-1)[1] or 1.0
@@ -80,7 +81,7 @@ def draw_forces(holes: Any, view: Any, length: float) -> None:
 
 
 def draw_names(holes: Any, view: Any, names: list[str]) -> None:
-    """Write the name of each hole where it is at this moment."""
+    """Draw the name of each hole at its present place."""
     if holes is None:
         return
     points = simple.servermanager.Fetch(holes)
@@ -93,7 +94,7 @@ def draw_names(holes: Any, view: Any, names: list[str]) -> None:
 
 
 def names_in(folder: Path) -> list[str]:
-    """Read the names of the holes, in the order of the frames, from the run's table."""
+    """Return the names of the holes, in the order of the frames, from the run's table."""
     with (folder / "piercings.csv").open(encoding="utf-8", newline="") as file:
         return list(dict.fromkeys(row["piercing"] for row in csv.DictReader(file)))
 

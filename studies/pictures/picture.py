@@ -1,8 +1,8 @@
 """A picture of one frame: the deformed organ, the thread and its piercings.
 
-In three dimensions by VTK where that renders, else a section by matplotlib. Without OpenGL a renderer ends
-its process by a segmentation fault, and that the library is there proves nothing; so pictures are drawn in a
-child process, and whether one came out is the probe.
+It is three-dimensional by VTK if OpenGL works, else a section by matplotlib. Without OpenGL a renderer can end
+its process by a segmentation fault, even if its library is installed. So each picture is drawn in a child
+process, and its result is the test of OpenGL.
 """
 
 import pickle
@@ -25,12 +25,15 @@ from studies.pictures.scene import frame_of
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
 PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
-VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # when and where it says something
+VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place at the start of a message
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """The result of drawing a picture: `line` for a person, and the reason of a `failure`, empty if it was drawn."""
+    """The result of drawing a picture.
+
+    `line` is for a person, and `failure` is the reason of a failure, empty if the picture was drawn.
+    """
 
     line: str
     failure: str = ""
@@ -44,8 +47,11 @@ def draw_picture(
     held: Array | None = None,
     footprints: Sequence[float] = (),
 ) -> Drawn:
-    """Draw a frame into a PNG file, and if given the places of `held` nodes `(k, 3)` [m] and the radii of its holes'
-    `footprints` [m]."""
+    """Draw a frame into a PNG file.
+
+    If given, the places of `held` nodes `(k, 3)` [m] and the radii of the holes' `footprints` [m] are also
+    drawn.
+    """
     shown = frame_of(frame)
     sizes = footprints or [0.0] * len(shown.piercings)
     holes = tuple(replace(hole, footprint=size) for hole, size in zip(shown.piercings, sizes, strict=True))
@@ -54,15 +60,17 @@ def draw_picture(
 
 
 def draw_scene(scene: object, path: Path | str, space: str, section: str, patience: float = 1.0) -> Drawn:
-    """Draw a scene into a file by the module `space` where OpenGL renders, else by `section`; each is run with the
-    pickled scene and the picture to make, and has `patience` times that of one picture.
+    """Draw a scene into a file by the module `space` if OpenGL works, else by the module `section`.
+
+    Each module runs with the pickled scene and the path of the picture. Its time limit is `patience` times the
+    limit of one picture.
     """
     causes = []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pickle"
         source.write_bytes(pickle.dumps(scene))
         for window in WINDOWS if is_installed("pyvista") else ():
-            # what renders is found by drawing: the look that pyvista takes, for a mesh, takes a window more
+            # drawing is the test of OpenGL: pyvista's own test for a mesh opens one more window
             setting = {"VTK_DEFAULT_OPENGL_WINDOW": window, "ALLOW_PLOTTING": "true"}
             causes.append(draw_apart(space, source, Path(path), setting, patience))
             if not causes[-1]:
@@ -70,7 +78,7 @@ def draw_scene(scene: object, path: Path | str, space: str, section: str, patien
         flat = "matplotlib is not installed"
         if is_installed("matplotlib"):
             flat = draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience)
-    no_space = f"no OpenGL renders here ({causes[-1]})" if causes else "pyvista is not installed"
+    no_space = f"OpenGL does not work here ({causes[-1]})" if causes else "pyvista is not installed"
     remedy = f"apt-get install --no-install-recommends {PACKAGES}" if causes else installation("pyvista")
     if not flat:
         return Drawn(f"{path}: section (matplotlib); {no_space}, for the 3-D picture: {remedy}")
@@ -84,7 +92,7 @@ def is_installed(library: str) -> bool:
 
 
 def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str], patience: float = 1.0) -> str:
-    """Draw by a module in a child process; return why there is no picture, in the child's own words, "" if there is."""
+    """Draw by a module in a child process; return an empty text, or the child's reason for no picture."""
     target = source.with_name("picture.png")
     target.unlink(missing_ok=True)
     try:
@@ -100,5 +108,5 @@ def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str]
 
 
 def words_of(done: "subprocess.CompletedProcess[bytes]") -> str:
-    """Return the last message of a child process, without the time and place in VTK."""
+    """Return the last message of a child process, without VTK's time and place."""
     return last_words(done.returncode, VTK_PLACE.sub("", done.stderr.decode(errors="replace")))

@@ -1,4 +1,4 @@
-"""A frame as it is drawn, for a child process: to load the classes of a run would take it half a second."""
+"""A frame for a picture in a child process, which would load the classes of a run in half a second."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,8 +12,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Hole:
-    """A piercing: its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the thread [N], and
-    its state in a word; the radius of its `footprint` [m] if it is drawn."""
+    """A piercing in a picture.
+
+    It has its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the thread [N], its
+    state in a word, and the radius of its `footprint` [m], zero if it is not drawn.
+    """
 
     name: str
     s: float
@@ -25,7 +28,10 @@ class Hole:
 
 @dataclass(frozen=True)
 class Frame:
-    """Thread, holes and organ at a `time` [s]; None without an organ. Places of nodes `held` `(k, 3)` [m] are drawn."""
+    """Thread, holes and organ at a `time` [s]; `organ` is None without an organ.
+
+    `held` are places of nodes `(k, 3)` [m] to be drawn, or None.
+    """
 
     time: float
     thread: ThreadRecord

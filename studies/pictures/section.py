@@ -1,4 +1,4 @@
-"""The picture in a section, by matplotlib: needs no OpenGL."""
+"""The picture in a section, by matplotlib, without OpenGL."""
 
 import sys
 from pathlib import Path
@@ -39,8 +39,8 @@ from studies.pictures.view import (
 )
 
 DPI = 150
-LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and the mean width of one over that
-ASIDE = 1e-3  # over the organ's width: a plane through nodes cuts tetrahedra into nothing
+LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and mean width of a letter over its size
+ASIDE = 1e-3  # of the organ's width: a plane through nodes would cut tetrahedra into empty parts
 
 
 def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
@@ -49,7 +49,7 @@ def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title
 
 
 def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title: str, scale: Scale) -> None:
-    """Draw a frame to a scale into a PNG file."""
+    """Draw a frame at a given scale into a PNG file."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained", dpi=DPI)
     axes = figure.add_subplot()
     if topology is not None and frame.organ is not None:
@@ -59,7 +59,7 @@ def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title:
     _section_piercings(axes, frame, scale)
     _section_held(axes, frame)
     _section_frame(axes, frame, title, scale)
-    figure.draw_without_rendering()  # from here on a place has its pixel
+    figure.draw_without_rendering()  # from here on places have pixels
     _section_names(axes, frame, scale)
     figure.savefig(path, dpi=DPI)
 
@@ -72,12 +72,12 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: Sca
     low, high = (value / KILO for value in scale.stress)
     look: Any = {"triangles": triangles, "cmap": ListedColormap(colours()), "vmin": low, "vmax": high}
     x, z = (points / MILLI).T
-    axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # behind the joints of the next
+    axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # fills the joints of the next plot
     return axes.tripcolor(x, z, stress / KILO, shading="gouraud", **look)
 
 
 def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, Indices, Array]:
-    """Cut tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
+    """Return the cut of tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
     side = points[:, 1] > y
     count = side[cells].sum(axis=1)
     edges, triangles, start = [], [], 0
@@ -129,7 +129,7 @@ def _section_held(axes: Axes, frame: Frame) -> None:
 
 
 def _section_names(axes: Axes, frame: Frame, scale: Scale) -> None:
-    """Write what each hole is called and its force, beside what is drawn, with a line to the hole."""
+    """Draw the name and force of each hole next to the scene, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
     words = [literal(label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
     boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
@@ -161,7 +161,7 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
 
 
 def _section_y(frame: Frame, deformed: Array) -> float:
-    """Choose where to cut [m]: through the piercings, inside the organ, and off the nodes of a regular mesh."""
+    """Return the y of the cut [m]: near the piercings, inside the organ, and not through nodes of a regular mesh."""
     low, high = deformed[:, 1].min(), deformed[:, 1].max()
     middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])
     hair = ASIDE * (high - low)

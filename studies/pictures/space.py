@@ -1,6 +1,6 @@
-"""The picture in three dimensions, by VTK; in a child process, for a renderer without OpenGL ends it.
+"""The picture in three dimensions, by VTK; in a child process, because a renderer without OpenGL ends it.
 
-VTK's modules are loaded one by one, and pyvista, which loads twice as much as it takes to draw, is not.
+VTK's modules are loaded one by one. pyvista is not used, because its loading takes twice the time of drawing.
 """
 
 import sys
@@ -63,17 +63,17 @@ from studies.pictures.view import (
     ticks,
 )
 
-BLANK = 2.0  # standard deviation of the pixels' values below which nothing has been drawn
-SAMPLES = 8  # of a pixel at edges, or as many as the renderer has: to draw all of it larger takes a third longer
-MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the bars of colours, above for the title
+BLANK = 2.0  # standard deviation of the pixel values below which the picture is empty
+SAMPLES = 8  # samples per pixel at edges, if the renderer has so many; a larger picture would take a third longer
+MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the colour bars, above for the title
 TITLE, SMALL, NAMES = 28, 20, 20  # pixels of letters
-BAR_TITLE, BAR_LABEL = 18, 16  # the same of a bar of colours
+BAR_TITLE, BAR_LABEL = 18, 16  # pixels of letters of a colour bar
 LETTER = 0.56  # mean width of a letter over its height
-SHARP = 50.0  # degrees by which two faces meet in an edge that is seen
+SHARP = 50.0  # degrees between two faces above which their edge is drawn
 BLACK = (0.0, 0.0, 0.0)
 AXES = ("#ff6347", "#3cb371", "#0000ff")  # of x, y and z
-CORNER = (0.0, 0.0, 0.12, 0.18)  # of the picture, where they are: left, below, right, above
-BARS = (0.34, 0.04, 0.97, 0.165)  # the same of the bars of colours with their titles
+CORNER = (0.0, 0.0, 0.12, 0.18)  # place of the axes in the picture: left, below, right, above
+BARS = (0.34, 0.04, 0.97, 0.165)  # place of the colour bars with their titles
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Stage:
 
 
 def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str) -> Stage:
-    """Return the stage that shows the aimed points, every arrow and the organ of all frames."""
+    """Return the stage that shows the selected points, every arrow and the organ of all frames."""
     scale = scale_of(frames)
     parts = [(aimed_at(frame), scale.tips(frame), shown_organ(frame, topology, scale)) for frame in frames]
     return Stage(
@@ -131,7 +131,7 @@ def _pixels(window: Any) -> NDArray[np.uint8]:
 
 
 def place_camera(renderer: Any, camera: Camera) -> None:
-    """Look at a scene without perspective."""
+    """Place the camera of a renderer, without perspective."""
     eye, view = camera.focus + 2.0 * camera.half_height * camera.towards, renderer.GetActiveCamera()
     view.SetParallelProjection(True)
     view.SetPosition(*eye)
@@ -142,7 +142,7 @@ def place_camera(renderer: Any, camera: Camera) -> None:
 
 
 def _axes(camera: Camera) -> Any:
-    """Return what draws the directions of x, y and z in a corner, as a camera sees them."""
+    """Return the renderer of the directions of x, y and z in a corner, as the camera sees them."""
     axes, renderer = vtkAxesActor(), vtkRenderer()
     for axis, colour in zip("XYZ", AXES, strict=True):
         for part in ("Shaft", "Tip"):
@@ -171,7 +171,7 @@ def props_of(frame: Frame, stage: Stage) -> list[Any]:
 
 
 def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
-    """Return the organ's surface coloured by its stress, its edges, and the bar of its colours."""
+    """Return the organ's surface coloured by its stress, its edges, and the colour bar."""
     if frame.organ is None:
         return []
     skin, clean, smooth = vtkPolyData(), vtkCleanPolyData(), vtkPolyDataNormals()
@@ -196,8 +196,10 @@ def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
 
 
 def _thread(frame: Frame, scale: Scale) -> list[Any]:
-    """Return the thread as a tube coloured by its tension, at least as thick as can be seen, and the bar of its
-    colours."""
+    """Return the thread as a tube coloured by its tension, and the colour bar.
+
+    The tube has a visible thickness.
+    """
     table = _table(tension_colours(scale), scale.tension)
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     pieces = zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True)
@@ -206,7 +208,7 @@ def _thread(frame: Frame, scale: Scale) -> list[Any]:
 
 
 def _tube(points: Array, values: Array, radius: float) -> Any:
-    """Return what makes a tube along points `(k, 3)` [m] with their values `(k,)`."""
+    """Return the source of a tube along points `(k, 3)` [m] with their values `(k,)`."""
     line, tube = _line(points), vtkTubeFilter()
     line.GetPointData().SetScalars(_array(values))
     tube.SetInputData(line)
@@ -217,8 +219,10 @@ def _tube(points: Array, values: Array, radius: float) -> Any:
 
 
 def _piercings(frame: Frame, scale: Scale) -> list[Any]:
-    """Return the holes as balls, with the force of the organ's hole on the thread as arrows to one scale, and
-    footprints as transparent balls."""
+    """Return the holes as balls, with the forces of the holes on the thread as arrows to one scale.
+
+    Footprints are transparent balls.
+    """
     props = []
     for hole in frame.piercings:
         props.append(_plain(_ball(hole.x, 0.008 * scale.width), MARKER))
@@ -232,7 +236,7 @@ def _piercings(frame: Frame, scale: Scale) -> list[Any]:
 
 
 def _ball(place: Array, radius: float) -> Any:
-    """Return what makes a ball around a place (3,) [m]."""
+    """Return the source of a ball around a place (3,) [m]."""
     ball = vtkSphereSource()
     ball.SetRadius(radius)
     ball.SetCenter(*place)
@@ -255,7 +259,7 @@ def _held(frame: Frame) -> list[Any]:
 
 
 def _arrow(start: Array, way: Array) -> Any:
-    """Return an arrow from a place along a way, `(3,)` each [m]."""
+    """Return an arrow from the place `start` along `way`, `(3,)` each [m]."""
     source, placed = vtkArrowSource(), np.eye(4)
     source.SetShaftRadius(0.018)
     source.SetTipRadius(0.05)
@@ -273,7 +277,7 @@ def _arrow(start: Array, way: Array) -> Any:
 
 
 def _names(frame: Frame, stage: Stage) -> list[Any]:
-    """Return what each hole is called and its force, beside what is drawn, with a line to the hole."""
+    """Return the name and force of each hole next to the scene, with a line to the hole."""
     named = [hole for hole in frame.piercings if hole.state != LEFT]
     if not named:
         return []
@@ -287,7 +291,7 @@ def _names(frame: Frame, stage: Stage) -> list[Any]:
 
 
 def taken_pixels(frame: Frame, stage: Stage) -> Array:
-    """Return the pixels of thread, holes, arrows and bars of colours `(k, 2)`, which names are not to cover."""
+    """Return the pixels of thread, holes, arrows and colour bars `(k, 2)`, which names should not cover."""
     holes, tips = (stage.camera.pixels(places) for places in (places_of(frame), stage.scale.tips(frame)))
     left, below, right, above = np.array(BARS) * (*SIZE, *SIZE)
     bars = np.stack(np.meshgrid(np.arange(left, right, NAMES), np.arange(below, above, NAMES)), axis=-1).reshape(-1, 2)
@@ -295,7 +299,7 @@ def taken_pixels(frame: Frame, stage: Stage) -> Array:
 
 
 def _words(frame: Frame, stage: Stage) -> list[Any]:
-    """Return the title, what the arrows are, and how long a length is."""
+    """Return the title, the legend of the arrows, and the scale bar."""
     height = SIZE[1]
     length, words = scale_bar(stage.camera.scale, 240.0)
     left, right, low = 200.0, 200.0 + stage.camera.scale * length, 60.0
@@ -309,7 +313,7 @@ def _words(frame: Frame, stage: Stage) -> list[Any]:
 
 
 def _coloured(source: Any, table: Any, ambient: float) -> Any:
-    """Return what a source makes, coloured by its values."""
+    """Return the actor of a source, coloured by its values."""
     actor, mapper = _actor(source)
     mapper.SetLookupTable(table)
     mapper.UseLookupTableScalarRangeOn()
@@ -321,7 +325,7 @@ def _coloured(source: Any, table: Any, ambient: float) -> Any:
 
 
 def _plain(source: Any, colour: str, line_width: float = 1.0) -> Any:
-    """Return what a source makes in one colour."""
+    """Return the actor of a source in one colour."""
     actor, mapper = _actor(source)
     mapper.ScalarVisibilityOff()
     actor.GetProperty().SetColor(*rgb(colour))
@@ -337,7 +341,7 @@ def _actor(source: Any) -> tuple[Any, Any]:
 
 
 def _bar(table: Any, title: str, left: float) -> Any:
-    """Return a bar of colours under its title, from a share of the picture's width on."""
+    """Return a colour bar under its title; `left` is its left end as a share of the picture's width."""
     bar = vtkScalarBarActor()
     bar.SetLookupTable(table)
     bar.SetMaximumNumberOfColors(table.GetNumberOfTableValues())
@@ -352,12 +356,12 @@ def _bar(table: Any, title: str, left: float) -> Any:
     bar.UnconstrainedFontSizeOn()
     _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
     _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
-    bar.GetLabelTextProperty().SetJustificationToCentered()  # VTK does so itself, but after what is drawn first
+    bar.GetLabelTextProperty().SetJustificationToCentered()  # VTK also sets this, but only after the first drawing
     return bar
 
 
 def _text(words: str, corner: Iterable[float], size: int) -> Any:
-    """Return words whose lower left corner is in a pixel."""
+    """Return a text with its lower left corner at a pixel."""
     text = vtkTextActor()
     text.SetInput(words)
     text.SetPosition(*corner)
@@ -409,7 +413,7 @@ def _array(values: Array) -> Any:
 
 
 def _table(shades: Array, ends: Sequence[float]) -> Any:
-    """Return the table of colours `(n, 3)` from a value to another."""
+    """Return the colour table `(n, 3)` between two values."""
     table, opaque = vtkLookupTable(), np.ones(len(shades))
     whole = np.rint(255.0 * np.column_stack([shades, opaque])).astype(np.uint8)
     table.SetTable(numpy_to_vtk(whole, deep=True))

@@ -18,25 +18,25 @@ SIZE = (1500, 1000)  # pixels
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
 TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
 TENSION = ("#a6cee3", "#3b76b8", "#0b1a5e")
-PRESSURE = ("#a6cee3", "#3f9b56", "#0f4a1f")  # of a thread under compression: from the same colour at none
+PRESSURE = ("#a6cee3", "#3f9b56", "#0f4a1f")  # of a compressed thread: from the same colour at zero
 SHADES = 256
-LEFT = "left"  # the state of a hole that the thread is not in
-UNFELT = 1e-9  # N: less than a millimetre of the thinnest suture weighs, and what round-off leaves of a slack thread
-LARGEST = 6.0  # diagonals of the box of the aimed points: of a larger organ a picture shows the part around the thread
-REACH = 0.16  # of the longest arrow, of the diagonal of what is seen
+LEFT = "left"  # state of a hole without the thread
+UNFELT = 1e-9  # N: below the weight of a millimetre of the thinnest suture, and above the round-off of a slack thread
+LARGEST = 6.0  # diagonals of the box of the selected points: a larger organ is shown only around the thread
+REACH = 0.16  # longest arrow over the diagonal of the scene
 KILO, MILLI = 1e3, 1e-3
-TICKS = 4  # numbers at a bar of colours
-ROUND = np.array([1.0, 2.0, 5.0])  # of a decade, what may be between two of them
+TICKS = 4  # largest number of labels at a colour bar
+ROUND = np.array([1.0, 2.0, 5.0])  # possible steps between two labels, within a decade
 
 
 def read_scene(path: str) -> Scene:
-    """Read the frame that ``draw_picture`` left for a child process."""
+    """Return the frame that ``draw_picture`` wrote for a child process."""
     read: Scene = pickle.loads(Path(path).read_bytes())
     return read
 
 
 def surface(topology: OrganTopology) -> Indices:
-    """Return the corner nodes of the boundary triangles, shape ``(facets, 3)``, seen anticlockwise from outside."""
+    """Return the corner nodes of the boundary triangles, shape ``(facets, 3)``, anticlockwise seen from outside."""
     corners = topology.cells[:, :4].copy()
     edges = topology.points[corners[:, 1:]] - topology.points[corners[:, :1]]
     left_handed = np.linalg.det(edges) < 0
@@ -44,15 +44,18 @@ def surface(topology: OrganTopology) -> Indices:
     faces = corners[:, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]].reshape(-1, 3)
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)
-    again = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)  # as the face before it
+    again = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)  # equal to the face before it
     outer: Indices = faces[order[~(np.append(again, False) | np.append(False, again))]]
     return outer
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The common scale of the pictures of frames: corners of the box of the aimed points [m], ranges of the colours of
-    stress [Pa] and tension [N], and the largest force of a hole [N], zero without any."""
+    """The common scale of the pictures of frames.
+
+    It has the corners of the box of the selected points [m], the colour ranges of stress [Pa] and tension [N],
+    and the largest force of a hole [N], zero without forces.
+    """
 
     low: Array  # (3,)
     high: Array  # (3,)
@@ -75,12 +78,12 @@ class Scale:
         return force > 1e-3 * self.force > 0.0
 
     def tips(self, frame: Frame) -> Array:
-        """Return where the arrows of the holes' forces end, shape `(p, 3)` [m]."""
+        """Return the tips of the arrows of the holes' forces, shape `(p, 3)` [m]."""
         return np.asarray(places_of(frame) + self.reach / (self.force or 1.0) * forces_of(frame))
 
 
 def scale_of(frames: Sequence[Frame]) -> Scale:
-    """Return the common scale of frames, which shows the aimed points in each."""
+    """Return the common scale of frames, which shows the selected points of each frame."""
     points = np.concatenate([part for frame in frames for part in (aimed_at(frame), places_of(frame))])
     stresses = [frame.organ.von_mises for frame in frames if frame.organ is not None]
     force = max((float(np.linalg.norm(hole.force)) for frame in frames for hole in frame.piercings), default=0.0)
@@ -94,8 +97,10 @@ def scale_of(frames: Sequence[Frame]) -> Scale:
 
 
 def aimed_at(frame: Frame) -> Array:
-    """Return the points of the thread that a picture shows, shape `(k, 3)` [m]: the pieces in holes, and free pieces no
-    farther away than those are long."""
+    """Return the points of the thread to be shown, shape `(k, 3)` [m].
+
+    These are the pieces in holes, and free pieces at a distance of at most the extent of the former.
+    """
     pieces = frame.thread.split()
     bounds = np.split(frame.thread.s, np.cumsum(frame.thread.pieces[:-1]))
     held = [hole.s for hole in frame.piercings if hole.state != LEFT]
@@ -108,8 +113,10 @@ def aimed_at(frame: Frame) -> Array:
 
 
 def shown_organ(frame: Frame, topology: OrganTopology | None, scale: Scale) -> Array:
-    """Return the points `(n, 3)` [m] of an organ that is shown whole, empty for one so large that the thread would be
-    hard to see."""
+    """Return the points `(n, 3)` [m] of an organ to be shown whole.
+
+    Empty for a very large organ, which would make the thread hard to see.
+    """
     if topology is None or frame.organ is None:
         return np.empty((0, 3))
     points = topology.points + frame.organ.displacement
@@ -117,7 +124,7 @@ def shown_organ(frame: Frame, topology: OrganTopology | None, scale: Scale) -> A
 
 
 def places_of(frame: Frame) -> Array:
-    """Return where the holes are, shape `(p, 3)` [m]."""
+    """Return the places of the holes, shape `(p, 3)` [m]."""
     return np.array([hole.x for hole in frame.piercings], dtype=np.float64).reshape(-1, 3)
 
 
@@ -127,15 +134,17 @@ def forces_of(frame: Frame) -> Array:
 
 
 def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
-    """Return the range of the colours, with zero in it; the highest and lowest 0.5 % have the end colours, and values
-    up to `least` count as zero."""
+    """Return the range of the colours, which includes zero.
+
+    The highest and lowest 0.5 % have the end colours, and values up to `least` count as zero.
+    """
     low, high = (value if abs(value) > least else 0.0 for value in np.quantile(values, [0.005, 0.995]))
     return min(0.0, float(low)), max(0.0, float(high)) or 1.0
 
 
 def ticks(low: float, high: float) -> Array:
-    """Return the multiples of a round number between `low` ≤ 0 ≤ `high` that stand at a bar of colours, at most
-    `TICKS`, zero among them."""
+    """Return the labels of a colour bar for `low` ≤ 0 ≤ `high`: at most `TICKS` multiples of a round number,
+    with zero."""
     decade = 10.0 ** np.floor(np.log10((high - low) / TICKS))
     parts = decade * np.append(ROUND, 10.0 * ROUND)
     first, last = np.ceil(low / parts), np.floor(high / parts)
@@ -144,63 +153,67 @@ def ticks(low: float, high: float) -> Array:
 
 
 def stress_words(frame: Frame) -> str:
-    """Name the colours of the organ, with the largest stress, which may lie beyond their end [kPa]."""
-    most = "" if frame.organ is None else f", at most {frame.organ.von_mises.max() / KILO:.3g}"
+    """Return the title of the stress colours, with the largest stress [kPa], which can lie above the range."""
+    most = "" if frame.organ is None else f", maximum {frame.organ.von_mises.max() / KILO:.3g}"
     return f"von Mises stress [kPa]{most}"
 
 
 def tension_words(frame: Frame) -> str:
-    """Name the colours of the thread, with the largest tension, and with the smallest of a thread that is pressed,
-    which may lie beyond their ends [N]."""
+    """Return the title of the tension colours, with the largest tension [N].
+
+    For a compressed thread also the smallest tension. Both can lie outside the range.
+    """
     low, high = frame.thread.tension.min(), frame.thread.tension.max()
-    reach = f"{low:.3g} to {high:.3g}" if low < -UNFELT else f"at most {high:.3g}"
+    reach = f"{low:.3g} to {high:.3g}" if low < -UNFELT else f"maximum {high:.3g}"
     return f"tension of the thread [N], {reach}"
 
 
 def label(name: str, force: float) -> str:
-    """Name of a piercing and its force [N]."""
+    """Return the name of a piercing with its force [N]."""
     return f"{name}  {force_text(force)}"
 
 
 def force_text(force: float) -> str:
-    """Write a force [N] in the unit that one would say it in."""
+    """Return a force [N] in words, with a suitable unit."""
     felt = force if force > UNFELT else 0.0
     return f"{felt * KILO:.3g} mN" if felt < 1.0 else f"{felt:.3g} N"
 
 
 def legend(scale: Scale, frame: Frame) -> str:
-    """Return the legend of arrows, held nodes and footprints, as far as there are any."""
-    arrows = f"arrows: force of each hole on the thread, the longest {force_text(scale.force)}" if scale.force else ""
+    """Return the legend of the arrows, held nodes and footprints in the picture."""
+    arrows = f"arrows: force of each hole on the thread, longest {force_text(scale.force)}" if scale.force else ""
     held = "blue: held nodes" if frame.held is not None and len(frame.held) else ""
     balls = "red: footprints" if any(hole.footprint for hole in frame.piercings) else ""
     return "; ".join(filter(None, (arrows, held, balls)))
 
 
 def caption(frame: Frame, title: str) -> str:
-    """Write the title and the time of a frame."""
+    """Return the title and the time of a frame."""
     time = f"t = {frame.time:.4g} s"
     return f"{title}, {time}" if title else time
 
 
 def rgb(colour: str) -> Array:
-    """Return red, green and blue of a colour that is written `#rrggbb`, shape `(3,)`, each up to one."""
+    """Return red, green and blue of a colour `#rrggbb`, shape `(3,)`, from 0 to 1."""
     return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8) / 255.0
 
 
 def blend(names: Sequence[str], shares: Array) -> Array:
-    """Return the colours at `shares` (n,) of the way from the first of some colours to the last, shape `(n, 3)`."""
+    """Return the colours at `shares` (n,) of the way from the first to the last colour, shape `(n, 3)`."""
     places = np.linspace(0.0, 1.0, len(names))
     return np.stack([np.interp(shares, places, part) for part in np.array([rgb(name) for name in names]).T], axis=1)
 
 
 def colours() -> Array:
-    """Return the colours of the stress, from none to the highest, shape `(SHADES, 3)`."""
+    """Return the colours of the stress, from zero to the highest, shape `(SHADES, 3)`."""
     return blend(TISSUE, np.linspace(0.0, 1.0, SHADES))
 
 
 def tension_colours(scale: Scale) -> Array:
-    """Return the colours of the thread's tension, from the lowest to the highest, shape `(SHADES, 3)`: compression,
-    below none, has its own, as strong as a tension of that size."""
+    """Return the colours of the thread's tension, from the lowest to the highest, shape `(SHADES, 3)`.
+
+    Compression has its own colour, as strong as a tension of the same size.
+    """
     low, high = scale.tension
     values = np.linspace(low, high, SHADES) / max(-low, high)
     return np.where(values[:, None] < 0.0, blend(PRESSURE, -values), blend(TENSION, values))

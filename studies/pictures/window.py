@@ -1,4 +1,4 @@
-"""A window in which a run is turned and run through, by pyvista; in a process that a lack of OpenGL may end."""
+"""A window in which a run can be turned and played, by pyvista; in a process that can end without OpenGL."""
 
 import os
 import sys
@@ -26,14 +26,14 @@ def show(folder: str) -> None:
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
     if plotter.render_window.GetClassName() in WINDOWS:
         sys.exit(
-            f"VTK opens no window on the display {os.environ.get('DISPLAY', '')!r}; correct DISPLAY, or give --out"
+            f"VTK cannot open a window on the display {os.environ.get('DISPLAY', '')!r}; correct DISPLAY, or give --out"
         )
     plotter.set_background("white")
     plotter.add_axes(color="black", line_width=3, viewport=CORNER)
     shown: list[Any] = []
 
     def choose(number: float) -> None:
-        """Show a frame in place of the one before."""
+        """Show a frame instead of the frame before."""
         while shown:
             plotter.renderer.RemoveViewProp(shown.pop())
         shown.extend(props_of(read(run.frames[round(number)]), stage))
@@ -45,7 +45,7 @@ def show(folder: str) -> None:
         pointa=(0.62, 0.93), pointb=(0.95, 0.93),
     )  # fmt: skip
     place_camera(plotter.renderer, stage.camera)
-    plotter.renderer.camera_set = True  # else it is placed anew
+    plotter.renderer.camera_set = True  # otherwise pyvista moves the camera
     plotter.show()
 
 

@@ -1,5 +1,7 @@
-"""The figure of a refinement: each number over the levels, its limit and interval, and its distance from the limit with
-the theoretical order."""
+"""The figure of a refinement: each number over the levels, and its distance from the limit.
+
+The first panel shows limit and interval, the second the theoretical order.
+"""
 
 from collections.abc import Sequence
 from math import isnan
@@ -14,12 +16,13 @@ from studies.refinement.refined import Refined
 
 
 def pictures(found: Sequence[Refined], rungs: Ladder) -> dict[str, bytes]:
-    """Render the figure by format."""
+    """Return the rendered figure by format."""
     return render_figure(lambda rows: figure(rows, rungs), found, "refinement")
 
 
 def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:
-    """Draw a line of panels for each quantity: its numbers, and where one has a limit how far they are from it."""
+    """Return the figure with a row of panels for each quantity: its numbers, and their distance from the limit
+    if there is one."""
     what = KINDS[rungs.kinds[0]].words if len(rungs.kinds) == 1 else "cells, steps and spans"
     label, limits = f"{what}, over the coarsest", any(map(has_limit, found))
     return draw(*([numbers(label, one), *([errors(label, one)] if limits else [])] for one in found))
@@ -42,7 +45,7 @@ def numbers(label: str, one: Refined) -> Item:
 
 
 def errors(label: str, one: Refined) -> Item:
-    """Return the panel of how far the numbers are from the limit, and the order of theory; empty without a limit."""
+    """Return the panel of the distance from the limit, with the theoretical order; empty without a limit."""
     if one.verdict is None or not has_limit(one):
         return Axes.set_axis_off
     size, error = 1.0 / np.array(one.factors), np.abs(np.array(one.numbers) - one.verdict.limit)
@@ -50,10 +53,10 @@ def errors(label: str, one: Refined) -> Item:
     if not kept.any():
         return Axes.set_axis_off
     estimate = np.array(one.estimates) * abs(one.finest)
-    told = [curve(size, estimate, "estimate of the compliance", "s--")] if one.estimates else []
+    told = [curve(size, estimate, "estimate for the compliance", "s--")] if one.estimates else []
     law = error[kept][0] * (size[kept] / size[kept][0]) ** one.theory
     return panel(
         label, f"distance from the limit [{one.unit}]",
         curve(size[kept], error[kept], f"order {one.verdict.order:.2f}", "o-", COLOURS[0]),
-        curve(size[kept], law, f"order {one.theory:g} of theory", ":"), *told, log="xy",
+        curve(size[kept], law, f"theoretical order {one.theory:g}", ":"), *told, log="xy",
     )  # fmt: skip

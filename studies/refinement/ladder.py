@@ -9,19 +9,23 @@ from typing import Any
 from studies.scenario import FileMesh, GivenMesh, Scenario, ScenarioError
 
 LEVELS = 4
-LEAST = 3  # levels that a verdict needs
-RATIO = sqrt(2.0)  # of one level to the next: cells of a mesh grow by 2.8, and Celik et al. 2008 ask for 1.3 or more
+LEAST = 3  # number of levels needed for a verdict
+RATIO = sqrt(2.0)  # between levels: the number of cells grows by 2.8, and Celik et al. 2008 recommend 1.3 or more
 LEAST_RATIO = 1.1
-END_POINTS = 3  # control points beyond the spans of a cubic spline
+END_POINTS = 3  # control points in addition to the spans of a cubic spline
 
 Settings = dict[str, Any]
-Finer = Callable[[Scenario, float], Settings]  # the keys of a scenario refined by a factor
+Finer = Callable[[Scenario, float], Settings]  # returns the keys of a scenario refined by a factor
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A quantity that can be refined: its name, the keys of a scenario finer by a factor, the theoretical order of the
-    errors, the reason why a scenario has none, or None, and the ratio of its levels unless another is given."""
+    """A quantity that can be refined.
+
+    `words` is its name, `finer` returns the keys of a refined scenario, and `order` the theoretical order of
+    the errors. `lacking` returns the reason why a scenario lacks the quantity, or None. `ratio` is the default
+    ratio of its levels.
+    """
 
     words: str
     finer: Finer
@@ -31,7 +35,7 @@ class Kind:
 
 
 def finer_cells(scenario: Scenario, factor: float) -> Settings:
-    """Return the sizes of the mesh."""
+    """Return the refined sizes of the mesh."""
     mesh: Any = scenario.tissue.mesh if scenario.tissue else None
     return {
         f"tissue.mesh.{key}": size / factor for key in ("h", "h_site") if (size := getattr(mesh, key, None)) is not None
@@ -39,13 +43,13 @@ def finer_cells(scenario: Scenario, factor: float) -> Settings:
 
 
 def finer_holes(scenario: Scenario, factor: float) -> Settings:
-    """Return the accuracy to which cells are refined at the holes."""
+    """Return the refined accuracy of the cells at the holes."""
     accuracy = scenario.tissue.mesh.accuracy if scenario.tissue else "given"
     return {} if accuracy == "given" else {"tissue.mesh.accuracy": accuracy / factor}
 
 
 def finer_steps(scenario: Scenario, factor: float) -> Settings:
-    """Return the time step, or the number of load steps; frames are as far apart as before."""
+    """Return the refined time step, or the larger number of load steps; the time between frames is unchanged."""
     solve, every = scenario.solve, max(1, round(scenario.output.every * factor))
     if solve.kind == "static":
         return {"solve.load_steps": round(solve.load_steps * factor), "output.every": every}
@@ -53,34 +57,34 @@ def finer_steps(scenario: Scenario, factor: float) -> Settings:
 
 
 def finer_spans(scenario: Scenario, factor: float) -> Settings:
-    """Return the number of control points."""
+    """Return the larger number of control points."""
     return {"thread.control_points": round((scenario.thread.control_points - END_POINTS) * factor) + END_POINTS}
 
 
 def smaller_footprints(scenario: Scenario, factor: float) -> Settings:
-    """Return the radii of the footprints."""
+    """Return the smaller radii of the footprints."""
     return {f"piercing.{k}.footprint": hole.footprint / factor for k, hole in enumerate(scenario.piercing)}
 
 
 def no_cells(scenario: Scenario) -> str | None:
-    """Return why there are no cells to be refined."""
+    """Return the reason why a scenario has no cells to be refined, or None."""
     if scenario.tissue is None:
         return "the scenario has no organ"
     mesh = scenario.tissue.mesh
     if isinstance(mesh, FileMesh) and not mesh.is_surface:
-        return f"the cells are those of the file {mesh.path}; give a surface, which is filled, or meshes by a sweep"
+        return f"the file {mesh.path} has fixed cells; give a surface to be filled, or several meshes by a sweep"
     if isinstance(mesh, GivenMesh):
-        return "the cells are those of the mesh that is handed over; refine it, and prepare again"
+        return "the given mesh has fixed cells; refine it, and prepare again"
     return None
 
 
 def no_footprints(scenario: Scenario) -> str | None:
-    """Return why there are no footprints to be made smaller."""
+    """Return the reason why a scenario has no footprints to be made smaller, or None."""
     return None if any(hole.footprint for hole in scenario.piercing) else "no piercing has a footprint"
 
 
 def no_accuracy(scenario: Scenario) -> str | None:
-    """Return why there is no accuracy to which cells are refined at the holes."""
+    """Return the reason why a scenario has no accuracy of cells at the holes, or None."""
     if scenario.tissue is None:
         return "the scenario has no organ"
     if scenario.tissue.mesh.accuracy == "given":
@@ -89,13 +93,15 @@ def no_accuracy(scenario: Scenario) -> str | None:
 
 
 def order_of_cells(scenario: Scenario) -> float:
-    """Return the order in the cell size of averages over a footprint: 2 for P1; 3 for P2, from h⁴ ln(a/h)
-    (`studies.mesh_refinement`)."""
+    """Return the order in the cell size of averages over a footprint: 2 for P1; 3 for P2.
+
+    The order of P2 comes from h⁴ ln(a/h) (`studies.mesh_refinement`).
+    """
     return 3.0 if scenario.tissue is not None and scenario.tissue.element == "P2" else 2.0
 
 
 def order_of_steps(scenario: Scenario) -> float:
-    """Return the order of the integrator, and 1 of load steps, which matter where friction remembers them."""
+    """Return the order of the integrator, or 1 for load steps, which matter with friction."""
     solve = scenario.solve
     return 2.0 if solve.kind == "dynamic" and solve.integrator == "bdf2" else 1.0
 
@@ -103,22 +109,25 @@ def order_of_steps(scenario: Scenario) -> float:
 KINDS = {
     "h": Kind("the size of the cells", finer_cells, order_of_cells, no_cells),
     "dt": Kind("the time step", finer_steps, order_of_steps, lambda scenario: None),
-    # A moment that kinks at a hole, which no cubic has: `thread.compliance`.
+    # The bending moment has a kink at a hole, which a cubic cannot represent: `thread.compliance`.
     "control_points": Kind("the spans of the thread", finer_spans, lambda scenario: 3.0, lambda scenario: None),
     "footprint": Kind("the radius of the footprints", smaller_footprints, lambda scenario: 2.0, no_footprints),
-    # The level's size is the estimated error of the compliance, which the error of a number is proportional to.
+    # A level's size is the estimated error of the compliance, because the error of a number is proportional to it.
     "accuracy": Kind(
         "the estimated error of the holes' compliance", finer_holes, lambda scenario: 1.0, no_accuracy, ratio=2.0
     ),
 }
-DISCRETE = ("h", "dt", "control_points")  # what `all` refines: a footprint is of the model, not of its solution
+DISCRETE = ("h", "dt", "control_points")  # refined by `all`; a footprint belongs to the model and not to the solution
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """Levels of a scenario from the coarsest, which is the scenario itself: `settings` and `factor` of each, the
-    refined quantity, and the theoretical order. Of levels that were run to an accuracy the `estimates` of the relative
-    error of the holes' compliance [-], NaN of a failed one, and the `unknowns` of the organ, else none."""
+    """Levels of a scenario, from the scenario itself, which is the coarsest.
+
+    It has the refined quantities, the `settings` and `factor` of each level, and the theoretical order. For
+    levels of accuracy it also has the `estimates` of the relative error of the holes' compliance [-], NaN for a
+    failed level, and the `unknowns` of the organ; otherwise both are empty.
+    """
 
     kinds: tuple[str, ...]
     settings: tuple[Settings, ...]
@@ -129,11 +138,11 @@ class Ladder:
 
 
 def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: float | None = None) -> Ladder:
-    """Return the levels of a scenario, each finer by `ratio`, None: that of what is refined. Raises `ScenarioError`."""
+    """Return the levels of a scenario, each finer by `ratio`; None means the default ratio. Raises `ScenarioError`."""
     kinds = kinds_of(scenario, over)
     step = max(KINDS[kind].ratio for kind in kinds) if ratio is None else ratio
     if not (isinstance(levels, Integral) and levels >= LEAST):
-        raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more")
+        raise ScenarioError(f"--levels {levels} is refused: a verdict needs {LEAST} or more levels")
     if not (isinstance(step, Real) and isfinite(step) and step >= LEAST_RATIO):
         raise ScenarioError(f"--ratio {ratio} is refused: give {LEAST_RATIO} or more, for example 1.5")
     factors = tuple(step**level for level in range(levels))
@@ -142,8 +151,8 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     rounded = tuple(map(effective(scenario, kinds), settings, factors))
     if (distinct := len(set(rounded))) < LEAST:
         raise ScenarioError(
-            f"--ratio {step:.4g} is refused: rounded to whole numbers only {distinct} distinct levels of {levels} are "
-            f"left, and a verdict needs {LEAST}; give a larger ratio or more levels"
+            f"--ratio {step:.4g} is refused: after rounding to whole numbers only {distinct} of {levels} levels "
+            f"differ, but a verdict needs {LEAST}; give a larger ratio or more levels"
         )
     return Ladder(kinds, settings, rounded, order)
 
@@ -160,7 +169,7 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
 
 
 def finer(scenario: Scenario, kinds: tuple[str, ...], factor: float) -> Settings:
-    """Return the keys of a scenario refined by a factor, none of the scenario itself."""
+    """Return the keys of a scenario refined by a factor; empty for a factor of one."""
     if factor == 1.0:
         return {}
     return {key: value for kind in kinds for key, value in KINDS[kind].finer(scenario, factor).items()}

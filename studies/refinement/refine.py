@@ -16,7 +16,7 @@ from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import verdict
 from studies.workers import Workers
 
-ADAPTIVE = "accuracy"  # the kind of ladder that `adaptive` is
+ADAPTIVE = "accuracy"  # the kind of levels of `adaptive`
 ESTIMATE = "compliance_error"  # of a piercing in the summary
 
 
@@ -33,12 +33,15 @@ def refine(
 ) -> tuple[Refined, ...]:
     """Refine a scenario level by level into a folder, and return the result for each quantity.
 
-    `base`: a file or a shipped scene by its name, tables, or a scenario. `quantity`: numbers of the summary by their
-    dotted names, as `studies.output.quantities` gives them. `over`: "h", "dt", "control_points", "footprint",
-    "accuracy", which is that of the cells at the holes, or "all", the first three. Every level is finer by `ratio`,
-    None: √2, or 2 of the accuracy. `workers` as in `studies.sweeps.sweep`. `adaptive` is `over="accuracy"`.
+    - `base`: a file, a shipped scene by its name, tables, or a scenario.
+    - `quantity`: numbers of the summary by their dotted names, as in `studies.output.quantities`.
+    - `over`: "h", "dt", "control_points", "footprint", "accuracy" (of the cells at the holes), or "all", the
+      first three.
+    - `ratio`: ratio of the levels; None means √2, or 2 for the accuracy.
+    - `workers`: as in `studies.sweeps.sweep`.
+    - `adaptive`: the same as `over="accuracy"`.
 
-    Raises `ScenarioError`, for a quantity that there is not before the first level is run, and
+    Raises `ScenarioError`, for an unknown quantity before the first level is run, and
     `studies.workers.WorkersError`.
     """
     from studies.refinement.figure import pictures  # without matplotlib it is refused before the runs
@@ -48,7 +51,7 @@ def refine(
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
     if adaptive and over not in ("all", ADAPTIVE):
         raise ScenarioError(
-            f"--over {over} is refused: --adaptive refines the cells at the holes; leave one of them out"
+            f"--over {over} is refused: --adaptive refines the cells at the holes; leave out one of them"
         )
     plain = base_tables(base)
     rungs = ladder(parsed(plain), ADAPTIVE if adaptive else over, levels, ratio)
@@ -62,8 +65,10 @@ def refine(
 
 
 def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
-    """Return the levels with the factors that their meshes came to, (cells of the level over those of the
-    coarsest)^⅓ (Celik et al. 2008), where cells are refined and every mesh was made."""
+    """Return the levels with the factors of their real meshes, if cells are refined and all meshes were made.
+
+    The factor is (cells of the level over those of the coarsest)^⅓ (Celik et al. 2008).
+    """
     cells = table["cells"].values
     if "h" not in rungs.kinds or None in cells:
         return rungs
@@ -71,8 +76,10 @@ def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
 
 
 def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
-    """Return the levels with the estimates that their cells at the holes came to, where an accuracy is refined; their
-    factors are by how much these fell."""
+    """Return the levels with their estimated errors at the holes, if an accuracy is refined.
+
+    Their factors are the ratios of these estimates.
+    """
     if rungs.kinds != (ADAPTIVE,):
         return rungs
     columns = [column.values for column in table.columns if column.name.endswith(f".{ESTIMATE}")]
@@ -85,7 +92,7 @@ def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
 
 
 def check_names(table: SweepTable, names: Sequence[str]) -> None:
-    """Refuse names of quantities that a table has no numbers of. Raises `ScenarioError`."""
+    """Refuse names of quantities without numbers in a table. Raises `ScenarioError`."""
     for name in names:
         asked_column(table, name, "--quantity")
 
@@ -102,14 +109,14 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     distinct = len({size for size, _ in pairs})
     if distinct < LEAST:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
-        why = f"only {of} of {len(values)} levels have the number, and {LEAST} are needed"
+        why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
         return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
     said = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
     return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said, estimates=rungs.estimates)
 
 
 def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
-    """Write the verdicts in Markdown."""
+    """Return the verdicts in Markdown."""
     rows = [in_words(one) for one in found]
     table = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
     lines = [title(found[0], rungs), "", *(f"| {' | '.join(row)} |" for row in table)]
@@ -131,7 +138,7 @@ def short(number: float) -> str:
 
 
 def in_words(one: Refined) -> dict[str, str]:
-    """Return the findings as lines for a person, under their headings."""
+    """Return the findings as texts for a person, by their headings."""
     said = one.verdict
     order = "" if said is None else "swings" if isnan(said.order) else f"{said.order:.2f}"
     limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"
@@ -142,7 +149,7 @@ def in_words(one: Refined) -> dict[str, str]:
         "quantity": f"`{one.quantity}`",
         "unit": one.unit,
         "levels, coarsest first": numbers,
-        **({"estimate, of the error of the compliance": estimates} if estimates else {}),
+        **({"estimate, error of the compliance": estimates} if estimates else {}),
         "order": order,
         "limit": limit,
         "interval": between,

@@ -11,9 +11,12 @@ NO_VERDICT = "no verdict"
 
 @dataclass(frozen=True)
 class Refined:
-    """Convergence of a quantity: its `numbers` from the coarsest level, NaN for a failed one, the `factors` of the
-    levels, the theoretical order, and the verdict, None with fewer than three numbers. Of levels that were run to an
-    accuracy the `estimates` of the relative error of the holes' compliance [-], else none."""
+    """Convergence of a quantity.
+
+    It has its `numbers` from the coarsest level, NaN for a failed level, the `factors` of the levels, the
+    theoretical order, and the verdict, None with fewer than three numbers. For levels of accuracy it also has
+    the `estimates` of the relative error of the holes' compliance [-]; otherwise they are empty.
+    """
 
     quantity: str
     unit: str
@@ -29,7 +32,7 @@ class Refined:
 
     @property
     def finest(self) -> float:
-        """The number of the finest level that was completed, NaN without any."""
+        """The number of the finest completed level, NaN without one."""
         return next((number for number in reversed(self.numbers) if not isnan(number)), nan)
 
     @property
@@ -51,7 +54,7 @@ class Refined:
         return f"{NO_VERDICT}: {self.why_not}" if self.verdict is None else self.verdict.text
 
     def record(self) -> dict[str, Any]:
-        """Return it as ``verdict.json`` has it."""
+        """Return the content of ``verdict.json``."""
         said = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
         said |= asdict(self.verdict) if self.verdict else {}
         plain = {"quantity": self.quantity, "unit": self.unit, "factors": self.factors, "numbers": self.numbers}

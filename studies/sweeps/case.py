@@ -1,4 +1,4 @@
-"""A case of a sweep: its scenario, the digest that it is kept under, and its run."""
+"""A case of a sweep: its scenario, its digest, and its run."""
 
 import hashlib
 import json
@@ -25,24 +25,26 @@ from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
-SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps gone the next time
+SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps temporary
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
-MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # from which those rooms take numbers
-PACKAGES = (  # that numbers hang on
+MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # used by the code in those folders
+PACKAGES = (  # packages that influence numbers
     "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
 )  # fmt: skip
 
-KEPT = Shared()  # by this process, from one case to the next
-ONE_AT_A_TIME = Lock()  # threads of one process would share what is kept while it changes
+KEPT = Shared()  # cache of this process for all its cases
+ONE_AT_A_TIME = Lock()  # threads of one process must not change the cache at once
 
 
 @dataclass(frozen=True)
 class Result:
-    """A case that was run: its exit status as that of ``suture run``, its summary, the wall-clock `seconds`, and the
-    number of `cells` of its organ, None without one.
+    """A case that was run.
 
-    `lasting`: whether the same would come of it again; not of a want of memory or disk. `failure`: the name of the
-    error that ended it, "refused" of one that did not begin, empty for a run that completed."""
+    It has its exit status, like that of ``suture run``, its summary, the wall-clock `seconds`, and the number
+    of `cells` of its organ, None without an organ. `lasting`: whether a repeated run would give the same
+    result; false if memory or disk ran out. `failure`: the name of the error that ended the run, "refused" for
+    a refused case, empty for a completed run.
+    """
 
     exit_status: int
     summary: dict[str, Any]
@@ -52,12 +54,12 @@ class Result:
     failure: str = ""
 
     def record(self) -> dict[str, Any]:
-        """Return the case as its file has it."""
+        """Return the content of the case's file."""
         return {"exit_status": self.exit_status, "seconds": self.seconds, "cells": self.cells, "summary": self.summary}
 
 
 def run_case(data: Mapping[str, Any]) -> Result:
-    """Run a scenario given as tables; whatever becomes of it is a result."""
+    """Run a scenario given as tables; a failure is also a result."""
     began = perf_counter()
     with ONE_AT_A_TIME:
         try:
@@ -78,8 +80,10 @@ def run_case(data: Mapping[str, Any]) -> Result:
 
 
 def run_start(data: Mapping[str, Any]) -> Result | None:
-    """Return a scenario given as tables as of its start, whose summary has all names that its end has; None of one that
-    has no start. The organ that is made for it is kept for the first case."""
+    """Return the result of a scenario at its start, None without a start.
+
+    Its summary has all names of the final summary. The organ is cached for the first case.
+    """
     began = perf_counter()
     with ONE_AT_A_TIME:
         try:
@@ -95,8 +99,7 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
 
 
 def make_ready(data: Mapping[str, Any]) -> None:
-    """Make the organ of a scenario given as tables, which is cached, and load the loops of its time steps by two
-    steps."""
+    """Cache the organ of a scenario given as tables, and load the loops of its time steps by two steps."""
     solve = parsed(data).solve
     if solve.kind == "static":
         run_start(data)
@@ -111,8 +114,7 @@ def tally_of(simulation: Simulation) -> Tally:
 
 
 def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
-    """Run a simulation without files: return the summary that `suture run` writes of it, and the error that ended it,
-    None if it completed."""
+    """Run a simulation without files; return the summary of `suture run`, and the error that ended the run, or None."""
     tally = tally_of(simulation)
     error: Exception | None = None
     last = None
@@ -125,20 +127,20 @@ def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
                 last = None
     except (*REFUSALS, *SHORTAGES, CouplingError) as raised:
         error = raised
-    if last is not None:  # as a run writes its last frame
+    if last is not None:  # the last frame, as in a run with files
         tally.see(last().organ)
     return (tally.summary("completed") if error is None else tally.summary("failed", in_words(error))), error
 
 
 def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> OrganRecord | None:
-    """Return the organ of a frame, that of the start as the last case that started alike had it."""
+    """Return the organ of a frame; the frame at the start is cached for cases with the same start."""
     if step.step:
         return frame().organ
     return KEPT.take("drawn", start_key(simulation.scenario), lambda: frame().organ)
 
 
 def in_words(error: BaseException) -> str:
-    """Return the message of an error, or its kind."""
+    """Return the message of an error, or the name of its type."""
     return str(error) or type(error).__name__
 
 
@@ -152,7 +154,7 @@ def case_digest(scenario: Scenario) -> str:
 
 @cache
 def code_version() -> tuple[str, dict[str, str]]:
-    """Return the digest of the source that a run hangs on, and the versions of its packages."""
+    """Return the digest of the source code of a run, and the versions of its packages."""
     text = hashlib.sha256()
     for path in source_files():
         text.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
@@ -160,7 +162,7 @@ def code_version() -> tuple[str, dict[str, str]]:
 
 
 def source_files() -> list[Path]:
-    """Return the files of the source that a run hangs on."""
+    """Return the source files that influence a run."""
     return [
         *(path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))),
         *(ROOT / name for name in MODULES),

@@ -13,9 +13,9 @@ from studies.output.files import write_bytes
 from studies.sweeps.table import Column, SweepTable, drawn_columns
 
 DASHES = ("-", "--", ":", "-.")
-WORDS, HIGH = 44, 36  # letters of a line along the axes and in the legend, and of one that stands
+WORDS, HIGH = 44, 36  # letters of a line along the axes and in the legend, and along the vertical axis
 MOST = 16  # lines in a column of the legend
-TICKS = 5  # spans between numbers below the axes, which may have six digits
+TICKS = 5  # intervals between labels below the axes, whose numbers can have six digits
 MARGIN = 0.3  # around the legend [inch]
 
 
@@ -27,7 +27,7 @@ def write_figure(table: SweepTable, names: Sequence[str], folder: Path) -> None:
 
 
 def figure(drawn: Sequence[Column]) -> Figure:
-    """Draw the second of two columns over the first, a line for each value of a third where there is one."""
+    """Return the figure of the second of two columns over the first, with a line for each value of a third column."""
     drawing, ((axes,),) = panels(1, 1)
     x, y, *by = drawn
     lines = list(dict.fromkeys(by[0].values)) if by else [None]
@@ -45,14 +45,16 @@ def figure(drawn: Sequence[Column]) -> Figure:
 
 
 def style_of(number: int) -> dict[str, Any]:
-    """Return how a line is drawn: colour and marker, and where these come again otherwise dashed."""
+    """Return the style of a line: colour and marker; repeated colours have other dashes."""
     turn, place = divmod(number, len(COLOURS))
     return {"color": COLOURS[place], "marker": MARKERS[place], "linestyle": DASHES[turn % len(DASHES)]}
 
 
 def folded(words: str, width: int) -> str:
-    """Fold words into lines of at most so many letters, at blanks, and names at their dots and underscores; a dollar in
-    them begins no formula."""
+    """Wrap words into lines of at most `width` letters, at blanks and at dots and underscores of names.
+
+    A dollar sign in the words does not begin a formula.
+    """
     lines = [""]
     for part in re.split(r"(?<=[._])(?=[^\W\d_])|(?<=\s)", words):
         if lines[-1] and len(lines[-1]) + len(part.rstrip()) > width:
@@ -62,7 +64,7 @@ def folded(words: str, width: int) -> str:
 
 
 def add_legend(drawing: Figure, title: str, lines: int) -> None:
-    """Add a legend of so many lines next to the axes, which keep their size."""
+    """Add a legend with this number of lines next to the axes, which keep their size."""
     legend = drawing.legend(title=title, loc="outside right upper", ncols=ceil(lines / MOST))
     box = legend.get_window_extent()
     width, height = drawing.get_size_inches()

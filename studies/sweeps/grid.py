@@ -11,7 +11,7 @@ from studies.scenario.refusal import BARE
 from studies.scenario.table import ScenarioError
 from studies.scenario.toml import override_key
 
-MOST_CASES = 100_000  # a file each
+MOST_CASES = 100_000  # with one file each
 
 Settings = dict[str, Any]  # by dotted key
 
@@ -22,16 +22,16 @@ def grid(over: Mapping[str, Sequence[Any]]) -> list[Settings]:
 
 
 def paired(over: Mapping[str, Sequence[Any]]) -> list[Settings]:
-    """Return the first values of all keys together, then the second, and so on. Raises `ScenarioError`."""
+    """Return the first values of all keys together, then the second values, and so on. Raises `ScenarioError`."""
     lengths = {key: len(values) for key, values in over.items()}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise ScenarioError(f"--paired is refused: the lists differ in length ({told}); give as many values of each")
+        raise ScenarioError(f"--paired is refused: the lists differ in length ({told}); give lists of equal length")
     return [dict(zip(over, values, strict=True)) for values in zip(*over.values(), strict=True)]
 
 
 def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
-    """Read ``KEY=[…]`` with a list in TOML, one text a key. Raises `ScenarioError`."""
+    """Return the lists of values in texts ``KEY=[…]`` in TOML, one text per key. Raises `ScenarioError`."""
     over: dict[str, list[Any]] = {}
     for text in texts:
         key, _, value = text.partition("=")
@@ -46,13 +46,14 @@ def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
                 "--over 'tissue.youngs_modulus=[1e5, 2e5]'"
             )
         if key.strip() in over:
-            raise ScenarioError(f"--over {text} is refused: {key} is varied already; give all its values in one list")
+            raise ScenarioError(f"--over {text} is refused: {key} is already varied; give all its values in one list")
         over[key.strip()] = values
     return over
 
 
 def read_table(path: Path) -> list[Settings]:
-    """Read cases from a CSV file: a key above each column, its values in TOML; an empty cell leaves the key as it is.
+    """Read cases from a CSV file: each column has a key as its head, with values in TOML; an empty cell leaves
+    the key unchanged.
 
     Raises `ScenarioError`.
     """
@@ -67,12 +68,12 @@ def read_table(path: Path) -> list[Settings]:
         override_key(f"{key}=0")
     for number, line in enumerate(lines, 2):
         if len(line) != len(keys):
-            raise ScenarioError(f"--table {path}: line {number} has {len(line)} cells and not {len(keys)}; correct it")
+            raise ScenarioError(f"--table {path}: line {number} has {len(line)} cells, not {len(keys)}; correct it")
     return [{key: cell(text) for key, text in zip(keys, line, strict=True) if text.strip()} for line in lines]
 
 
 def cell(text: str) -> Any:
-    """Read a value in TOML; a bare word is a string."""
+    """Return a value from TOML; a bare word is a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -82,10 +83,8 @@ def cell(text: str) -> Any:
 
 
 def check_count(cases: Sequence[Settings]) -> None:
-    """Refuse no cases, and more than a folder takes."""
+    """Refuse a sweep without cases, or with more than a folder can hold."""
     if not cases:
         raise ScenarioError("there is nothing to sweep; give --over KEY=[…], or --table FILE.csv")
     if len(cases) > MOST_CASES:
-        raise ScenarioError(
-            f"the sweep has {len(cases)} cases, and {MOST_CASES} are as many as a folder takes; take fewer"
-        )
+        raise ScenarioError(f"the sweep has {len(cases)} cases, but a folder holds at most {MOST_CASES}; use fewer")

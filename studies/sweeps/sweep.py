@@ -1,6 +1,6 @@
-"""A sweep into a folder: every case once, kept under the digest of all that it hangs on, and the table of them all.
+"""A sweep into a folder: every case once, stored under the digest of all its inputs, and the table of all cases.
 
-``cases/DIGEST.json`` is complete or absent. A sweep that was killed, or that is widened, runs what is not there yet.
+``cases/DIGEST.json`` is complete or absent. A killed or enlarged sweep runs only the missing cases.
 """
 
 import json
@@ -27,20 +27,23 @@ from studies.workers import InTurn, Workers
 
 MARK = "sweep.json"
 CASES = "cases"
-MADE = ("table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")  # of all cases
+MADE = ("table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", "verdict.json")  # made from all cases
 OWN = (MARK, CASES, *MADE)
 
 Base = Path | str | Mapping[str, Any] | Scenario
 Tell = Callable[["Told"], None]
 Check = Callable[[SweepTable], object]
 
-STARTS = 3  # cases whose start is tried for the names of columns
+STARTS = 3  # cases whose start is tried to find the names of columns
 
 
 @dataclass(frozen=True)
 class Told:
-    """Progress of a sweep: `done` of `count` cases, `settings` and `exit_status` of the last, and its `error`, empty if
-    it was completed."""
+    """Progress of a sweep.
+
+    It has `done` of `count` cases, `settings` and `exit_status` of the last case, and its `error`, empty if it
+    was completed.
+    """
 
     done: int
     count: int
@@ -51,7 +54,7 @@ class Told:
 
 @dataclass(frozen=True)
 class Planned:
-    """A case to be run: its tables, the digest that it is kept under and that of its organ; or why it is refused."""
+    """A planned case: its tables, its digest and the digest of its organ; or the reason why it is refused."""
 
     settings: Settings
     data: dict[str, Any]
@@ -61,7 +64,7 @@ class Planned:
 
 
 def tell_nothing(told: Told) -> None:
-    """Say nothing of how far a sweep has come."""
+    """Report nothing on the progress of a sweep."""
 
 
 def sweep(
@@ -75,14 +78,15 @@ def sweep(
 ) -> SweepTable:
     """Run a scenario for many values of its keys into a folder, and return the table of all cases.
 
-    `base`: a file or a shipped scene by its name, tables, or a scenario. `over`: the values of each key by its dotted
-    name, of which all combinations are run, or the settings of each case. `workers`: who runs them
-    (`studies.workers`), None means this process. `kind`: of what the folder is said to be. `check` is called with a
-    table of what is known before the first case is run, at the least of a case's start, to refuse names of columns that
-    it has not. A case that fails or is refused is a row; the sweep is refused where every case is. Cases that are in
-    the folder are not run again.
+    - `base`: a file, a shipped scene by its name, tables, or a scenario.
+    - `over`: lists of values by dotted key, whose combinations are all run, or the settings of each case.
+    - `workers`: the processes that run the cases (`studies.workers`); None means this process.
+    - `kind`: the kind of the folder in messages.
+    - `check`: called before the first case with a table of known values, at least from a case's start, to
+      refuse names of columns that it lacks.
 
-    Raises `ScenarioError`, and `studies.workers.WorkersError`.
+    A failed or refused case is a row; the sweep is refused if all cases are refused. Cases in the folder are
+    not run again. Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
     check_over(over)
     if workers is not None and not hasattr(workers, "done"):
@@ -116,7 +120,7 @@ def base_tables(base: Base) -> dict[str, Any]:
 
 
 def plan(base: Mapping[str, Any], cases: Sequence[Settings]) -> list[Planned]:
-    """Return the cases with their digests. Raises `ScenarioError` if every one is refused."""
+    """Return the cases with their digests. Raises `ScenarioError` if all are refused."""
     planned = [planned_case(settings, changed(base, settings)) for settings in cases]
     if all(case.refused for case in planned):
         raise ScenarioError(planned[0].refused.splitlines())
@@ -124,7 +128,7 @@ def plan(base: Mapping[str, Any], cases: Sequence[Settings]) -> list[Planned]:
 
 
 def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
-    """Return a case with its digests, or with why it is refused."""
+    """Return a case with its digests, or with the reason why it is refused."""
     try:
         scenario = parsed(data)
     except ScenarioError as error:
@@ -133,14 +137,14 @@ def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
 
 
 def check_folder(folder: Path, kind: str = "sweep") -> None:
-    """Refuse a folder that holds other files than those of such a kind. Raises `ScenarioError`."""
+    """Refuse a folder with other files than those of this kind. Raises `ScenarioError`."""
     refuse_links(folder, [CASES])
     there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     begun = {LOCK, *(path.name for path in unfinished(folder, OWN))}
     others = [name for name in there if name not in begun and (name not in OWN or not holds_sweep(folder, kind))]
     if others:
         raise ScenarioError(
-            f"--out {folder} is refused: it holds other files than a {kind}'s ({others[0]}); give a new or empty folder"
+            f"--out {folder} is refused: it holds files that no {kind} wrote ({others[0]}); give a new or empty folder"
         )
 
 
@@ -152,7 +156,7 @@ def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
 def _sweep(
     kind: str, base: Mapping[str, Any], planned: list[Planned], folder: Path, workers: Workers, tell: Tell
 ) -> SweepTable:
-    """Run what is not there yet, and write the tables; what an earlier sweep made of all its cases goes first."""
+    """Run the missing cases, and write the tables; first remove the tables of an earlier sweep."""
     kept = folder / CASES
     for path in (*(folder / name for name in MADE), *unfinished(folder, OWN), *unfinished(kept)):
         path.unlink(missing_ok=True)
@@ -178,15 +182,14 @@ def _sweep(
 
 
 def in_order_of_organs(cases: Sequence[Planned]) -> list[Planned]:
-    """Return cases, each once, those of one organ after one another: it is made once for them."""
+    """Return cases, each once, sorted by organ so that each organ is made once."""
     once = {case.digest: case for case in cases}.values()
     first = {organ: number for number, organ in enumerate(dict.fromkeys(case.organ for case in once))}
     return sorted(once, key=lambda case: first[case.organ])
 
 
 def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
-    """Return the table of the cases that were completed before, or of the start of the first that has one; None where
-    none has."""
+    """Return the table of the cases that are already completed, or of the first start that can be computed, or None."""
     cases = [case for case in planned if case.digest]
     there = {case.digest: known for case in cases if (known := known_case(kept, case.digest))}
     rows = [row_of(case, there) for case in cases if case.digest in there]
@@ -199,13 +202,13 @@ def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
 
 
 def known_case(kept: Path, digest: str) -> dict[str, Any]:
-    """Read a case that was run before; empty if it was not, or its file is torn."""
+    """Read a case that was run before; empty if it was not, or if its file is damaged."""
     known = read_json(kept / f"{digest}.json")
     return known if {"exit_status", "summary"} <= known.keys() else {}
 
 
 def record(result: Result) -> dict[str, Any]:
-    """Return a result as read back from its file: numbers that are not finite are None."""
+    """Return a result as if read from its file: numbers that are not finite are None."""
     plain: dict[str, Any] = json.loads(as_json(result.record()))
     return plain
 

@@ -1,6 +1,6 @@
 """The table of a sweep: a row for each case, a column for each varied key and for each quantity of its summary.
 
-Nothing in it hangs on when, where or in which order the cases were run: the same cases give the same bytes.
+It does not depend on time, machine or order of the runs: the same cases give the same bytes.
 """
 
 import io
@@ -18,12 +18,13 @@ from studies.scenario.reference import unit_of
 from studies.scenario.refusal import as_toml
 from studies.study import comma_separated
 
-NEAR, LIKE = 3, 0.6  # names that are suggested at most, and how like they are: difflib's own bound
+NEAR, LIKE = 3, 0.6  # largest number of suggested names, and their least similarity: difflib's own bound
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column by its name, with its unit ("-" of a number without, empty for words) and a value, or None, a row."""
+    """A column with its name, its unit ("-" for a number without unit, empty for words) and a value, or None,
+    per row."""
 
     name: str
     unit: str
@@ -44,19 +45,21 @@ class Column:
 
     @property
     def is_number(self) -> bool:
-        """Whether its values are numbers, as far as there are any."""
+        """Whether its values are numbers or None."""
         return self.kind in (int, float) or all(value is None for value in self.values)
 
     @property
     def converted(self) -> list[Any]:
-        """Its values, all of its kind."""
+        """Its values, all converted to the column's type."""
         return [None if value is None else self.kind(value) for value in self.values]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A row: the values of keys, and the result: `exit_status`, `summary`, and the number of `cells` of the organ, None
-    without one."""
+    """A row: the values of keys, and the result.
+
+    The result is `exit_status`, `summary`, and the number of `cells` of the organ, None without an organ.
+    """
 
     settings: Mapping[str, Any]
     exit_status: int
@@ -66,7 +69,7 @@ class Case:
 
 @dataclass(frozen=True)
 class SweepTable:
-    """The columns of a sweep, all of one length."""
+    """The columns of a sweep, all of the same length."""
 
     columns: tuple[Column, ...]
 
@@ -97,7 +100,7 @@ class SweepTable:
 
     @property
     def parquet(self) -> bytes:
-        """The table in Parquet, the unit of a column in the metadata of its field. Raises `ImportError`."""
+        """The table in Parquet, with the unit of each column in its metadata. Raises `ImportError`."""
         import pyarrow
         import pyarrow.parquet
 
@@ -110,13 +113,15 @@ class SweepTable:
 
 
 def counted(cases: int) -> str:
-    """Return so many cases in words."""
+    """Return a number of cases in words."""
     return "1 case" if cases == 1 else f"{cases} cases"
 
 
 def asked_column(table: SweepTable, name: str, option: str, number: bool = True) -> Column:
-    """Return a column that was asked for by an option, a number unless said otherwise. Raises `ScenarioError` with the
-    names that are near."""
+    """Return the column named in an option; it must be numeric, unless `number` is False.
+
+    Raises `ScenarioError` with similar names.
+    """
     try:
         column = table[name]
     except KeyError:
@@ -128,17 +133,17 @@ def asked_column(table: SweepTable, name: str, option: str, number: bool = True)
             f"{option} {name} is refused: the table has no such {'number' if number else 'column'}; {hint}"
         ) from None
     if number and not column.is_number:
-        raise ScenarioError(f"{option} {name} is refused: it is a word or a list; name a number")
+        raise ScenarioError(f"{option} {name} is refused: it is a word or a list; give a number's name")
     return column
 
 
 def drawn_columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
-    """Return the columns of a figure: two numbers, and a third that may be a word. Raises `ScenarioError`."""
+    """Return the columns of a figure: two numeric ones, and a third of any kind. Raises `ScenarioError`."""
     return [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
 
 
 def written(value: object) -> str:
-    """Write a value as a cell."""
+    """Return a value as the text of a cell."""
     match value:
         case None:
             return ""
@@ -150,7 +155,7 @@ def written(value: object) -> str:
 
 
 def table_of(cases: Sequence[Case]) -> SweepTable:
-    """Make the table of cases."""
+    """Return the table of cases."""
     varied = dict.fromkeys(key for case in cases for key in case.settings)
     found = [quantities(case.summary) for case in cases]
     units = {name: q.unit for row in found for name, q in row.items()}
@@ -175,17 +180,17 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
 
 
 def remark_in_short(remark: Mapping[str, str]) -> str:
-    """Return the code of a remark and where it is said."""
+    """Return the code of a remark and its place."""
     return f"{remark['code']} ({remark['where']})"
 
 
 def plain(value: Any) -> float | int | str | bool | None:
-    """Return a number or a word as it is, anything else in TOML."""
+    """Return a number or a word unchanged, any other value in TOML."""
     return value if value is None or isinstance(value, float | int | str) else as_toml(value)
 
 
 def write_tables(table: SweepTable, folder: Path) -> None:
-    """Write ``table.csv``, and ``table.parquet`` where pyarrow is installed."""
+    """Write ``table.csv``, and ``table.parquet`` if pyarrow is installed."""
     write_text(folder / "table.csv", table.csv)
     with suppress(ImportError):
         write_bytes(folder / "table.parquet", table.parquet)

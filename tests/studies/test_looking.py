@@ -137,7 +137,7 @@ def test_a_display_that_cannot_be_opened_is_named(
     with patch.object(looking, "MOST_PICTURES", 2):
         assert main(["view", str(run)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "window none: VTK opens no window on the display ':99'" in said
+    assert "window none: VTK cannot open a window on the display ':99'" in said
     for name in ("view.png", "view.gif"):
         assert f"{name}:" in said and (run / name).stat().st_size > 1000
         (run / name).unlink()

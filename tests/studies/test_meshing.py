@@ -316,7 +316,7 @@ def test_suture_mesh_writes_the_mesh_its_quality_and_a_picture(
         f"{3 * made.nvertices} with P1, {3 * (made.nvertices + made.nedges)} with P2",
         "dihedral angle",
         "radius ratio",
-        "entry: edges of",
+        "entry: edge length",
         "lip_left: ",
         "160 mm²",
         "skin: number 1",

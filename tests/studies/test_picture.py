@@ -135,7 +135,7 @@ def test_a_thread_that_is_pressed_has_other_colours_than_one_that_is_pulled() ->
     pressed, pulled = at(both, 0.0), at(both, 0.4)  # by a quarter of the largest, each its way
     assert pressed[1] > pressed[2] and pulled[1] < pulled[2]  # green and blue
     assert np.abs(at(taut, 0.25) - pulled).max() < SHADE
-    assert tension_words(frame(0.0)).endswith(f"at most {frame(0.0).thread.tension.max():.3g}")
+    assert tension_words(frame(0.0)).endswith(f"maximum {frame(0.0).thread.tension.max():.3g}")
     pushed = replace(frame(0.0), thread=replace(frame(0.0).thread, tension=-frame(0.0).thread.tension - 0.1))
     assert tension_words(pushed).endswith(f"{pushed.thread.tension.min():.3g} to {pushed.thread.tension.max():.3g}")
 
@@ -192,7 +192,7 @@ def test_the_start_is_drawn_with_held_nodes_and_footprints(tmp_path: Path, space
     modules = "studies.pictures.space" if space else "studies.no", "studies.pictures.section"
     for scene, path in ((marked, start), (frame_of(at), plain)):
         if "section" in draw_scene((scene, LINEAR, ""), path, *modules).line and space:
-            pytest.skip("no OpenGL renders here")
+            pytest.skip("OpenGL does not work here")
     counts = []
     for path in (start, plain):
         red, green, blue = np.moveaxis(imread(path)[..., :3], 2, 0)

@@ -252,7 +252,7 @@ def test_failures_are_rows(tmp_path: Path) -> None:
         sweep(RING, {"piercing.rung.footprint": [1.0]}, tmp_path / "none")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").touch()
-    with pytest.raises(ScenarioError, match=r"other files than a sweep's \(notes.txt\)"):
+    with pytest.raises(ScenarioError, match=r"files that no sweep wrote \(notes.txt\)"):
         sweep(RING, PULLS, tmp_path / "mine")
 
 
@@ -295,7 +295,7 @@ def test_what_a_killed_sweep_was_writing_is_its_own(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "table.csv").is_file()
     assert [path for path in (tmp_path / "out").rglob(".*")] == []
     (tmp_path / "out" / ".letter.txt.4711").touch()
-    with pytest.raises(ScenarioError, match=r"other files than a sweep's \(\.letter\.txt\.4711\)"):
+    with pytest.raises(ScenarioError, match=r"files that no sweep wrote \(\.letter\.txt\.4711\)"):
         sweep(RING, {"thread.damping": [20.0]}, tmp_path / "out")
 
 
@@ -525,7 +525,7 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
     [
         (lambda: parse_over(["solve.dt=1e-3"]), "a list of values in TOML"),
         (lambda: parse_over(["solve dt=[1]"]), "a dotted key"),
-        (lambda: parse_over(["a=[1]", "a=[2]"]), "varied already"),
+        (lambda: parse_over(["a=[1]", "a=[2]"]), "already varied"),
         (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
         (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
         (
@@ -534,12 +534,12 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         ),
         (
             lambda: drawn_columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]),
-            "name a number",
+            "give a number's name",
         ),
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
         (lambda: ladder(parse(RING), ratio=1.0), "1.1 or more"),
         (lambda: ladder(parse(RING), "h"), "has no organ"),
-        (lambda: ladder(parse(changed(RING, {"solve": ONE_STEP})), "dt", levels=3), "only 2 distinct"),
+        (lambda: ladder(parse(changed(RING, {"solve": ONE_STEP})), "dt", levels=3), "only 2 of 3 levels differ"),
         (lambda: ladder(parse(changed(RING, {"piercing": []})), "footprint"), "no piercing has a footprint"),
         (lambda: ladder(parse(RING), "accuracy"), "has no organ"),
         (lambda: ladder(parse(ORGAN), "accuracy"), 'tissue.mesh.accuracy is "given"; set a number'),
@@ -627,7 +627,7 @@ def test_planted_numbers_get_their_verdicts() -> None:
     assert planted((1.0 - np.log(h)).tolist()).text == "DIVERGING like a logarithm"
     failed = planted([1.0, 1.1, 1.2, 1.3], [0, 1, 1, 0])
     assert failed.verdict is None
-    assert failed.text == "no verdict: only 2 of 4 levels have the number, and 3 are needed"
+    assert failed.text == "no verdict: only 2 of 4 levels have the number, but 3 are needed"
     assert not planted([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 1]).interval[0] < 1.0
     assert "Refined(time [s]: converged" in repr(fine)
 
