@@ -1,4 +1,4 @@
-"""The kind of array that the studies pass on."""
+"""The array type of the studies."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -24,6 +24,6 @@ def installation(library: str) -> str:
 
 
 def missing(error: ImportError) -> str:
-    """Return a sentence for a failed import of an optional library, empty for another module."""
+    """Return a sentence for a failed import of an optional library; empty for another module."""
     library = (error.name or "").partition(".")[0]
     return f"{library} is not installed; add it with {installation(library)}" if library in EXTRAS else ""

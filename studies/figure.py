@@ -1,7 +1,7 @@
-"""One style for the figures of the studies: colours for the colour-blind, and two formats.
+"""The style of the studies' figures: colours for colour-blind readers, and two formats.
 
-A figure is lines of panels (`draw`), and a panel its labels and items (`panel`). An item draws itself into axes: a
-`curve`, one for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
+A figure has rows of panels (`draw`), and a panel has labels and items (`panel`). An item draws itself into
+axes: a `curve`, a curve for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
 """
 
 import io
@@ -37,7 +37,7 @@ DPI = 120
 
 
 def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
-    """Make a figure and its axes `(lines, columns)`."""
+    """Return a figure and its axes `(lines, columns)`."""
     drawing = Figure(figsize=(PANEL[0] * columns, PANEL[1] * lines), layout="constrained")
     return drawing, drawing.subplots(lines, columns, squeeze=False)
 
@@ -48,7 +48,7 @@ UNITS = {"mm": 1e-3, "ms": 1e-3, "mN": 1e-3, "mm/N": 1e-3, "kPa": 1e3, "MPa": 1e
 
 
 def draw(*lines: Sequence[Item]) -> Figure:
-    """Draw a figure of panels, line by line."""
+    """Return a figure of panels, row by row."""
     drawing, grid = panels(len(lines), len(lines[0]))
     for axes, item in zip(grid.ravel(), (item for line in lines for item in line), strict=True):
         item(axes)
@@ -65,8 +65,12 @@ def panel(
     legend: Mapping[str, Any] | None = None,
     **limits: Any,
 ) -> Item:
-    """Return a panel: labels with units, items, logarithmic axes ("x", "y" or "xy"), plain `ticks` by axis, the factor
-    on the upper limit that leaves room for the legend, arguments of the legend, and arguments of `Axes.set`."""
+    """Return a panel.
+
+    It has labels with units, items, logarithmic axes ("x", "y" or "xy") and plain `ticks` by axis. `above` is a
+    factor on the upper limit, for the room of the legend. `legend` are arguments of the legend, `limits`
+    arguments of `Axes.set`.
+    """
 
     def drawn(axes: Axes) -> None:
         for item in items:
@@ -88,14 +92,17 @@ def curve(x: Any, y: Any, label: str | None = None, style: str = "-", colour: st
 
 
 def deviations(x: Any, mean: Any, deviation: Any, label: str) -> Item:
-    """Return means with their standard deviations, hollow."""
+    """Return means with their standard deviations, as hollow markers."""
     looks: dict[str, Any] = {"fmt": "s", "markerfacecolor": "white", "capsize": 4, "zorder": 5, "color": "black"}
     return lambda axes: axes.errorbar(x, mean, deviation, label=label, **looks)
 
 
 def value(of: Value) -> Callable[[Any], float]:
-    """Return the function that reads a number of a row: a field by its name, with the unit that it is drawn in, as in
-    "drift [mm]"; the entry of a tuple by its place; or the function itself."""
+    """Return the function that reads a number of a row.
+
+    `of` is the name of a field with its unit in the figure, for example "drift [mm]", the index in a tuple, or
+    the function itself.
+    """
     if callable(of):
         return of
     if isinstance(of, int):
@@ -113,12 +120,14 @@ def series(
     colours: Sequence[str] = COLOURS,
     **looks: Any,
 ) -> Item:
-    """Return one curve for each group of rows, in a colour and with a marker of its own, labelled by its name; one that
-    begins with "_" is not in the legend."""
+    """Return one curve for each group of rows, each with its colour, marker and name.
+
+    A group whose name begins with "_" is not in the legend.
+    """
 
     def drawn(axes: Axes) -> None:
         for k, (label, rows) in enumerate(groups.items()):
-            marker = markers[(k + k // len(colours)) % len(markers)]  # another one where the colours come again
+            marker = markers[(k + k // len(colours)) % len(markers)]  # another marker if colours are repeated
             values = [[value(of)(row) for row in rows] for of in (x, y)]
             axes.plot(*values, marker + line, color=colours[k % len(colours)], label=label, **looks)
 
@@ -131,7 +140,7 @@ def unnamed(groups: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
 
 
 def several(rows: Sequence[Any], x: Value, values: Mapping[str, Value], line: str = "-", **looks: Any) -> Item:
-    """Return one curve for each of several values of the same rows, as `series` does for one value of several."""
+    """Return one curve for each of several values of the same rows."""
     pairs = {label: [(value(x)(row), value(y)(row)) for row in rows] for label, y in values.items()}
     return series(pairs, 0, 1, line, **looks)
 
@@ -154,21 +163,21 @@ def both(*items: Item) -> Item:
 
 
 def level(axis: str, value: float, label: str | None = None, style: str = "--", colour: str = "black") -> Item:
-    """Return a straight line through the panel where `axis` has a value."""
+    """Return a straight line through the panel at a value of `axis`."""
     return lambda axes: (axes.axvline if axis == "x" else axes.axhline)(
         value, color=colour, linestyle=style, linewidth=0.8, label=label
     )
 
 
 def band(axis: str, low: float, high: float, label: str, colour: str = "black") -> Item:
-    """Return a stripe through the panel where `axis` is between two values."""
+    """Return a stripe through the panel between two values of `axis`."""
     return lambda axes: (axes.axvspan if axis == "x" else axes.axhspan)(
         low, high, color=colour, alpha=0.12, label=label
     )
 
 
 def literal(words: str) -> str:
-    """Return words as matplotlib draws them letter by letter: a dollar begins no formula."""
+    """Return words for matplotlib in which a dollar sign does not begin a formula."""
     return words.replace("$", r"\$")
 
 
@@ -179,7 +188,7 @@ def set_ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
 
 
 def render_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:
-    """Render a study's figure by format, the same bytes for the same rows."""
+    """Return a study's figure by format; equal rows give equal bytes."""
     pictures = {}
     with rc_context({**STYLE, "svg.hashsalt": name}):
         drawing = figure(rows)

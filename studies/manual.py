@@ -1,4 +1,4 @@
-"""Tables of a manual that are made from the code: each stands between two marks and is written anew by a command."""
+"""Tables of a manual that are made from the code: a command updates each table between its two marks."""
 
 import re
 from collections.abc import Mapping

@@ -1,13 +1,15 @@
-"""A study: one question, answered by runs of its own, with a table and a figure.
+"""A study: one question, answered by its own runs, with a table and a figure.
 
-A study is a package whose module `study` ends in `STUDY`. It is made of
+A study is a package whose module `study` ends in `STUDY`. It consists of
 
 - `study.toml`: its question, its checks, and the arguments of the preset "quick" (`described`),
-- a `scene`: a scenario in TOML, of which the runs change some keys,
-- `main`: the cases that are run. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
-- a row: a frozen dataclass. A field has its unit, and the function that measures it on the end of a run (`measured`),
+- a `scene`: a scenario in TOML; the runs change some of its keys,
+- `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
+- a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a run
+  (`measured`),
 - the columns of its table (`Table.of`) and the panels of its figure (`studies.figure`),
-- remarks: what was found, and what a row does not support (`studies.verdicts`). They are printed with the table.
+- remarks: findings, and numbers that a row does not support (`studies.verdicts`). They are printed with the
+  table.
 
 `carry_out` runs any study into a folder.
 """
@@ -57,7 +59,7 @@ WRITTEN = ("study.json", "table.md", "table.csv", "runs.csv", "figure.png", "fig
 
 
 class StudyError(ValueError):
-    """A study that is refused before anything is computed."""
+    """A study that is refused before the computation."""
 
 
 Columns = Sequence[tuple[str, Callable[[Any], str]]]
@@ -65,14 +67,14 @@ Columns = Sequence[tuple[str, Callable[[Any], str]]]
 
 @dataclass(frozen=True)
 class Table:
-    """`head`, each with its unit, and `lines` of as many cells."""
+    """A table: `head` has the headings with units, and `lines` have as many cells."""
 
     head: Sequence[str]
     lines: Sequence[Sequence[str]]
 
     @classmethod
     def of(cls, columns: Columns, items: Iterable[Any]) -> "Table":
-        """Make a line for each item: a column is its head, and the function that writes its cell."""
+        """Return the table with a line for each item; a column is its heading and the function that writes its cell."""
         return cls([head for head, _ in columns], [[cell(item) for _, cell in columns] for item in items])
 
     @property
@@ -88,8 +90,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """The cases of a study, its question, its independent and its consistency checks, how its rows are shown, its
-    remarks, and the arguments of the preset "quick"."""
+    """A study: its cases, question, checks, table, figure and remarks, and the arguments of the preset "quick"."""
 
     main: Callable[..., Iterator[Any]]
     question: str
@@ -108,19 +109,19 @@ def described(
     figure: Callable[[Sequence[Any]], "Figure"],
     remarks: Callable[[Sequence[Any]], list[str]],
 ) -> Study:
-    """Return the study of a name, which `study.toml` in its folder describes."""
+    """Return the study of this name, described by `study.toml` in its folder."""
     told = tomllib.loads((Path(__file__).parent / name / "study.toml").read_text(encoding="utf-8"))
     return Study(main=main, table=table, figure=figure, remarks=remarks, **told)
 
 
 def unit_field(text: str, **default: Any) -> Any:
-    """Declare a field of a row, with its unit."""
+    """Return a field of a row, with its unit."""
     return field(metadata={"unit": text}, **default)
 
 
 def measured(text: str, of: Callable[[Any], Any]) -> Any:
-    """Declare a field of a row, with its unit, "" if it has none, and the function that measures it at the end of a
-    run."""
+    """Return a field of a row, with its unit ("" without a unit) and the function that measures it at the end
+    of a run."""
     return field(metadata=({"unit": text} if text else {}) | {"of": of})
 
 
@@ -131,14 +132,14 @@ def measure(kind: Callable[..., R], end: Any, /, **known: Any) -> R:
 
 
 def plain(value: Any) -> Any:
-    """Return a number or an array of numpy as Python's own number or a tuple."""
+    """Return a number or an array of numpy as a number or a tuple of Python."""
     if isinstance(value, np.ndarray):
         return tuple(value.tolist())
     return value.item() if isinstance(value, np.generic) else value
 
 
 def scene(name: str, values: Mapping[str, Any]) -> Scenario:
-    """Return the scenario of a study, `scene.toml` in its folder, with the values of some dotted keys."""
+    """Return the scenario of a study, from `scene.toml` in its folder, with changed values of dotted keys."""
     return parse(changed(read(Path(__file__).parent / name / "scene.toml"), values))
 
 
@@ -149,26 +150,28 @@ def require(allowed: bool, given: str, remedy: str) -> None:
 
 
 def require_known(name: str, words: Sequence[str], known: Iterable[str]) -> None:
-    """Raise `StudyError` for a word that an argument of a study does not know."""
+    """Raise `StudyError` for an unknown word in an argument of a study."""
     for word in words:
-        require(word in known, f"{name}: {word!r}", f"those known are {'; '.join(known)}")
+        require(word in known, f"{name}: {word!r}", f"allowed are {'; '.join(known)}")
 
 
 def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
-    """Return rows by a key, in the order of their first one."""
+    """Return rows by a key, in the order of first rows."""
     groups: dict[K, list[R]] = {}
     for row in rows:
         groups.setdefault(key(row), []).append(row)
     return groups
 
 
-Job = Callable[[], Any]  # gives a row, or several; what goes to another process is a partial of a module's function
+Job = Callable[[], Any]  # returns a row, or several; a job for another process must be a partial of a module's function
 AT_WORK: ContextVar[Workers | None] = ContextVar("AT_WORK", default=None)  # None: this process
 
 
 def each(jobs: Sequence[Job]) -> Iterator[Any]:
-    """Yield the rows of jobs in their order, which the workers of `carry_out` do; a row as soon as it and all before it
-    are done."""
+    """Yield the rows of jobs in their order, computed by the workers of `carry_out`.
+
+    A row is yielded when it and all rows before it are done.
+    """
     workers = AT_WORK.get()
     if workers is None:
         for job in jobs:
@@ -181,15 +184,17 @@ def each(jobs: Sequence[Job]) -> Iterator[Any]:
 
 
 def rows_of(job: Job) -> Iterator[Any]:
-    """Yield the rows of a job as they are done, with one thread of BLAS."""
+    """Yield the rows of a job when they are done, with one thread of BLAS."""
     with threadpool_limits(limits=1, user_api="blas"):
         given = job()
         yield from ([given] if is_dataclass(given) else given)
 
 
 def outcome_of(job: Job) -> list[Any] | Exception:
-    """Return the rows of a job, or the error that it ends with: one raised where it is met would come before the rows
-    of jobs ahead of it that take longer."""
+    """Return the rows of a job, or its error.
+
+    The error is not raised here, because it would come before the rows of earlier jobs that take longer.
+    """
     try:
         return list(rows_of(job))
     except Exception as error:
@@ -197,7 +202,7 @@ def outcome_of(job: Job) -> list[Any] | Exception:
 
 
 def study(name: str) -> Study:
-    """Import the study of a name. Raises `StudyError`."""
+    """Return the study of this name. Raises `StudyError`."""
     if name not in NAMES:
         near = nearest(name, NAMES)
         hint = f"; the nearest is {near}" if near else ""
@@ -207,8 +212,8 @@ def study(name: str) -> Study:
 
 
 def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[str, Any]:
-    """Gather the arguments of a study's `main`: those of the preset, and each `settings` `name=value` with the value in
-    TOML.
+    """Return the arguments of a study's `main`: the preset's arguments, changed by each of `settings`,
+    `name=value` in TOML.
 
     Raises `StudyError`.
     """
@@ -226,7 +231,7 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
 
 
 def value_of(text: str) -> Any:
-    """Read a value in TOML; a bare word is a string, because a shell takes the quotes away."""
+    """Return the value from TOML; a bare word is a string, because a shell removes quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -234,9 +239,9 @@ def value_of(text: str) -> Any:
 
 
 def convert(setting: str, kind: Any, value: Any) -> Any:
-    """Convert a value to the type that the study's argument has."""
+    """Return a value converted to the type of the study's argument."""
     if value == []:
-        raise StudyError(f"--set {setting} is refused: the list is empty; give at least one")
+        raise StudyError(f"--set {setting} is refused: the list is empty; give at least one value")
     try:
         return TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False)).validate_python(value)
     except ValidationError as error:
@@ -246,19 +251,21 @@ def convert(setting: str, kind: Any, value: Any) -> Any:
 
 
 def check_folder(folder: Path, overwrite: bool = False) -> None:
-    """Refuse a folder that holds other files than an earlier study, or that one and no leave to replace it. Raises
-    `StudyError`."""
+    """Refuse a folder with other files than an earlier study, or with a study without permission to replace it.
+
+    Raises `StudyError`.
+    """
     if folder.exists() and not folder.is_dir():
         raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
     there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     begun = {LOCK, *(path.name for path in unfinished(folder, WRITTEN))}
     others = [name for name in there if name not in begun and (name not in WRITTEN or not holds_study(folder))]
     if others:
-        reason = f"it holds other files than a study's ({others[0]}); give a new or empty folder"
+        reason = f"it holds files that no study wrote ({others[0]}); give a new or empty folder"
         raise StudyError(f"--out {folder} is refused: {reason}")
     if set(there) - begun and not overwrite:
         raise StudyError(
-            f"--out {folder} is refused: it holds a study already; add --overwrite to replace it, or give another "
+            f"--out {folder} is refused: it already holds a study; add --overwrite to replace it, or give another "
             "folder"
         )
 
@@ -276,10 +283,11 @@ def carry_out(
     tell: Callable[[Sequence[Any]], None],
     workers: Workers | None = None,
 ) -> None:
-    """Run a study into a folder: write and pass to `tell` every row as soon as it is done, then write table, figure,
-    arguments and checks. `workers` do its jobs; None is this process. A study that fails leaves its rows.
+    """Run a study into a folder.
 
-    Raises what its `main` raises, `studies.workers.WorkersError`, and `ScenarioError` if another run is at work there.
+    Each row is written and passed to `tell` when it is done. Table, figure, arguments and checks follow.
+    `workers` do the jobs; None means this process. A failed study leaves its rows. Raises the errors of its
+    `main`, `studies.workers.WorkersError`, and `ScenarioError` if another run uses the folder.
     """
     token = AT_WORK.set(workers)
     try:
@@ -327,7 +335,7 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
 
 
 def numbers(rows: Sequence[Any]) -> str:
-    """Write every row in SI units, which the header names."""
+    """Return every row in SI units, which are in the header."""
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
     return comma_separated([head, *map(cells, rows)])
 
@@ -338,7 +346,7 @@ def cells(row: Any) -> list[str]:
 
 
 def comma_separated(lines: Sequence[Sequence[str]]) -> str:
-    """Write lines of CSV."""
+    """Return lines in CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(lines)
     return text.getvalue()

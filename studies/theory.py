@@ -1,10 +1,11 @@
-"""The closed forms that the studies are compared with.
+"""The closed forms for comparison with the studies.
 
-*Friction* at a hole, of a bending thread and round a capstan. *Strips and sheets* of exponential tissue. *Two holes of
-an elastic half-space*: how far tensions move them, and the stress around them. A hole on the surface is a disc, one
-below it a ball, each with the parabolic weight of a footprint. Between two holes both are points, which leaves out
-(a/w)² of what one does to the other: Mindlin's solution (J. Appl. Phys. 7 (1936) 195), which is Kelvin's far from the
-surface and Cerruti's and Boussinesq's on it. The surface is z = 0, z points out.
+*Friction* at a hole, of a bending thread, and around a capstan. *Strips and sheets* of exponential tissue. *Two
+holes of an elastic half-space*: their displacements under tensions, and the stress around them. A hole on the
+surface is a disc, a hole below the surface a ball, each with the parabolic weight of a footprint. The effect of
+one hole on the other is computed between points, with a relative error of (a/w)². It is Mindlin's solution (J.
+Appl. Phys. 7 (1936) 195). Far from the surface this is Kelvin's solution, and on the surface Cerruti's and
+Boussinesq's. The surface is z = 0, and z points outwards.
 """
 
 from collections.abc import Sequence
@@ -21,22 +22,27 @@ from tissue.materials.isotropic import Exponential, Volumetric
 from tissue.sites import footprint
 
 WEIGHT = "parabolic"
-STEP = 1e-4  # of a footprint, over which displacements are differenced
+STEP = 1e-4  # of a footprint: step of difference quotients of displacements
 
 
 # --- friction ---------------------------------------------------------------------------------------------
 
 
 def point_ratio(mu: float, turn: float) -> float:
-    """Return (1 + μt)/(1 − μt), t = tan θ/2, of one hole whose tangent is half-way, which turns a thread by `turn`
-    [rad]; infinite if it locks."""
+    """Return (1 + μt)/(1 − μt), t = tan θ/2, for one hole whose tangent is half-way between the strands.
+
+    The hole turns the thread by `turn` [rad]; the ratio is infinite if the thread locks.
+    """
     mt = mu * np.tan(turn / 2)
     return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
 
 
 def bent_ratio(mu: float, turn: float) -> float:
-    """Return T₁/T₂ of a thread that bends, turned by `turn` [rad]: T₁(1 − cos α) = T₂(1 − cos β), for its moment is the
-    same on both sides (elastica), and T₁ − T₂ = μ(T₁ sin α + T₂ sin β), α + β the turn."""
+    """Return T₁/T₂ of a bending thread, turned by `turn` [rad].
+
+    The moment is the same on both sides (elastica): T₁(1 − cos α) = T₂(1 − cos β). Friction gives T₁ − T₂ =
+    μ(T₁ sin α + T₂ sin β), and α + β is the turn.
+    """
 
     def ratio(alpha: float) -> float:
         return float((1 + mu * np.sin(turn - alpha)) / (1 - mu * np.sin(alpha)))
@@ -48,15 +54,17 @@ def bent_ratio(mu: float, turn: float) -> float:
 
 
 def capstan(mu: float, turn: float) -> float:
-    """Return the ratio of tensions at a post that a limp thread is turned round by `turn` [rad]."""
+    """Return the ratio of tensions at a post around which a limp thread turns by `turn` [rad]."""
     return float(np.exp(mu * turn))
 
 
 def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
-    """Return the tensions behind each hole [N] of shape `(holes,)` when the hand pulls, from those before.
+    """Return the tensions behind each hole [N], shape `(holes,)`, under the pull of the hand, from the tensions
+    before.
 
-    `ratios` (holes − 1,) are those at which the holes but the knot slip. A segment keeps its tension as long as no hole
-    between it and the hand slips: it lies between the hand's over and times their product.
+    `ratios` (holes − 1,) are the ratios at which the holes slip, without the knot. A segment keeps its tension
+    if no hole between it and the hand slips. So its tension lies between the hand's tension divided by, and
+    multiplied by, the product of their ratios.
     """
     reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
     return np.clip(before, hand / reach, hand * reach)
@@ -80,13 +88,14 @@ class Fibrous:
         return np.asarray(density.stress(np.diag(stretches)[:, :, None])[:, :, 0])
 
     def strip(self, stretch: float) -> tuple[float, float]:
-        """Return the nominal stress [Pa] and J of a strip at a stretch, free at its sides."""
+        """Return the nominal stress [Pa] and J of a strip at a stretch, with free sides."""
         low = 0.7 / np.sqrt(stretch)
         side = float(brentq(lambda x: float(self.stress(stretch, x, x)[1, 1]), low, 1.5))
         return float(self.stress(stretch, side, side)[0, 0]), stretch * side**2
 
     def thinned(self, stretch: float) -> float:
-        """Return the stretch across a sheet that is free there, at a stretch of both directions of its plane [-]."""
+        """Return the stretch through the thickness of a free sheet, at an equal stretch of both in-plane
+        directions [-]."""
         low = 0.5 / stretch**2
         return float(brentq(lambda x: float(self.stress(stretch, stretch, x)[2, 2]), low, 1.5))
 
@@ -96,8 +105,10 @@ class Fibrous:
 
 @dataclass(frozen=True)
 class TwoHoles:
-    """Holes at (∓`bite`/2, 0, −`depth`) [m] of radius `footprint` [m], the first the entry, in a half-space of E [Pa]
-    and ν."""
+    """Holes at (∓`bite`/2, 0, −`depth`) [m] of radius `footprint` [m] in a half-space of E [Pa] and ν.
+
+    The first hole is the entry.
+    """
 
     bite: float
     depth: float
@@ -112,7 +123,7 @@ class TwoHoles:
 
     @property
     def compliance(self) -> Array:
-        """Of (x, z) of the entry, then of the exit, shape `(4, 4)` [m/N]."""
+        """Compliance of (x, z) of the entry, then of the exit, shape `(4, 4)` [m/N]."""
         E, nu, a = self.youngs_modulus, self.poisson_ratio, self.footprint
         if self.depth > 0.0:
             own = (
@@ -124,13 +135,18 @@ class TwoHoles:
         return np.block([[own, other.T], [other, own]])
 
     def displacements(self, held: float, between: float, pulled: float) -> Array:
-        """Return (x, z) of entry and exit, shape `(2, 2)` [m], where the thread pulls by these tensions [N]: up at the
-        entry, along the bite between the holes, up at the exit."""
+        """Return (x, z) of entry and exit, shape `(2, 2)` [m], under the tensions of the thread [N].
+
+        The thread pulls up at the entry, along the bite between the holes, and up at the exit.
+        """
         return np.reshape(self.compliance @ [between, held, -between, pulled], (2, 2))
 
     def stress(self, points: Array, forces: Array, holes: Sequence[int] = (0, 1)) -> Array:
-        """Return the stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] by `forces` `(2, 3)` [N] on holes on the surface:
-        the displacements of Cerruti and Boussinesq over the disc, differenced."""
+        """Return the stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] under `forces` `(2, 3)` [N] on holes on the
+        surface.
+
+        It is the difference quotient of the displacements of Cerruti and Boussinesq, averaged over the disc.
+        """
         disc, slope = footprint.disc(WEIGHT), np.zeros((len(points), 3, 3))
         for hole in holes:
             offset = (points - self.places[hole])[:, None] / self.footprint - disc.points
@@ -141,8 +157,11 @@ class TwoHoles:
         return hooke(slope / self.footprint**2, self.poisson_ratio)
 
     def mean_stress(self, hole: int, forces: Array) -> Array:
-        """Return the stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa]: the hole's
-        own from the Fourier transform, the other's as at its centre."""
+        """Return the stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa].
+
+        The hole's own part comes from the Fourier transform. The other hole's part is its value at the centre
+        of the half ball.
+        """
         own = unbounded.half_ball_compliance(WEIGHT, self.poisson_ratio)[3:, :3] @ forces[hole]
         points, weights = half_ball()
         centre = self.places[hole] + self.footprint * (weights @ points)
@@ -165,14 +184,14 @@ def hooke(slope: Array, nu: float) -> Array:
 
 
 def direct_term(distance: float, nu: float) -> Array:
-    """Return the displacement (x, z) at a distance [m] along x by unit forces along x and z in full space, E = 1:
-    Kelvin's."""
+    """Return Kelvin's displacement (x, z) at a distance [m] along x under unit forces along x and z in full
+    space, E = 1."""
     whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
     return whole[np.ix_([0, 2], [0, 2])]
 
 
 def image_term(distance: float, depth: float, nu: float) -> Array:
-    """Return Mindlin's term of the surface for two points at one depth [m], shape `(2, 2)`, E = 1."""
+    """Return Mindlin's surface term for two points at the same depth [m], shape `(2, 2)`, E = 1."""
     x, c, R = distance, depth, float(np.hypot(distance, 2.0 * depth))
     k, free = 3.0 - 4.0 * nu, 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu)
     along = 1.0 / R + k * x**2 / R**3 + 2.0 * c**2 / R**3 * (1.0 - 3.0 * x**2 / R**2)

@@ -1,13 +1,15 @@
 """A footprint on or in an unbounded body: its compliance on a half-space and in full space, and the field around it.
 
-A footprint is seen through twelve averages: ⟨U_i⟩, then ⟨∂U_i/∂x_j⟩ as 3 + 3i + j. On the half-space z < 0 the values
-are averaged over the disc of radius a, the slopes over the disc or over the half ball below it; in full space both over
-the ball. Forces conjugate to the averages have the same weight, so that every compliance is symmetric and scales as
+A footprint has twelve averages: ⟨U_i⟩, then ⟨∂U_i/∂x_j⟩ as 3 + 3i + j. On the half-space z < 0 the values are
+averaged over the disc of radius a, and the slopes over the disc or over the half ball below it. In full space
+both are averaged over the ball. Forces conjugate to the averages have the same weight, so every compliance is
+symmetric and scales as
 
     ⟨U⟩⟨U⟩: 1/Ea,   ⟨U⟩⟨∇U⟩: 1/Ea²,   ⟨∇U⟩⟨∇U⟩: 1/Ea³.
 
-On the half-space they follow from Fourier transform along the surface: at wave vector k the body answers in the frame
-(along k, across k, z); the integral over the direction of k is a sum over eight angles, exact for tensors of rank 4.
+On the half-space they follow from the Fourier transform along the surface. At wave vector k the response is
+given in the frame (along k, across k, z). The integral over the direction of k is a sum over eight angles,
+exact for tensors of rank 4.
 """
 
 from functools import lru_cache
@@ -20,7 +22,7 @@ from tissue.arrays import Array
 
 TWELVE = 12
 ANGLES = 8
-LARGEST = 160.0  # wave number times radius at which the integrals of the half ball end: what is left out is below 1e-4
+LARGEST = 160.0  # wave number times radius, end of the integrals of the half ball: the neglected part is below 1e-4
 DISC = {  # ∫ŵ² dk, ∫ŵ² k dk, ∫ŵ² k² dk of the unit disc, ŵ = 2J₁(k)/k and 8J₂(k)/k²
     "uniform": (16.0 / (3.0 * np.pi), 2.0, np.inf),
     "parabolic": (2048.0 / (315.0 * np.pi), 8.0 / 3.0, 256.0 / (15.0 * np.pi)),
@@ -29,7 +31,7 @@ BALL = {"uniform": (1.2, 0.75 / np.pi), "parabolic": (10.0 / 7.0, 15.0 / (14.0 *
 
 
 def scaled(unit: Array, radius: float, youngs_modulus: float) -> Array:
-    """A compliance `(12, 12)` for a = E = 1 brought to size."""
+    """Return a compliance `(12, 12)` for a = E = 1, scaled to radius and modulus."""
     powers = np.where(np.arange(TWELVE) < 3, 0.0, -1.0)
     size = radius ** (powers[:, None] + powers - 1.0)
     return np.asarray(unit * size / youngs_modulus)
@@ -37,9 +39,9 @@ def scaled(unit: Array, radius: float, youngs_modulus: float) -> Array:
 
 @lru_cache(maxsize=64)
 def ball_compliance(weight: str, nu: float) -> Array:
-    """Twelve averages over the unit ball in full space, E = 1, shape `(12, 12)`.
+    """Return the compliance of twelve averages over the unit ball in full space, E = 1, shape `(12, 12)`.
 
-    From Kelvin's solution at wave vector k, (I − kkᵀ/2(1−ν)k²)/μk², with ⟨k_i k_j⟩ = k²δ_ij/3 and
+    It follows from Kelvin's solution at wave vector k, (I − kkᵀ/2(1−ν)k²)/μk², with ⟨k_i k_j⟩ = k²δ_ij/3 and
     ⟨k_i k_j k_k k_l⟩ = k⁴(δ_ij δ_kl + δ_ik δ_jl + δ_il δ_jk)/15.
     """
     inverse_r, square = BALL[weight]
@@ -54,9 +56,9 @@ def ball_compliance(weight: str, nu: float) -> Array:
 
 @lru_cache(maxsize=64)
 def disc_compliance(weight: str, nu: float) -> Array:
-    """Averages over the unit disc on the half-space z < 0, E = 1, shape `(12, 12)`; slopes along z are not averaged: 0.
+    """Return the compliance of averages over the unit disc on the half-space z < 0, E = 1, shape `(12, 12)`.
 
-    With a uniform weight the slopes' compliance is infinite.
+    Slopes along z are not averaged and are zero. With a uniform weight the slopes' compliance is infinite.
     """
     G, moments = surface_green(nu), DISC[weight]
     R = np.zeros((3, 3, 3, 3), complex)  # averages (value, slope along k, slope along z) × component, twice
@@ -72,7 +74,8 @@ def disc_compliance(weight: str, nu: float) -> Array:
 
 @lru_cache(maxsize=64)
 def half_ball_compliance(weight: str, nu: float) -> Array:
-    """Values averaged over the unit disc, slopes over the half ball below it, on the half-space, E = 1, `(12, 12)`."""
+    """Return the compliance of values on the unit disc and slopes in the half ball below it, on the half-space,
+    E = 1, `(12, 12)`."""
     k, dk = panels(LARGEST, 32, 12)
     R = np.einsum("k,kab->ab", k * dk, depth_answers(k, weight, nu))
     R[:3, :3] = DISC[weight][0] * surface_green(nu)
@@ -80,15 +83,18 @@ def half_ball_compliance(weight: str, nu: float) -> Array:
 
 
 def surface_green(nu: float) -> NDArray[np.complex128]:
-    """k times the displacement of the half-space's surface under a unit traction at wave number k, E = 1, `(3, 3)`,
-    in the frame (along k, across k, z)."""
+    """Return k times the displacement of the half-space's surface under a unit traction at wave number k, E =
+    1, `(3, 3)`.
+
+    The frame is (along k, across k, z).
+    """
     skew = 0.5j * (1.0 - 2.0 * nu)
     green = np.array([[1.0 - nu, 0.0, -skew], [0.0, 1.0, 0.0], [skew, 0.0, 1.0 - nu]], dtype=np.complex128)
     return 2.0 * (1.0 + nu) * green
 
 
 def around(R: NDArray[np.complex128]) -> Array:
-    """(1/4π²) ∫ dθ of answers `(9, 9)` in the frame of k, as compliance of the twelve averages `(12, 12)`."""
+    """Return (1/4π²) ∫ dθ of responses `(9, 9)` in the frame of k, as compliance of the twelve averages `(12, 12)`."""
     C = np.zeros((TWELVE, TWELVE))
     for theta in 2.0 * np.pi * np.arange(ANGLES) / ANGLES:
         along = np.array([np.cos(theta), np.sin(theta), 0.0])
@@ -102,12 +108,12 @@ def around(R: NDArray[np.complex128]) -> Array:
 
 
 def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
-    """Answers of the half-space at wave numbers k to the disc and the half ball, E = 1, shape `(k, 9, 9)`: values,
-    slopes along k and slopes along z, each along k, across k and along z.
+    """Return responses of the half-space at wave numbers k to the disc and the half ball, E = 1, shape `(k, 9, 9)`.
 
-    With u = (−iU, V, W)(z) e^{ikx} the energy is ½∫ λ(kU+W')² + 2μ(k²U²+W'²) + μ(U'−kW)² + μ(V'²+k²V²) dz. It is
-    minimised over polynomials on intervals of the depth of the ball, graded toward the surface; the half-space
-    below holds them by its own stiffness.
+    They are values, slopes along k and slopes along z, each along k, across k and along z. With u = (−iU, V,
+    W)(z) e^{ikx} the energy is ½∫ λ(kU+W')² + 2μ(k²U²+W'²) + μ(U'−kW)² + μ(V'²+k²V²) dz. It is minimised over
+    polynomials on intervals of the depth of the ball, graded toward the surface. The half-space below holds
+    them by its own stiffness.
     """
     mu, lam = 1.0 / (2.0 * (1.0 + nu)), nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     z, dz, N, D = line_elements(np.array([-1.0, -0.75, -0.5, -0.3, -0.18, -0.1, -0.05, -0.025, -0.01, -0.003, 0.0]), 5)
@@ -129,13 +135,14 @@ def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
     phase, surface = np.diag([-1j, 1.0, 1.0]), np.eye(n)[-1]
     loads = [disc[:, None] * surface, 1j * k[:, None] * ((ball * dz) @ N), (ball * dz) @ D]
     F = np.stack([np.einsum("ab,kn->kabn", phase, load) for load in loads], axis=1).reshape(k.size, 9, 3 * n)
-    parts = np.concatenate([F.real, -F.imag], axis=1).swapaxes(1, 2)  # complex columns take four times as long
+    parts = np.concatenate([F.real, -F.imag], axis=1).swapaxes(1, 2)  # complex columns take four times longer
     u = np.linalg.solve(K.reshape(k.size, 3 * n, 3 * n), parts)
     return np.asarray(F @ (u[..., :9] + 1j * u[..., 9:]))
 
 
 def line_elements(breaks: Array, degree: int) -> tuple[Array, Array, Array, Array]:
-    """Quadrature points and weights on a line, and there the continuous piecewise polynomials and their slopes."""
+    """Return quadrature points and weights on a line, and the piecewise polynomials and their slopes at these
+    points."""
     x, dx = np.polynomial.legendre.leggauss(degree + 6)
     nodes = -np.cos(np.pi * np.arange(degree + 1) / degree)
     shapes = np.linalg.inv(np.polynomial.polynomial.polyvander(nodes, degree))
@@ -151,32 +158,34 @@ def line_elements(breaks: Array, degree: int) -> tuple[Array, Array, Array, Arra
 
 
 def panels(end: float, count: int, points: int) -> tuple[Array, Array]:
-    """Composite Gauss rule on [0, end]."""
+    """Return the composite Gauss rule on [0, end]."""
     x, dx = np.polynomial.legendre.leggauss(points)
     width = end / count
     return (width * (np.arange(count)[:, None] + 0.5 * (x + 1.0))).ravel(), np.tile(0.5 * width * dx, count)
 
 
 def kelvin(offset: Array, nu: float) -> Array:
-    """Displacement i of full space by a unit force j at distance `offset` `(…, 3)`, E = 1, shape `(…, 3, 3)`."""
+    """Return displacement i of full space under a unit force j at distance `offset` `(…, 3)`, E = 1, shape `(…,
+    3, 3)`."""
     r = np.linalg.norm(offset, axis=-1)[..., None, None]
     pair = offset[..., :, None] * offset[..., None, :]
     return np.asarray((1.0 + nu) / (8.0 * np.pi * (1.0 - nu)) * ((3.0 - 4.0 * nu) * np.eye(3) + pair / r**2) / r)
 
 
 def surface_force(offset: Array, nu: float) -> Array:
-    """Displacement i of the half-space z < 0 by a unit force j on its surface at distance `offset` `(…, 3)`, E = 1.
+    """Return displacement i of the half-space z < 0 under a unit force j on its surface at distance `offset`
+    `(…, 3)`, E = 1.
 
-    Boussinesq's and Cerruti's solutions (Johnson, Contact Mechanics, 3.18 and 3.75). Points above are taken to be at
-    the surface.
+    Boussinesq's and Cerruti's solutions (Johnson, Contact Mechanics, 3.18 and 3.75). Points above the surface
+    are moved to the surface.
     """
     x, y, depth = offset[..., 0], offset[..., 1], np.maximum(-offset[..., 2], 0.0)
     size = (1.0 + nu) / (2.0 * np.pi)
     rho = np.sqrt(x**2 + y**2 + depth**2)
-    one, b = size / rho, 1.0 / (rho + depth)  # 1/ρ and, below, 1/ρ³ with the size in them
+    one, b = size / rho, 1.0 / (rho + depth)  # 1/ρ and, below, 1/ρ³, both multiplied by `size`
     cube, k = one / rho**2, (1.0 - 2.0 * nu) * b
     both, pull, push = cube - k * b * one, depth * cube, k * one
-    u = np.empty((3, 3, *rho.shape))  # a component at a time, which spares half of the time
+    u = np.empty((3, 3, *rho.shape))  # one component at a time, which halves the time
     for j, (s, t) in enumerate(((x, y), (y, x))):
         u[j, j] = one + s * s * both + size * k
         u[1 - j, j] = s * t * both

@@ -1,12 +1,13 @@
 """Verdicts: whether a number converges under refinement, and whether a run stays within its theory.
 
-Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. Everywhere `h` is what is refined
-(cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia, Roache, Freitas, Coleman, Raad:
-Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids Eng. 130 (2008) 078001; Roache:
-Verification and validation in computational science and engineering (1998); Eça, Hoekstra: A procedure for the
-estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014) 104.
+Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. `h` is the refined
+quantity (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia, Roache, Freitas,
+Coleman, Raad: Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids Eng. 130
+(2008) 078001; Roache: Verification and validation in computational science and engineering (1998); Eça,
+Hoekstra: A procedure for the estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262
+(2014) 104.
 
-Of a run: linear range, cells and spans fine enough, a run that came to rest; and the remark if not.
+Of a run: linear range, fine cells and spans, rest at the end; and a remark if one of them fails.
 """
 
 from collections.abc import Sequence
@@ -15,26 +16,29 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-SAFETY, UNSURE = 1.25, 3.0  # Roache's factors: three grids that agree with the theory, and anything less
-STEEPEST = 12.0  # orders that are looked for
-AGREES = 0.35  # of an order: so near the formal one, 95 of 100 planted series with noise have their limit within it
+SAFETY, UNSURE = 1.25, 3.0  # Roache's factors: for three grids that agree with the theory, and for all others
+STEEPEST = 12.0  # largest order in the search
+AGREES = 0.35  # of an order, from the formal order: 95 of 100 test series with noise then contain their limit
 SLOWEST = 0.5  # an order below which the limit is not trusted
-CONVERGED = 0.05  # index above which no number is called converged
-UNRESOLVED = 3e-3  # of the number: how a mesh happens to cut the rim of a hole changes it by as much, at no order
-FLAT = 0.05  # an order this near zero is none: a logarithm
-STILL = 1e-9  # of the number: changes by as little are round-off
+CONVERGED = 0.05  # index above which a number is not called converged
+UNRESOLVED = 3e-3  # of the number: a random change of this size comes from the cut of a hole's rim by the mesh
+FLAT = 0.05  # an order this near to zero counts as zero: a logarithm
+STILL = 1e-9  # of the number: smaller changes are round-off
 
-LINEAR = 0.3  # footprints that a hole may move by, or strain in the tissue that bears a thread: both of its size
-BETWEEN = 2.0  # spans between two holes: 2 leave 4 % of their stiffness against one another to be missed, 1.2 a quarter
-RESOLVED = 0.5  # spans at a hole over √(EI/T): beyond, forces along the thread are off by several per cent
-SETTLED = 1e-4  # kinetic over elastic energy: what still swings is below 1 % of what is deformed, as (v/ω)² is to u²
+LINEAR = 0.3  # largest displacement of a hole in footprints, and largest bearing strain: an order-of-magnitude bound
+BETWEEN = 2.0  # spans between two holes: 2 miss 4 % of the stiffness of one hole against the other, 1.2 miss 25 %
+RESOLVED = 0.5  # spans at a hole over √(EI/T): above this, forces along the thread have errors of several per cent
+SETTLED = 1e-4  # kinetic over elastic energy, like (v/ω)² over u²: the oscillation is below 1 % of the deformation
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`kind` is "converged", "unresolved", "pre-asymptotic" or "diverging"; observed `order`, NaN if the number
-    swings; Richardson's `limit`, NaN if there is none; `index`, half the width of the interval about the finest
-    number, over that number."""
+    """A verdict under refinement.
+
+    `kind` is "converged", "unresolved", "pre-asymptotic" or "diverging". `order` is the observed order, NaN if
+    the number swings. `limit` is Richardson's limit, NaN without a limit. `index` is half the width of the
+    interval about the finest number, over this number.
+    """
 
     kind: str
     order: float
@@ -43,7 +47,7 @@ class Verdict:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The verdict in words."""
         if self.kind == "diverging":
             return f"DIVERGING, order {self.order:.2f}" if self.order < -FLAT else "DIVERGING like a logarithm"
         if self.kind == "converged":
@@ -54,11 +58,11 @@ class Verdict:
 
 
 def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
-    """Solve for p of f = f₀ + C hᵖ through three numbers: (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), which grows
-    with p.
+    """Return the order p of f = f₀ + C hᵖ through three numbers.
 
-    That is Celik's equation for any ratio of the grids, with its sign: p ≤ 0 where the changes do not fall. NaN where
-    the number swings, or does not change.
+    It solves (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), whose right side grows with p. This is Celik's
+    equation for any ratio of the grids, with its sign: p ≤ 0 if the changes do not decrease. NaN if the number
+    swings or does not change.
     """
     (h1, h2, h3), (f1, f2, f3) = h, f
     if (f3 - f2) * (f2 - f1) <= 0.0:
@@ -91,14 +95,15 @@ def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     """Return the verdict on three or more numbers; `formal` is the theoretical order.
 
-    Changes that do not fall support no limit and have no interval: the number diverges, or swings without end. A swing
-    that falls has `UNSURE` times the range of all numbers for its interval. An order is sure near the formal one, where
-    the numbers one level coarser show it too; the interval is then the grid-convergence index. Otherwise the larger
-    factor is taken, and no less than the range of all (Eça & Hoekstra 2014). An order above the formal one is luck: two
-    finest numbers may be near one another where the error turns, and the formal one is taken.
+    If the changes do not decrease, there is no limit and no interval: the number diverges, or swings without
+    end. For a decreasing swing, the interval is `UNSURE` times the range of all numbers. An order is sure if it
+    is near the formal order and the numbers one level coarser agree. The interval is then the grid-convergence
+    index. Otherwise the larger factor is used, and at least the range of all numbers (Eça & Hoekstra 2014). An
+    order above the formal one is accidental: the two finest numbers can be close where the error changes sign.
+    The formal order is then used.
 
-    Small changes without an order are "unresolved" and not called convergence, since a slow divergence looks the same.
-    Of a finest number that is zero or not finite nothing is said.
+    Small changes without an order are "unresolved" and not called convergence, because a slow divergence looks
+    the same. A finest number that is zero or not finite gets no verdict.
     """
     whole = dict(sorted(zip(h, f, strict=True)))
     if len(whole) < 3:
@@ -116,7 +121,7 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
 
 
 def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> float:
-    """Return half the width of the interval over the finest number; infinite if the changes do not fall."""
+    """Return half the width of the interval over the finest number; infinite if the changes do not decrease."""
     spread = float(np.ptp(f) / abs(f[0]))
     if p <= FLAT or (np.isnan(p) and abs(f[0] - f[1]) > abs(f[1] - f[2])):
         return float("inf")
@@ -128,13 +133,13 @@ def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: flo
 
 
 def is_sure(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> bool:
-    """Return whether an observed order is near the formal one, and the numbers one level coarser show it too."""
+    """Return whether an observed order is near the formal one, and the numbers one level coarser agree."""
     before = observed_order(h[1:4], f[1:4]) if len(h) > 3 else p
     return abs(p - formal) <= AGREES and abs(before - p) <= 2.0 * AGREES
 
 
 def kind_of(p: float, f: Sequence[float], change: float, index: float) -> str:
-    """Return the kind of a number of an observed order, whose values differ by the share `change`."""
+    """Return the kind of verdict for an observed order and numbers that differ by the share `change`."""
     if index <= CONVERGED and not p < SLOWEST:
         return "converged"
     if change <= UNRESOLVED and not p >= SLOWEST:
@@ -144,27 +149,26 @@ def kind_of(p: float, f: Sequence[float], change: float, index: float) -> str:
 
 
 def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
-    """Return a remark where a hole moved [m] farther than small strains allow with its footprint [m]."""
+    """Return a remark if a hole moved [m] farther than small strains allow for its footprint [m]."""
     if moved <= LINEAR * footprint:
         return []
     return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
 
 
 def beyond_bearing(what: str, strain: float) -> list[str]:
-    """Return a remark where the bearing strain T/(d ℓ E) of a thread is not small."""
+    """Return a remark if the bearing strain T/(d ℓ E) of a thread is not small."""
     if strain <= LINEAR:
         return []
     return [f"{what}: the bearing strain T/(d ℓ E) is {strain:.2g}, BEYOND the linear range (about {LINEAR})"]
 
 
 def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus: float) -> float:
-    """Return T/(d ℓ E): mean pressure of a thread on the tissue that it lies in over a length ℓ, over the tissue's
-    E."""
+    """Return the bearing strain T/(d ℓ E): mean pressure of a thread on tissue over a length ℓ, over the tissue's E."""
     return tension / (diameter * bite * youngs_modulus)
 
 
 def too_coarse(what: str, size: float, footprint: float) -> list[str]:
-    """Return a remark where cells [m] are larger than the radius of a footprint [m] that nothing else makes up for."""
+    """Return a remark if cells [m] are larger than the radius of a footprint [m]."""
     if size <= footprint:
         return []
     return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
@@ -179,6 +183,5 @@ def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
 
 
 def unrest(kinetic: float, elastic: float) -> float:
-    """Return the kinetic over elastic energy, zero where nothing moves and infinite if nothing but motion is
-    there."""
+    """Return the kinetic over elastic energy, zero for a run at rest and infinite without elastic energy."""
     return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

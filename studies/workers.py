@@ -1,7 +1,8 @@
 """The same work on many items: one after the other, in processes of this machine, or on a cluster by Dask.
 
-The work is a function of a module, and with its items goes to where it is done by pickle. Results come as they are
-done, each with the number of its item; `in_order` puts them back. An error of the work is raised here.
+The work is a function of a module; pickle transfers the function and its items. Results are yielded in the
+order of completion, each with the number of its item; `in_order` sorts them. An error of the work is raised
+here.
 """
 
 import ctypes
@@ -26,26 +27,28 @@ from studies.extras import installation
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-ENDED = "a process was ended from outside, perhaps for want of memory; take fewer --jobs: completed work is kept"
-TIMEOUT = 30.0  # s, after which a scheduler that does not answer is said not to
+ENDED = "a process was ended from outside, perhaps because memory ran out; use fewer --jobs: completed work is kept"
+TIMEOUT = 30.0  # s, after which a scheduler counts as not answering
 
 
 class WorkersError(RuntimeError):
-    """Workers that cannot be had, or that are gone."""
+    """Workers that are not available, or that have ended."""
 
 
 def nothing(item: object) -> None:
-    """Make nothing before the work."""
+    """Prepare nothing before the work."""
 
 
 class Workers(Protocol):
-    """Who does the work."""
+    """The processes that do the work."""
 
     def done(
         self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and its result, in the order of completion; `first` makes the parts that items
-        share, and caches them in its process."""
+        """Yield the number of an item and its result, in the order of completion.
+
+        `first` makes the parts that items share, and caches them in its process.
+        """
 
 
 @dataclass(frozen=True)
@@ -55,25 +58,25 @@ class InTurn:
     def done(
         self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and the result of the work on it, in their order."""
+        """Yield the number of an item and its result, in the order of the items."""
         for number, item in enumerate(items):
             yield number, _alone(work, item)
 
 
 @dataclass(frozen=True)
 class Processes:
-    """So many processes of this machine."""
+    """This number of processes of this machine."""
 
     jobs: int
 
     def done(
         self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and the result of the work on it, as they are done.
+        """Yield the number of an item and its result, in the order of completion.
 
-        Items are handed out in runs of neighbours, one run to a process: neighbours share what is expensive to make.
-        Where processes are forks, they are those of one that leads them: what `first` makes of the first item is made
-        there once, for all of them.
+        Items are distributed in runs of neighbours, one run per process, because neighbours share expensive
+        parts. If processes are forks, a leading process makes the shared parts once by `first` and then forks
+        all of them.
         """
         if not items:
             return
@@ -103,9 +106,11 @@ class Processes:
 def _lead(
     results: Connection, jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], Any]
 ) -> None:
-    """Make what is shared, and send the results of processes that are forks of this one, each with its number, or an
-    error. No thread of this process runs before it forks, so the system ends it with its parent, by whose lock on a
-    folder it would else keep the next one out."""
+    """Make the shared parts, and send the results of forked processes, each with its number, or an error.
+
+    No thread of this process runs before the fork. So the system can end the process with its parent; otherwise
+    it would keep the lock on the folder.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG, see prctl(2)
     try:
@@ -119,7 +124,7 @@ def _lead(
 def _pooled(
     context: BaseContext, jobs: int, work: Callable[[Item], Result], items: Sequence[Item]
 ) -> Iterator[tuple[int, Result]]:
-    """Yield results as they are done by so many processes, which end with the one that asks for them."""
+    """Yield results in the order of completion from `jobs` processes, which end with the calling process."""
     with ProcessPoolExecutor(min(jobs, len(items)), context, _begin) as pool:
         try:
             pool.submit(nothing, None)  # forks all of them
@@ -133,9 +138,11 @@ def _pooled(
 
 
 def context_of(module: str) -> SpawnContext | ForkContext | ForkServerContext:
-    """Return how a process begins: on Linux as a fork of this one, which has imported all that is needed, or, where
-    this one has threads, a fork of which may lock up, of one that does nothing but import the `module` of the work;
-    elsewhere, where libraries bear no fork, anew.
+    """Return the context of new processes.
+
+    On Linux it is a fork of this process, which has imported everything. If this process has threads, its fork
+    could block, so a process that only imports the `module` of the work is forked. On other systems libraries
+    do not support a fork, so processes start anew.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
@@ -147,7 +154,7 @@ def context_of(module: str) -> SpawnContext | ForkContext | ForkServerContext:
 
 
 def _begin() -> None:
-    """Leave interrupts to the process that began this one, and end with it."""
+    """Ignore interrupts, which the parent process handles, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if (parent := multiprocessing.parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -159,7 +166,7 @@ def _end_with(sentinel: int) -> None:
 
 
 def _shares(count: int, jobs: int) -> list[list[int]]:
-    """Return runs of neighbouring numbers below `count`, as many as there are jobs, the last item of each first."""
+    """Return runs of neighbouring numbers below `count`, one per job, with the last item of each first."""
     bounds = [count * k // jobs for k in range(jobs + 1)]
     return [list(range(low, high))[::-1] for low, high in pairwise(bounds) if high > low]
 
@@ -167,7 +174,7 @@ def _shares(count: int, jobs: int) -> list[list[int]]:
 def _handed_out(
     pool: ProcessPoolExecutor, work: Callable[[Item], Result], shares: list[list[int]], items: Sequence[Item]
 ) -> Iterator[tuple[int, Result]]:
-    """Keep one item of each share at work; a share that is done takes over half of the longest that is left."""
+    """Keep one item of each share at work; a finished share takes over half of the longest remaining share."""
     at_work = {pool.submit(_alone, work, items[first]): (first, share) for share in shares for first in [share.pop()]}
     while at_work:
         finished, _ = wait(at_work, return_when=FIRST_COMPLETED)
@@ -185,14 +192,14 @@ def _handed_out(
 
 @dataclass(frozen=True)
 class Cluster:
-    """The workers of a Dask scheduler at an address, such as ``tcp://10.0.0.1:8786``."""
+    """The workers of a Dask scheduler at an address, for example ``tcp://10.0.0.1:8786``."""
 
     address: str
 
     def done(
         self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
     ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and the result of the work on it, as they are done."""
+        """Yield the number of an item and its result, in the order of completion."""
         distributed = _distributed()
         with _client(distributed, self.address) as client:
             futures = client.map(_on_cluster, [(work, item) for item in items], pure=False)
@@ -201,7 +208,7 @@ class Cluster:
                 for future in distributed.as_completed(futures):
                     yield numbers[future.key], future.result()
             except distributed.KilledWorker as error:
-                raise WorkersError(f"workers of the cluster are gone ({error}); completed work is kept") from None
+                raise WorkersError(f"workers of the cluster have ended ({error}); completed work is kept") from None
             finally:
                 client.cancel(futures)
 
@@ -218,7 +225,7 @@ def _client(distributed: Any, address: str) -> Any:
     try:
         return distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError) as error:
-        reason = f"no scheduler answers there ({error}); start one by dask scheduler, or take --jobs"
+        reason = f"no scheduler answers ({error}); start one by dask scheduler, or use --jobs"
         raise WorkersError(f"--dask {address} is refused: {reason}") from None
 
 
@@ -227,20 +234,20 @@ def _on_cluster(pair: tuple[Callable[[Item], Result], Item]) -> Result:
 
 
 def _alone(work: Callable[[Item], Result], item: Item) -> Result:
-    """Do the work with one thread of BLAS: beside others, and to the same bits wherever it is done."""
+    """Return the result of the work with one thread of BLAS, so that all processes compute the same bits."""
     with threadpool_limits(limits=1, user_api="blas"):
         return work(item)
 
 
 def workers_of(jobs: int = 1, address: str | None = None) -> Workers:
-    """Return the cluster at an address, else so many processes; one is this process itself."""
+    """Return the cluster at an address, or else `jobs` processes; for one job this process."""
     if address is not None:
         return Cluster(address)
     return InTurn() if jobs == 1 else Processes(jobs)
 
 
 def in_order(done: Iterable[tuple[int, Result]]) -> Iterator[Result]:
-    """Yield results in the order of their items, each as soon as all before it are done."""
+    """Yield results in the order of their items, each when all before it are done."""
     waiting: dict[int, Result] = {}
     following = 0
     for number, result in done:

@@ -1,7 +1,7 @@
-"""Wounds through a sheet of skin: published ones, and hands that draw their stitches until the lips nearly meet.
+"""Wounds through a sheet of skin: published wounds, and hands that draw their stitches until the lips nearly meet.
 
-The sheet is that of `studies/wound_closure/scene.toml`. The stitches are one thread that runs to and fro, and is cut
-where it turns. The hands draw both ends of a stitch alike.
+The sheet is the one of `studies/wound_closure/scene.toml`. The stitches are one thread that runs to and fro and
+is cut at its turns. The hands draw both ends of a stitch equally.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,15 +25,15 @@ from thread.catalogue import suture
 from thread.path import rounded_path
 from tissue.elasticity import ELEMENTS
 
-E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as in the numbers that follow from it (Et = 1.2 kN/m)
+E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as implied by the published Et = 1.2 kN/m
 STIFFNESS = E * THICKNESS  # of the sheet [N/m]
-FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, which the sheet's thickness allows [m]
+FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, limited by the sheet's thickness [m]
 SUTURE = "3-0 polypropylene"
 SPAN = 1e-3  # of the thread [m]
-TAIL = 6e-3  # of thread beyond the holes, in addition to what is drawn out [m]
-NEAR = 0.02  # of the open width there: lips this near are together; nearer, the force of the last stitch has no limit
-PRECISE = 1e-4  # of the width: how well the hands do that
-MOVES = 30  # of theirs at most
+TAIL = 6e-3  # of thread beyond the holes, in addition to the drawn length [m]
+NEAR = 0.02  # of the open width: lips this near count as closed; for smaller gaps the last stitch's force has no limit
+PRECISE = 1e-4  # of the width: tolerance of the hands
+MOVES = 30  # largest number of moves of the hands
 MILLI = 1e-3
 TOGETHER, IN_TURN = "all at once", "one after another"
 
@@ -45,7 +45,7 @@ class Source:
     name: str
     wounds: tuple[tuple[float, float], tuple[float, float]]
     forces: tuple[float, float]
-    way: str  # in which the stitches are drawn here to compare with it
+    way: str  # order in which the stitches are drawn here for comparison
 
 
 SOURCES = (
@@ -58,8 +58,10 @@ WOUNDS = tuple(dict.fromkeys(wound for source in SOURCES for wound in source.wou
 
 @dataclass(frozen=True)
 class Case:
-    """A wound in its sheet [m], a slit if it has no width; raises `StudyError` for one that does not fit, and for one
-    shorter than a pitch."""
+    """A wound in its sheet [m], a slit if its width is zero.
+
+    Raises `StudyError` for a wound that does not fit into the sheet or is shorter than a pitch.
+    """
 
     length: float
     width: float
@@ -68,7 +70,7 @@ class Case:
     far: float
     pitch: float
     bite: float
-    near: float = NEAR  # of the open width: how near the lips are drawn together
+    near: float = NEAR  # of the open width: gap at which the lips count as closed
     variant: str = ""
 
     def __post_init__(self) -> None:
@@ -88,8 +90,10 @@ class Case:
         return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
 
     def assembly(self, material: Mapping[str, object]) -> Assembly:
-        """Assemble the sheet and the stitches; nothing is drawn yet. A wound without width is a slit. `material` are
-        keys of the sheet's."""
+        """Return the sheet with its stitches, before anything is drawn; `material` are keys of the sheet's material.
+
+        A wound without width is a slit.
+        """
         y, depth = self.places, -0.5 * THICKNESS
         sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
         half, reach = 0.5 * self.opening(y) + self.bite, 1.5 * self.width + self.bite + TAIL
@@ -113,7 +117,7 @@ class Case:
 
 
 class Wound:
-    """A wound that was closed: its length and width [m], and the force of each stitch [N]."""
+    """A closed wound: its length and width [m], and the force of each stitch [N]."""
 
     length: float
     width: float
@@ -126,18 +130,18 @@ class Wound:
 
     @property
     def name(self) -> str:
-        """The wound [mm]."""
+        """The size of the wound [mm]."""
         return f"{self.length / MILLI:g} × {self.width / MILLI:g}" if self.width else f"slit of {self.length / MILLI:g}"
 
     @property
     def middle(self) -> float:
-        """Force of the stitch in the middle, or of the two next to it [N]."""
+        """Force of the stitch in the middle, or mean of the two next to it [N]."""
         n = len(self.forces)
         return float(np.mean(self.forces[(n - 1) // 2 : n // 2 + 1]))
 
     @property
     def bearing(self) -> float:
-        """Bearing strain T/(d ℓ E) of the stitch that bears most."""
+        """Bearing strain T/(d ℓ E) of the stitch with the largest force."""
         return bearing_strain(max(self.forces), suture(SUTURE).diameter, THICKNESS, E)
 
     def course(self, places: Sequence[float], values: Array) -> list[tuple[float, float]]:
@@ -147,14 +151,14 @@ class Wound:
 
 @dataclass(frozen=True)
 class Hands:
-    """The hands that draw the stitches of a case and measure the lips."""
+    """The hands that draw the stitches of a case and measure the gaps of the lips."""
 
     case: Case
     assembly: Assembly
 
     @classmethod
     def of(cls, case: Case, material: Mapping[str, object] | None = None) -> "Hands":
-        """Return the hands of a case, with keys of the sheet's material, None of a linear one."""
+        """Return the hands of a case, with keys of the sheet's material, None for a linear material."""
         return cls(case, case.assembly(material or {}))
 
     @property
@@ -180,7 +184,7 @@ class Hands:
 
     @cached_property
     def straight_state(self) -> State:
-        """Before anything is drawn: straight, through the holes of the wound."""
+        """The state before drawing, with straight stitches through the holes."""
         return self.draw(self.assembly.start(), np.zeros(len(self.case.places)))
 
     @cached_property
@@ -194,8 +198,11 @@ class Hands:
 
     @cached_property
     def uniform_traction(self) -> float:
-        """Traction on the lips, across the wound and per length along it, that closes a linear sheet in the middle,
-        over that of a large one, EW/(4c) [-]."""
+        """Traction on the lips that closes a linear sheet in the middle, over the value of a large sheet,
+        EW/(4c) [-].
+
+        It acts across the wound and is a force per length.
+        """
         organ, body, (order, at) = self.organ, self.organ.elasticity, self.rim
         assert isinstance(organ, tissue.QuasiStaticOrgan)
         load = np.zeros(body.N)
@@ -207,8 +214,10 @@ class Hands:
         return traction / (E * self.case.width / (2.0 * self.case.length))
 
     def draw(self, state: State, lengths: Array) -> State:
-        """Return the equilibrium after stitch k has been drawn shorter by `lengths` (k,) [m], half at either end. One
-        unit of time is one move of the hands."""
+        """Return the equilibrium after stitch k is shortened by `lengths` (k,) [m], half at either end.
+
+        One unit of time is one move of the hands.
+        """
         now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
         tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
         pulled = zip(self.system.piercings, tables, strict=True)
@@ -216,14 +225,16 @@ class Hands:
         return begin(system, state).load(1.0, now + 1.0).state
 
     def forces(self, state: State) -> Array:
-        """Return the tension of each stitch [N], which its two holes take whole, for its tails are free."""
+        """Return the tension of each stitch [N], which acts on its two holes because its tails are free."""
         first, last = state.lam[0::2, :3], state.lam[1::2, :3]
         across = state.y[0::2, :3] - state.y[1::2, :3]
         return 0.5 * np.vecdot(first - last, across) / np.linalg.norm(across, axis=1)
 
     def gaps(self, state: State, y: Array) -> Array:
-        """Return the distance of the lips at y [m]; none at the ends of the wound. In a sheet at finite strain it is
-        that of points that were opposite."""
+        """Return the distance of the lips at y [m]; zero at the ends of the wound.
+
+        In a sheet at finite strain it is the distance of points that were opposite at the start.
+        """
         organ, (order, at) = self.organ, self.rim
         if isinstance(organ, tissue.QuasiStaticOrgan):
             apart = organ.gap(state.organ)[order]
@@ -235,8 +246,11 @@ class Hands:
         return np.interp(y, [-end, *at, end], [0.0, *apart, 0.0])
 
     def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
-        """Return the stitches `tying` drawn until the lips nearly touch there, those `slack` until they bear nothing,
-        the others unchanged; and whether that was reached."""
+        """Return the state with the stitches `tying` drawn until the lips nearly touch, and whether this was
+        reached.
+
+        The stitches `slack` are drawn until their force is zero; the others are unchanged.
+        """
         case, y, moving = self.case, self.case.places, tying | slack
         by_gap, by_force = self.answers
         answer = np.where(tying[:, None], by_gap, by_force)[np.ix_(moving, moving)]
@@ -258,9 +272,11 @@ class Hands:
         moving: Flags | slice = slice(None),
         moves: int = MOVES,
     ) -> tuple[State, Array, Array]:
-        """Draw the `moving` stitches until nothing is `missing` but the `limit`, `moves` times at most: the state, the
-        change of what is missing per length drawn, and what is missing, infinite where no equilibrium was found.
-        Broyden's method learns the effects of contact and stiffening."""
+        """Draw the `moving` stitches until the residual `missing` is within the `limit`, with at most `moves` moves.
+
+        Returns the state, the change of the residual per length drawn, and the residual, which is infinite
+        without equilibrium. Broyden's method learns the effects of contact and stiffening.
+        """
         left = missing(state)
         for _ in range(moves):
             if np.all(np.abs(left) <= limit):

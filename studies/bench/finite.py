@@ -1,8 +1,8 @@
-"""`suture bench finite`: times of an organ at finite strain, in statics and in time.
+"""`suture bench finite`: times of an organ at finite strain, in statics and in dynamics.
 
-At rest, the scene `skin` on P1 cells: from the mesh's matrices to the last of ten load steps. In time, a step of the
-main job in tissue that stiffens beside one in linear tissue, in turn. Times are those of the processor, on one thread:
-other work on the machine does not count.
+Statics: the scene `skin` on P1 cells, from the mesh's matrices to the last of ten load steps. Dynamics: a step
+of the main job in stiffening tissue and in linear tissue, in turn. All times are processor times on one thread,
+so other work on the machine has no effect.
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,15 +21,15 @@ from studies.scenario import load
 from studies.simulation.assembly import assemble
 
 SKIN = SCENES / "skin.toml"
-AT_REST = {"15k": (2.4e-3, 1.0e-3), "37k": (2.2e-3, 0.6e-3)}  # far from and at the holes [m]
+AT_REST = {"15k": (2.4e-3, 1.0e-3), "37k": (2.2e-3, 0.6e-3)}  # cell size far from and at the holes [m]
 LOAD_STEPS = 10
 STIFFENING = ['tissue.material="exponential"', "tissue.stiffening=5.0", "tissue.rayleigh=[5.7, 0.0]"]
-WARM_UP, STEPS = 10, 25  # in time, of which the latter are timed
+WARM_UP, STEPS = 10, 25  # in dynamics; only the latter steps are timed
 
 
 @dataclass(frozen=True)
 class AtRest:
-    """A static pull in `load_steps`: `start` until the first of them, `pull` for them [s]."""
+    """A static pull in `load_steps`: `start` is the time before the first of them, `pull` their time [s]."""
 
     case: str
     tissue_unknowns: int
@@ -41,7 +41,8 @@ class AtRest:
 
 @dataclass(frozen=True)
 class InTime:
-    """A step of an organ at finite strain and of a linear one: medians [ms], and their mean Newton corrections."""
+    """A step of an organ at finite strain and of a linear one: medians [ms], and their mean numbers of Newton
+    corrections."""
 
     case: str
     tissue_unknowns: int
@@ -52,7 +53,7 @@ class InTime:
 
     @property
     def times_as_long(self) -> float:
-        """The step at finite strain over the linear one."""
+        """Time of the step at finite strain over the linear one."""
         return self.step / self.linear
 
 
@@ -62,7 +63,7 @@ def main(
     at_rest: Mapping[str, tuple[float, float]] = AT_REST,
     in_time: tuple[float, float] = SIZES["10k"],
 ) -> int:
-    """Measure, print, and add to the JSON where asked; return the exit status."""
+    """Measure, print, and add to the JSON file if given; return the exit status."""
 
     def pulls() -> Iterator[AtRest]:
         for case, mesh in at_rest.items():
@@ -80,12 +81,12 @@ def main(
 
 
 def sized(mesh: tuple[float, float]) -> list[str]:
-    """Return the overrides that set the size of cells far from and at the holes [m]."""
+    """Return the overrides for the size of cells far from and at the holes [m]."""
     return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}", "tissue.mesh.accuracy=given"]
 
 
 def measure_pull(case: str, overrides: list[str]) -> AtRest:
-    """Draw the thread through skin in load steps."""
+    """Measure a static pull of the thread through skin, in load steps."""
     scenario = load(SKIN, ['tissue.element="P1"', *overrides])
     began = process_time()
     made = assemble(scenario)
@@ -99,7 +100,7 @@ def measure_pull(case: str, overrides: list[str]) -> AtRest:
 
 
 def measure_step(case: str, overrides: list[str]) -> InTime:
-    """Step the main job in tissue that stiffens and in linear tissue, in turn."""
+    """Measure steps of the main job in stiffening tissue and in linear tissue, in turn."""
     scenarios = [load(COUPLED, [*FIXED, *overrides, *more]) for more in (STIFFENING, [])]
     made = [assemble(scenario) for scenario in scenarios]
     runs, dt = [begin(each.system, each.start()) for each in made], scenarios[0].solve.dt

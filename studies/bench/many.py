@@ -1,9 +1,9 @@
-"""`suture bench many`: a small basis against the whole organ, many tensions on one organ against single runs, and the
-main job from the command to its picture.
+"""`suture bench many`: a small basis, many tensions on one organ, and the main job from the command to its picture.
 
-The small basis is measured on the main job's block, with what it says of its own error beside the error; that is done
-once more for a soft block without damping, pulled within 2 ms, where it is hardest. Times are those of the processor,
-on one thread, in turn: other work on the machine does not count.
+The small basis is compared with the whole organ on the main job's block, and its estimated error with the real
+error. The comparison is repeated for a soft block without damping, pulled within 2 ms, the most difficult case.
+The sweep over tensions is compared with single runs. All times are processor times on one thread, in turn, so
+other work on the machine has no effect.
 """
 
 import os
@@ -33,23 +33,23 @@ from studies.simulation.sharing import Shared
 
 Organ = tissue.DynamicOrgan | tissue.ReducedOrgan
 
-MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # far from and at the holes [m]
+MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # cell size far from and at the holes [m]
 NUMPY = '--set=solve.newton="numpy"'
 MEGA = 1e6
 SMALL = "tissue.reduction={ blocks = 2 }"
 WHOLE = 'solve.organ="whole"'
-STEPS = 60  # of which the second half is timed
-REPEATED = 10  # answers of an organ, and calls for steps at once
+STEPS = 60  # only the second half is timed
+REPEATED = 10  # number of answers of an organ, and of calls for many steps
 SOFT = tissue.Material(4.0e4, 0.45, 1070.0)
-SIDES = (0.03, 0.02, 0.015)  # of the soft block [m]
-SHORT, PULLED = 2.0e-4, 2.0e-3  # s: its step, and the time within which it is pulled
+SIDES = (0.03, 0.02, 0.015)  # edges of the soft block [m]
+SHORT, PULLED = 2.0e-4, 2.0e-3  # s: time step, and duration of the pull
 SOFT_STEPS = 200
 TENSIONS = 64
 LEAST, MOST = 0.1, 0.2  # N
-ALONG = np.array([0.832, 0.0, 0.555])  # that the end is pulled along; the start the other way in x
+ALONG = np.array([0.832, 0.0, 0.555])  # direction of the pull at the end; the start is pulled in opposite x
 AT_REST = ("--set=solve.kind=static", "--set=solve.load_steps=1")
 BOTH = '--set=thread.end={ kind = "pulled", force = [0.1, 0, 0.1] }'
-CASES = {  # what else is set
+CASES = {  # additional settings
     "one end, the other driven": [],  # 16 mm of thread are drawn through
     "both ends": [BOTH],
     "both ends, by compiled loops": [BOTH, f"--set={COMPILED}"],
@@ -58,9 +58,12 @@ CASES = {  # what else is set
 
 @dataclass(frozen=True)
 class Reduced:
-    """An organ in a small basis, and the whole one: medians of a step, of one of many made `at_once` and of the organ's
-    part of a step [ms], None if there is no thread. Relative to the largest displacement of a hole: its largest error,
-    and the basis' own difference and bound; and the smallest bound over the error of its step."""
+    """An organ in a small basis, compared with the whole organ.
+
+    Medians [ms] are given for a step, for a step of many made `at_once`, and for the organ's part of a step;
+    None without a thread. Relative to the largest displacement of a hole are given the largest error, and the
+    difference and bound of the basis. `bound_over_error` is the smallest ratio of bound and error at a step.
+    """
 
     case: str
     tissue_unknowns: int
@@ -78,19 +81,22 @@ class Reduced:
 
     @property
     def times_as_fast(self) -> float:
-        """The whole organ's step over that of the small basis, without a thread the organ's part of it."""
+        """Time of the whole organ's step over the small basis' step; without a thread, of the organ's parts."""
         return self.whole_organ / self.organ if not (self.step and self.whole_step) else self.whole_step / self.step
 
     @property
     def steps_per_second(self) -> float | None:
-        """Steps of thread and small basis in a second of one core, made at once; None if there is no thread."""
+        """Number of steps of thread and small basis per second of one core, made at once; None without a thread."""
         return None if self.at_once is None else 1.0 / (self.at_once * MILLI)
 
 
 @dataclass(frozen=True)
 class Many:
-    """So many tensions on one organ, all by one command `sweep`, and by the command a run of one of them, to its
-    picture, `run`, and without one, `plain` [s]."""
+    """Processor times of many tensions on one organ [s].
+
+    `sweep` is one command for all tensions, `run` a run of one tension with its picture, and `plain` a run
+    without a picture.
+    """
 
     case: str
     tensions: int
@@ -100,24 +106,24 @@ class Many:
 
     @property
     def times_as_cheap(self) -> float:
-        """As many runs, each as long as the one that was measured, over the sweep."""
+        """Time of single runs for all tensions over the time of the sweep."""
         return self.tensions * self.run / self.sweep
 
     @property
     def without_pictures(self) -> float:
-        """As many runs without their pictures, each as long as the one that was measured, over the sweep."""
+        """Time of single runs without pictures for all tensions over the time of the sweep."""
         return self.tensions * self.plain / self.sweep
 
     @property
     def ratios(self) -> dict[str, float]:
-        """Both ratios by their names."""
+        """Both ratios by name."""
         return {"times_as_cheap": self.times_as_cheap, "without_pictures": self.without_pictures}
 
 
 def main(
     json_path: Path | None = None, tensions: int = TENSIONS, meshes: Mapping[str, tuple[float, float]] = MESHES
 ) -> int:
-    """Measure, print, and add to the JSON where asked; return the exit status."""
+    """Measure, print, and add to the JSON file if given; return the exit status."""
     rows = printed(COLUMNS, measurements(meshes))
     job, size = measure_main_job(), measure_folder()
     print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
@@ -130,7 +136,7 @@ def main(
 
 
 def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]:
-    """Measure the main job on each mesh, then the soft block."""
+    """Yield the measurements of the main job on each mesh, then of the soft block."""
     for size, (h, h_site) in meshes.items():
         yield measure_job(f"main job {size}", [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}"])
     yield measure_soft_block()
@@ -140,7 +146,7 @@ def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]
 
 
 def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
-    """Step the main job by both organs, in turn, with Newton in compiled loops."""
+    """Measure steps of the main job with both organs, in turn, with Newton in compiled loops."""
     store = Shared()
     keys = [*FIXED, *mesh, COMPILED]
     whole, began = assemble(load(COUPLED, [*keys, WHOLE]), store), process_time()
@@ -164,7 +170,7 @@ def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
 
 
 def measure_soft_block() -> Reduced:
-    """Pull a soft block without damping at two sites within less than its slowest period, by both organs."""
+    """Measure a soft block without damping, pulled at two sites in less than its longest period, with both organs."""
     body = tissue.elasticity(block(SIDES, 2.5e-3), SOFT, "P1", ("bottom",))
     holes = [tissue.Site((x, 0.0, 0.0), 2.0e-3, direction="normal") for x in (-0.005, 0.005)]
     full, began = tissue.DynamicOrgan(body, tissue.build_sites(body, holes)), process_time()
@@ -187,7 +193,7 @@ def pulled(organ: Organ) -> list[tissue.OrganState]:
 
 
 def time_organ(organ: Organ, state: tissue.OrganState, dt: float) -> float:
-    """Measure the processor time of an organ's part of a step [ms]."""
+    """Return the processor time of an organ's part of a step [ms]."""
     step = BDF2(dt, dt)
     return (
         median(time_call(lambda: organ.answer(step, [state, state]).accept(state.f_y)) for _ in range(REPEATED)) / MILLI
@@ -197,8 +203,10 @@ def time_organ(organ: Organ, state: tissue.OrganState, dt: float) -> float:
 def errors(
     full: tissue.DynamicOrgan, organ: tissue.ReducedOrgan, pairs: Sequence[tuple[tissue.OrganState, tissue.OrganState]]
 ) -> tuple[float, float, float, float]:
-    """Return the largest error of a hole's place, difference and bound over the largest way of a hole, and the least
-    bound over its error."""
+    """Return the largest error of a hole's place, difference and bound, and the smallest bound over error.
+
+    The first three are relative to the largest displacement of a hole.
+    """
 
     def lengths(y: Array) -> Array:
         return np.asarray(np.linalg.norm(y.reshape(-1, 9)[:, :3], axis=1))
@@ -214,8 +222,7 @@ def errors(
 
 
 def measure_main_job() -> dict[str, float]:
-    """Measure the main job from its command to its picture, without one, in numpy, in a small basis and whole; the
-    compilation of the loops; and `--help` [s]."""
+    """Return the processor times of the main job in several variants, of compilation, and of `--help` [s]."""
     short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
@@ -228,7 +235,7 @@ def measure_main_job() -> dict[str, float]:
 
 
 def measure_folder() -> float:
-    """Measure the size of the main job's folder, with its picture [MB]."""
+    """Return the size of the main job's folder, with its picture [MB]."""
     with TemporaryDirectory() as folder:
         time_words("run", str(COUPLED), "--out", str(Path(folder) / "run"))
         return sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / MEGA
@@ -238,7 +245,7 @@ def measure_folder() -> float:
 
 
 def measure_tensions(case: str, tensions: int) -> Many:
-    """Measure the command for a sweep over the tension in statics, and for a run of the last of its cases."""
+    """Measure the command for a static sweep over the tension, and for a run of its last case."""
     forces = [(tension * ALONG).tolist() for tension in np.linspace(LEAST, MOST, tensions).tolist()]
     words = [*AT_REST, *CASES[case]]
     over = [f"--over={key}={[signed(force, key) for force in forces]}" for key in pulled_ends(case)]
@@ -253,19 +260,21 @@ def pulled_ends(case: str) -> list[str]:
 
 
 def signed(force: list[float], key: str) -> list[float]:
-    """Return the force on an end of the thread: the start is pulled the other way in x."""
+    """Return the force on an end of the thread; the start is pulled in opposite x."""
     return [-force[0], *force[1:]] if key.startswith("thread.start") else force
 
 
 def time_command(verb: str, *words: str, kept: str = "") -> float:
-    """Measure the processor time of a command on the main job, from its start to its end [s]; compiled loops are `kept`
-    in a folder, empty: where they always are."""
+    """Return the processor time of a command on the main job, from start to end [s].
+
+    `kept` is a folder for compiled loops; empty means the usual folder.
+    """
     with TemporaryDirectory() as folder:
         return time_words(verb, str(COUPLED), "--out", str(Path(folder) / verb), *words, kept=kept)
 
 
 def time_words(*words: str, kept: str = "") -> float:
-    """Measure the processor time of a command, from its start to its end [s]; `kept` as for `time_command`."""
+    """Return the processor time of a command, from start to end [s]; `kept` as in `time_command`."""
     began = children_time()
     command = [sys.executable, "-m", "studies.command.start", *words]
     where = os.environ | ({"NUMBA_CACHE_DIR": kept} if kept else {})
@@ -274,20 +283,20 @@ def time_words(*words: str, kept: str = "") -> float:
 
 
 def children_time() -> float:
-    """Return the processor time of the processes that this one began and that are done [s]."""
+    """Return the processor time of the ended child processes [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 MANY = (
     ("many tensions, at rest", -30, "case"), ("tensions", 9, "tensions"), ("sweep [s]", 10, "sweep:.1f"),
-    ("run [s]", 8, "run:.1f"), ("plain [s]", 10, "plain:.1f"), ("times as cheap", 15, "times_as_cheap:.1f"),
+    ("run [s]", 8, "run:.1f"), ("plain [s]", 10, "plain:.1f"), ("speed-up", 15, "times_as_cheap:.1f"),
     ("without pictures", 17, "without_pictures:.1f"),
 )  # fmt: skip
-COLUMNS = (  # times in milliseconds, errors over the largest way of a hole
+COLUMNS = (  # times in milliseconds, errors relative to the largest displacement of a hole
     ("", -16, "case"), ("unknowns", 9, "tissue_unknowns"), ("vectors", 8, "vectors"),
     ("basis [s]", 10, "basis_seconds:.2f"), ("step", 9, "step:.3f"), ("whole", 9, "whole_step:.3f"),
-    ("times", 6, "times_as_fast:.1f"), ("at once", 9, "at_once:.3f"), ("a second", 9, "steps_per_second:.0f"),
+    ("times", 6, "times_as_fast:.1f"), ("at once", 9, "at_once:.3f"), ("per s", 9, "steps_per_second:.0f"),
     ("organ", 9, "organ:.3f"), ("whole", 9, "whole_organ:.3f"), ("error", 9, "error:.1e"),
     ("difference", 11, "difference:.1e"), ("bound", 9, "bound:.1e"), ("bound/error", 12, "bound_over_error:.1f"),
 )  # fmt: skip

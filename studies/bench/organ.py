@@ -1,11 +1,12 @@
 """`suture bench organ`: times of each installed solver for an organ, from thousands to a million unknowns.
 
-A uniform block held at its bottom, two holes in its top, quasi-static. Per solver: time until the first solve (ordering
-and factor, or the levels of multigrid), memory it keeps, time of one solve, and of the columns of both holes. `floor`
-is what a solve cannot beat: the factor read twice (forwards and backwards) at the speed at which one core reads memory,
-measured in the same run. `rough` are the columns as a quasi-static organ takes them by multigrid, and `left` what they
-leave of its compliance. Below the table stands what the compiled loops take to assemble each organ's matrices, and
-scikit-fem's forms. Times are those of the processor, on one thread: other work on the machine does not count.
+The organ is a uniform, quasi-static block, held at its bottom, with two holes in its top. For each solver the
+table has the time until the first solve (ordering and factor, or the levels of multigrid), its memory, the time
+of one solve, and of the columns of both holes. `floor` is the smallest possible time of a solve: the factor is
+read twice (forwards and backwards) at the memory speed of one core, measured in the same run. `rough` are the
+columns of a quasi-static organ by multigrid, and `left` is the remaining error of its compliance. Below the
+table are the times to assemble each organ's matrices by the compiled loops and by scikit-fem's forms. All times
+are processor times on one thread, so other work on the machine has no effect.
 """
 
 import mmap
@@ -28,22 +29,25 @@ from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, s
 from tissue.solvers.direct import LIBRARIES, is_installed
 from tissue.solvers.iterative import ConjugateGradients
 
-SIDES = (0.06, 0.04, 0.02)  # of the block [m]
+SIDES = (0.06, 0.04, 0.02)  # edges of the block [m]
 HOLES = ((-0.005, 0.0, 0.0), (0.005, 0.0, 0.0))
 FOOTPRINT = 1.5e-3
 
 SOLVES = 5
-ASSEMBLED = 300_000  # unknowns of the organ whose assembly `suture bench` measures
-REPEATED = 3  # assemblies by compiled loops
-LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; beyond, a factor takes many minutes
+ASSEMBLED = 300_000  # unknowns of the organ for the assembly in `suture bench`
+REPEATED = 3  # number of assemblies by compiled loops
+LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; a larger factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
 MEGA, MILLI = 1e6, 1e-3
 
 
 @dataclass(frozen=True)
 class Row:
-    """One solver on one organ: times [s] and memory [bytes]; None if it does not apply. An iterative solver's
-    `rough_columns` are those of a quasi-static organ, and `left` is the error of their compliance."""
+    """One solver on one organ: times [s] and memory [bytes]; None for an entry that does not apply.
+
+    For an iterative solver, `rough_columns` are the columns of a quasi-static organ, and `left` is the error of
+    their compliance.
+    """
 
     unknowns: int
     element: str
@@ -69,12 +73,12 @@ class Assembly:
 
     @property
     def ratio(self) -> float:
-        """Speed of the loops over that of the forms."""
+        """Time of the forms over the time of the loops."""
         return self.forms / self.loops
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
-    """Measure every solver, print the table in Markdown, and write JSON where asked; return the exit status."""
+    """Measure every solver, print the table in Markdown, and write JSON if a file is given; return the exit status."""
     rows, assemblies = [], []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     methods += [MULTIGRID] if has_pyamg() else []
@@ -94,7 +98,7 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 
 
 def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
-    """Measure the assembly of a large organ, print it, add it to the JSON file if given, and return the exit status."""
+    """Measure the assembly of a large organ, print it, and add it to the JSON file if given; return the exit status."""
     with threadpool_limits(limits=1, user_api="blas"):
         made = measure_assembly(organ_of(size, "P1").elasticity)
     print_assemblies([made])
@@ -102,7 +106,7 @@ def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
 
 
 def print_assemblies(assemblies: Sequence[Assembly]) -> None:
-    """Write a line for each organ."""
+    """Print a line for each organ."""
     print("\nassembly of K and M:")
     for each in assemblies:
         times = f"loops {each.loops:.3f} s, forms {each.forms:.2f} s"
@@ -110,13 +114,14 @@ def print_assemblies(assemblies: Sequence[Assembly]) -> None:
 
 
 def bandwidth() -> float:
-    """Return the bytes a second that one core reads, best of a few sums over more than any cache holds."""
+    """Return the bytes per second that one core reads: the best of several sums over more data than any cache holds."""
     words = np.ones(WORDS)
     return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
 
 
 def measure_assembly(body: tissue.Elasticity) -> Assembly:
-    """Measure both ways to assemble a body's matrices, the loops a second time, when they are compiled."""
+    """Measure both ways to assemble a body's matrices; the first call of the loops, with compilation, does not
+    count."""
     material = body.material
     given = body.basis, material.lame_lambda, material.lame_mu, material.density, None
     loops = [time_call(lambda: assembled_by_loops(*given)) for _ in range(REPEATED)]
@@ -126,14 +131,14 @@ def measure_assembly(body: tissue.Elasticity) -> Assembly:
 def measure_solvers(
     organ: tissue.QuasiStaticOrgan, element: str, methods: Sequence[str], speed: float
 ) -> Iterator[Row]:
-    """Measure every solver on an organ, except those that have no room or would take an hour."""
+    """Measure every solver on an organ, except those without enough memory or above their size limit."""
     for method in methods:
         if organ.size <= LARGEST.get(method, organ.size) and has_room(organ, method):
             yield row_of(organ, element, method, speed)
 
 
 def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
-    """Make a block of about so many unknowns with two holes."""
+    """Return a block of about `size` unknowns with two holes."""
     order = 1 if element == "P1" else 2
     h = order * float((3.0 * np.prod(SIDES) / size) ** (1.0 / 3.0))
     body = tissue.elasticity(block(SIDES, h), tissue.Material(1.0e5, 0.45, 1070.0), element, ("bottom",))
@@ -142,7 +147,7 @@ def organ_of(size: int, element: str) -> tissue.QuasiStaticOrgan:
 
 
 def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
-    """Return whether the memory for a solver is there."""
+    """Return whether the memory suffices for a solver."""
     try:
         choose_solver(method, organ.K, organ.places, once=True)
     except tissue.TissueError:
@@ -151,7 +156,7 @@ def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
 
 
 def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Row:
-    """Make one solver, measure it, and free it."""
+    """Return the measurement of one solver, which is freed afterwards."""
     before, began = resident_memory(), process_time()
     made = solver(organ.K, organ.places, method)
     setup, kept = process_time() - began, resident_memory() - before
@@ -166,14 +171,14 @@ def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: flo
 
 
 def time_compliance(organ: tissue.QuasiStaticOrgan, made: Solver, rough: bool) -> tuple[float, Array]:
-    """Measure the processor time of the columns of an organ's sites [s]; return it and their compliance."""
+    """Return the processor time of the columns of an organ's sites [s], and their compliance."""
     began = process_time()
     _, C = compliance(made, organ.Y, rough)
     return process_time() - began, C
 
 
 def resident_memory() -> float:
-    """Return the memory of this process [bytes]; not a number where the system does not say."""
+    """Return the memory of this process [bytes]; not a number if the system does not report it."""
     try:
         return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
     except OSError:
@@ -188,7 +193,7 @@ HEAD = (
 
 
 def line(row: Row) -> str:
-    """Write a row of the table."""
+    """Return a row of the table."""
     floor = "" if row.floor is None else f"{row.floor / MILLI:.1f}"
     rough = " | " if row.rough_columns is None else f"{row.rough_columns:.2f} | {row.left:.0e}"
     return (

@@ -11,11 +11,12 @@ from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 R = TypeVar("R")
-Columns = Sequence[tuple[str, int, str]]  # head, width, and the name of a number with its format, as "step:.3f"
+Columns = Sequence[tuple[str, int, str]]  # head, width, and name of a number with its format, such as "step:.3f"
 
 
 def printed(columns: Columns, rows: Iterable[R]) -> list[R]:
-    """Print rows as they are measured, with one thread of BLAS, below the heads of their columns; return them."""
+    """Print rows while they are measured, with one thread of BLAS, below the heads of their columns; return the
+    rows."""
     out = []
     with threadpool_limits(limits=1, user_api="blas"):
         print(" ".join(aligned(head, width) for head, width, _ in columns))
@@ -26,26 +27,26 @@ def printed(columns: Columns, rows: Iterable[R]) -> list[R]:
 
 
 def aligned(text: str, width: int) -> str:
-    """Write text to the right of so many columns, to the left if they are below zero."""
+    """Return text aligned to the right in a width, or to the left for a negative width."""
     return text.ljust(-width) if width < 0 else text.rjust(width)
 
 
 def cell(row: Any, of: str) -> str:
-    """Write a number of a row, nothing for None."""
+    """Return a number of a row as text, empty for None."""
     name, _, style = of.partition(":")
     value = getattr(row, name)
     return "" if value is None else format(value, style)
 
 
 def time_call(call: Callable[[], object]) -> float:
-    """Measure the processor time of a call [s]."""
+    """Return the processor time of a call [s]."""
     began = process_time()
     call()
     return process_time() - began
 
 
 def keep(path: Path | None, found: Mapping[str, Any]) -> int:
-    """Add numbers to a JSON file, if one is asked for; return the exit status."""
+    """Add numbers to a JSON file, if given; return the exit status."""
     if path is not None:
         write_json(path, {**read_json(path), **found, "provenance": provenance()})
     return 0

@@ -1,12 +1,10 @@
-"""`suture bench step`: times of a step in shipped scenes, run from beginning to end by the default integrator.
+"""`suture bench step`: times of a step in shipped scenes, run from start to end with the default integrator.
 
-Of every scene: one step by itself, as a host program asks for it (`coupling.run.run.Run.steps`), over whole runs of the
-scene, MOST steps at most; a step of the whole run asked for at once; and one of a run that is recorded. The first two
-do not read the times of events, the last one does. With an organ also its floor: one back-substitution by the factor of
-the organ as it is meshed, with nothing else around it.
-
-Times are those of the processor, on one thread. The loops are loaded or compiled before; what that takes `suture bench
-many` measures.
+For each scene the times are: a single step, as a host program calls it (`coupling.run.run.Run.steps`), over
+whole runs of at most MOST steps; a step of the whole run in one call; and a step of a recorded run. Only the
+last one computes the times of events. With an organ, the floor is also given: one back-substitution by the
+factor of the meshed organ. All times are processor times on one thread. Loops are loaded or compiled before;
+`suture bench many` measures their compilation.
 """
 
 from collections import deque
@@ -28,7 +26,7 @@ from studies.simulation.memory import OrganRun
 SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
 COUPLED = SCENES / "two_piercings.toml"
 SIZES = {"4k": (6.0e-3, 2.5e-3), "10k": (4.0e-3, 1.2e-3), "43k": (2.0e-3, 0.7e-3)}  # far from and at the holes [m]
-FIXED = [  # whatever the scene has: the sizes are those of these meshes
+FIXED = [  # for every scene, because the sizes belong to these meshes
     "thread.control_points=60",
     "tissue.mesh.accuracy=given",
     *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
@@ -44,17 +42,21 @@ CASES: dict[str, tuple[str, list[str]]] = {
     "solved whole": ("two_piercings", ['solve.organ="whole"']),
 }
 MOST = 10_000  # steps
-LONGEST = 60.0  # s of the processor, after which no further run of a scene is begun
+LONGEST = 60.0  # s of the processor, after which no new run of a scene is started
 LATE = 99.9  # per cent of the steps
-WARM_UP = 3  # steps that load the loops
-REPEATED = 3  # whole runs, and back-substitutions
+WARM_UP = 3  # number of steps that load the loops
+REPEATED = 3  # number of whole runs, and of back-substitutions
 MILLI = 1e-3
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case: times in milliseconds of one step by itself over so many `steps`, `late` that of which 99.9 % are
-    below; of a step of all at once, of one that is `recorded`, and of the `floor`, None without an organ's factor."""
+    """One case: times in milliseconds.
+
+    `median`, `late` (99.9 % are below) and `worst` are of single steps, over `steps` steps. `at_once` is a step
+    of all in one call, `recorded` a step of a recorded run, and `floor` a back-substitution, None without an
+    organ's factor.
+    """
 
     case: str
     tissue_unknowns: int
@@ -69,20 +71,20 @@ class Row:
 
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
-    """Measure every case, print the table, and write JSON where asked; return the exit status."""
+    """Measure every case, print the table, and write JSON if a file is given; return the exit status."""
     rows = printed(COLUMNS, measurements(solver))
     return keep(json_path, {"milliseconds_per_step": [asdict(row) for row in rows]})
 
 
 def measurements(solver: str = "auto") -> Iterator[Row]:
-    """Measure every case with a solver of the organ."""
+    """Yield the measurements of every case with a solver of the organ."""
     for case, (scene, overrides) in CASES.items():
         own = [f'tissue.solver="{solver}"'] if scene == COUPLED.stem else []
         yield measure_case(case, load(scene, [*overrides, *own, COMPILED]))
 
 
 def measure_case(case: str, scenario: Scenario) -> Row:
-    """Measure one case, steps by themselves first."""
+    """Measure one case, single steps first."""
     ready, dt = prepare(scenario), scenario.solve.dt
     ready.beginning().steps(dt, WARM_UP)
     alone, iterations, began = list[float](), 0, process_time()
@@ -108,7 +110,7 @@ def measure_case(case: str, scenario: Scenario) -> Row:
 
 
 def each_alone(run: OrganRun, dt: float, steps: int) -> tuple[list[float], int]:
-    """Measure steps that are asked for one by one [s], and count their Newton iterations."""
+    """Return the times of single steps [s], and the number of their Newton iterations."""
     times, iterations = list[float](), 0
     for _ in range(steps):
         began = process_time()
@@ -119,7 +121,7 @@ def each_alone(run: OrganRun, dt: float, steps: int) -> tuple[list[float], int]:
 
 
 def floor_of(organ: object, scheme: BDF2) -> float | None:
-    """Measure one back-substitution of an organ with the factor of a scheme [ms]; None without one."""
+    """Return the time of one back-substitution of an organ with the factor of a scheme [ms]; None without a factor."""
     full = organ.full if isinstance(organ, tissue.KrylovOrgan) else organ
     if not isinstance(full, tissue.DynamicOrgan | tissue.QuasiStaticOrgan):
         return None

@@ -137,7 +137,7 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_gl,
     finder("matplotlib", "matplotlib", "suture plot, figures of studies, sweeps and refinements"),
     finder("PyAMG", "pyamg", "multigrid of large organs"),
-    finder("CHOLMOD", "cvxopt", "factorisation ten times faster"),
+    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast"),
     finder("Pardiso", "pypardiso", "fewest nonzeros in factors of large organs"),
     finder("pandas", "pandas", "data frames of open_run"),
     finder("Parquet", "pyarrow", "table.parquet of a sweep"),

@@ -1,1 +1,1 @@
-"""Pages of the project: a site made offline from the READMEs of its rooms and from its code."""
+"""Pages of the project: an offline site made from the READMEs of the packages and from the code."""

@@ -1,8 +1,8 @@
-"""The notebook of the site: executed by the tests, and a page of the site with the outputs that it keeps.
+"""The notebook of the site: executed by the tests, and a page of the site with its stored outputs.
 
-``python -m studies.site.notebook`` executes it anew and keeps what comes of it. Its cells are plain Python, so that no
-kernel is needed: nbclient would bring one with some thirty packages. As in Jupyter a cell shows what it prints, the
-value of its last line, and the figures of pyplot that it leaves open.
+``python -m studies.site.notebook`` executes the notebook and stores its outputs. Its cells are plain Python and
+need no kernel, because nbclient would add about thirty packages. As in Jupyter, a cell shows its printed text,
+the value of its last line, and the open figures of pyplot.
 """
 
 import ast
@@ -39,7 +39,7 @@ def executed(cells: list[Cell]) -> Iterator[Cell]:
 
 
 def outputs_of(source: str, names: dict[str, Any], number: int) -> list[dict[str, Any]]:
-    """Execute a cell among the names that those before it left, and return its outputs as a notebook keeps them."""
+    """Execute a cell with the names defined by earlier cells, and return its outputs in notebook format."""
     tree = ast.parse(source)
     tail = tree.body[-1]
     shown = isinstance(tail, ast.Expr) and not source.rstrip().endswith(";")
@@ -60,7 +60,7 @@ def outputs_of(source: str, names: dict[str, Any], number: int) -> list[dict[str
 
 
 def figures() -> Iterator[dict[str, Any]]:
-    """Yield the figures that are open, and close them."""
+    """Yield the open figures, and close them."""
     import matplotlib.pyplot as plt
 
     for number in plt.get_fignums():
@@ -77,7 +77,7 @@ def text_of(output: dict[str, Any]) -> str:
 
 
 def markdown(cells: list[Cell]) -> str:
-    """Return a notebook as a page, its figures in it."""
+    """Return a notebook as a page with its figures."""
     parts: list[str] = []
     for cell in cells:
         source = "".join(cell["source"])

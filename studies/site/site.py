@@ -1,7 +1,7 @@
 """The site by mkdocs: the Markdown pages, pages generated from the code, and the linked files.
 
-``python -m studies.site.site DIR`` builds it into a folder; a warning is an error. No page loads anything: formulas
-become MathML here, and the theme's own files stand beside the pages.
+``python -m studies.site.site DIR`` builds the site into a folder; a warning is an error. Pages load nothing
+from the network: formulas become MathML here, and the theme's files are stored with the pages.
 """
 
 import ast
@@ -18,7 +18,7 @@ from studies.site.notebook import cells_of, markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("meshes", "thread", "tissue", "coupling", "studies")
-CODE = "code"  # the folder of the pages made from the code
+CODE = "code"  # folder of the pages made from the code
 PAGES: dict[str, Any] = {
     "Home": "README.md",
     "Five minutes": "studies/site/START.md",
@@ -36,7 +36,7 @@ PAGES: dict[str, Any] = {
     "How to change it": "CONTRIBUTING.md",
     "Changes": "CHANGELOG.md",
 }
-CHECKED = ("not_found", "anchors", "absolute_links", "unrecognized_links")  # of every link
+CHECKED = ("not_found", "anchors", "absolute_links", "unrecognized_links")  # checks of every link
 LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
 NOTEBOOKS = re.compile(r"(\]\([^)\s]+)\.ipynb([)#])")
 FUNCTION = re.compile(r"`((?:\w+/)+\w+\.py):([\w.]+)`")
@@ -45,7 +45,7 @@ FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+)\$", re.DOTALL)
 
 
 def build(target: Path) -> None:
-    """Build the site into a folder. Raises `RuntimeError` for a warning, such as a link that leads nowhere."""
+    """Build the site into a folder. Raises `RuntimeError` for a warning, for example about a broken link."""
     from mkdocs.commands.build import build as build_pages
     from mkdocs.config import load_config
     from mkdocs.exceptions import Abort
@@ -57,7 +57,7 @@ def build(target: Path) -> None:
         settings.write_text("site_name: suturefem\n", encoding="utf-8")
         config = load_config(
             str(settings), docs_dir=str(sources), site_dir=str(target.resolve()), strict=True, use_directory_urls=False,
-            plugins=[],  # that of the search loads a worker, which a page opened as a file may not
+            plugins=[],  # the search plugin loads a worker, which is impossible for a page opened as a file
             theme={"name": "readthedocs", "highlightjs": False}, nav=navigation(),
             markdown_extensions=["tables", "fenced_code", "md_in_html", "toc"],
             validation={"links": dict.fromkeys(CHECKED, "warn")},
@@ -70,18 +70,18 @@ def build(target: Path) -> None:
 
 
 def navigation() -> list[dict[str, Any]]:
-    """Return the pages in the order in which they are read, those of the code last."""
+    """Return the pages in reading order, with the pages of the code last."""
     code = [{package: f"{CODE}/{package}.md"} for package in PACKAGES]
     return [*({title: as_page(name)} for title, name in PAGES.items()), {"Code": code}]
 
 
 def as_page(name: str) -> str:
-    """Return the name of a page on the site: a notebook becomes Markdown too."""
+    """Return the name of a page on the site; a notebook becomes Markdown."""
     return name.replace(".ipynb", ".md")
 
 
 def gather(sources: Path) -> None:
-    """Write the pages, and copy every file that they link to, at the places that they have in the project."""
+    """Write the pages, and copy every linked file, at the same places as in the project."""
     for package in PACKAGES:
         write(sources / CODE / f"{package}.md", package_page(package))
     for name in PAGES.values():
@@ -99,7 +99,7 @@ def write(path: Path, text: str) -> None:
 
 
 def copy(page: Path, link: str, sources: Path) -> None:
-    """Copy a file that a page links to, unless it is a page of the site itself."""
+    """Copy a file that a page links to, unless the file is itself a page of the site."""
     found = (page.parent / link).resolve()
     if not found.is_file() or not found.is_relative_to(ROOT):
         return
@@ -110,13 +110,15 @@ def copy(page: Path, link: str, sources: Path) -> None:
 
 
 def with_code_links(text: str, up: str) -> str:
-    """Return a page whose `file.py:function` leads to the function in the pages of the code; `up` leads from the page
-    to the top of the site."""
+    """Return a page with a link for each `file.py:function` to the pages of the code.
+
+    `up` is the path from the page to the top of the site.
+    """
     return FUNCTION.sub(lambda found: f"[`{found[0][1:-1]}`]({up}{code_link(found[1], found[2])})", text)
 
 
 def code_link(file: str, name: str) -> str:
-    """Return the link to a function's description: its class for a member, else the page of the file."""
+    """Return the link to a function's description; for a member, to its class, or else to its file."""
     package, module = Path(file).parts[0], module_of(Path(file))
     first = name.partition(".")[0]
     known = {each.name for each in public(ROOT / file)}
@@ -124,18 +126,18 @@ def code_link(file: str, name: str) -> str:
 
 
 def anchor(name: str) -> str:
-    """Return the mark of a dotted name."""
+    """Return the anchor of a dotted name."""
     return name.replace(".", "-").lower()
 
 
 def with_mathml(text: str) -> str:
-    """Return a page whose formulas outside of listings are MathML, which a browser draws by itself."""
+    """Return a page whose formulas outside listings are MathML, which a browser can draw."""
     parts = LISTING.split(text)
     return "".join(part if place % 2 else FORMULA.sub(mathml, part) for place, part in enumerate(parts))
 
 
 def mathml(found: re.Match[str]) -> str:
-    """Return a formula of TeX as MathML."""
+    """Return a TeX formula as MathML."""
     from latex2mathml.converter import convert
 
     drawn = convert(found[1] or found[2], display="block" if found[1] else "inline")
@@ -161,12 +163,12 @@ def module_lines(path: Path) -> Iterator[str]:
 
 
 def module_of(path: Path) -> str:
-    """Return the dotted name of a module, that of its package for an `__init__`."""
+    """Return the dotted name of a module; for an `__init__`, the name of its package."""
     return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
 
 
 def public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
-    """Return the classes and functions of a module that have no underscore before their names."""
+    """Return the public classes and functions of a module, whose names have no leading underscore."""
     body = ast.parse(path.read_text(encoding="utf-8")).body
     return [each for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name[0] != "_"]
 
@@ -183,7 +185,7 @@ def signature(each: ast.FunctionDef | ast.ClassDef) -> str:
 
 
 def described(words: str) -> str:
-    """Return a docstring as text of a page: its own marks of code are kept, all else is plain."""
+    """Return a docstring as text of a page, in which only code marks are kept."""
     text = re.sub(r"``(.+?)``", r"`\1`", words)
     return "\n".join(
         "".join(part if k % 2 else escaped(part) for k, part in enumerate(re.split(r"(`[^`]+`)", line)))

@@ -191,14 +191,14 @@ def test_the_list_and_a_name_that_is_none(sample: None, capsys: pytest.CaptureFi
 def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "letter.txt").write_text("dear")
     assert command.main(["study", "sample", "--out", str(tmp_path)]) == 2
-    assert "other files than a study's (letter.txt)" in capsys.readouterr().err
+    assert "files that no study wrote (letter.txt)" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
     with pytest.raises(StudyError, match="it is a file"):
         check_folder(tmp_path / "letter.txt")
     (tmp_path / "letter.txt").unlink()
     for name, text in (("table.csv", "mine"), ("study.json", '{"study": "mine"}')):
         (tmp_path / name).write_text(text)
-        with pytest.raises(StudyError, match=r"other files than a study's \(study\.json\)|\(table\.csv\)"):
+        with pytest.raises(StudyError, match=r"files that no study wrote \(study\.json\)|\(table\.csv\)"):
             check_folder(tmp_path, overwrite=True)
 
 
@@ -229,7 +229,7 @@ def test_a_study_that_fails_keeps_its_rows(sample: None, tmp_path: Path, capsys:
     assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
     again = ["--overwrite", "--out", str(tmp_path)]
     assert command.main(["study", "sample", "--out", str(tmp_path)]) == 2
-    assert "it holds a study already; add --overwrite" in capsys.readouterr().err
+    assert "it already holds a study; add --overwrite" in capsys.readouterr().err
     assert command.main(["study", "sample", "--set", "lengths=[-1]", *again]) == 1
     assert {path.name for path in tmp_path.iterdir()} == set(WRITTEN)
     assert "the completed rows" not in capsys.readouterr().err

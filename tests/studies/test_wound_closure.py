@@ -138,6 +138,6 @@ def test_refusals() -> None:
     for wrong in ({"pitch": 0.0}, {"bite": -1e-3}):
         with pytest.raises(StudyError, match="give lengths above 0"):
             next(main((NARROW,), **wrong))
-    with pytest.raises(StudyError, match="those known are finer mesh"):
+    with pytest.raises(StudyError, match="allowed are finer mesh"):
         next(main((NARROW,), checks=("finest mesh",)))
     assert arguments(STUDY, "quick", ["bite=3e-3"])["bite"] == 3e-3
