@@ -171,7 +171,7 @@ def too_coarse(what: str, size: float, footprint: float) -> list[str]:
     """Return a remark if cells [m] are larger than the radius of a footprint [m]."""
     if size <= footprint:
         return []
-    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the hole is as stiff as the mesh is"]
+    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the mesh sets the hole's stiffness"]
 
 
 def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:

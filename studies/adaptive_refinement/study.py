@@ -1,19 +1,21 @@
-"""Adaptive refinement: the error of a hole's compliance over unknowns and over seconds, and how near its estimate is.
+"""Adaptive refinement: the error of a hole's compliance over unknowns and over seconds, and the accuracy of its
+estimate.
 
-One hole in a clamped block, of several footprints, near an edge, in a skin of half a footprint that is 20 times or a
-tenth as stiff as what is below, and in a wall as thin as a footprint. Its compliance to forces is computed on three
-kinds of meshes, by linear and by quadratic cells:
+There is one hole in a clamped block. The cases are several footprints, a hole near an edge, a skin with a
+thickness of half a footprint, and a wall with the thickness of a footprint. The skin is 20 times or a tenth as
+stiff as the tissue below. The compliance to forces is computed on three kinds of meshes, by linear and by
+quadratic cells:
 
 - uniform: structured, of one size;
-- graded: structured, of a size at the hole that is a share of the footprint, growing away from it;
-- adaptive: a coarse mesh whose cells are refined until their estimated error is within `tissue.mesh.accuracy`.
+- graded: structured, with a size at the hole that is a share of the footprint, growing away from it;
+- adaptive: a coarse mesh, refined until the estimated error is within `tissue.mesh.accuracy`.
 
-The error is that of the direction in which it is largest. The reference is an adaptive mesh of quadratic cells, finer
-than all others, with what its own estimate says that it misses.
+The error is taken in the direction in which it is largest. The reference is an adaptive mesh of quadratic
+cells, finer than all others, plus its own estimated error.
 
-The order of theory. By Galerkin the error of a compliance is the energy of the error of its column. Under a parabolic
-footprint that is h⁴ ln(a/h) for P2 and h² for P1 (`studies.mesh_refinement`). Of meshes that are fine where the
-solution asks for it, N unknowns give N^(−4/3) and N^(−2/3), whatever edges and borders there are.
+*Theoretical order.* By Galerkin the error of a compliance is the energy of the error of its column. Under a
+parabolic footprint this is h⁴ ln(a/h) for P2 and h² for P1 (`studies.mesh_refinement`). On meshes that are fine
+only where necessary, N unknowns give N^(−4/3) and N^(−2/3), independent of edges and borders.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,14 +35,14 @@ from studies.study import Job, Table, described, each, grouped, require, require
 from tissue.refinement.estimate import estimate
 
 MILLI = 1e-3
-A = 1e-3  # footprint of the cases that are not about footprints [m]
+A = 1e-3  # footprint of the cases with one footprint [m]
 LENGTH = 0.04  # of the block [m]
-BESIDE = 1.3  # footprints from the edge to the middle of the hole: 0.3 are left
-THIN = 0.5  # footprints: thickness of a skin
-ASKED = 0.03  # error that meshes are compared at: the default of tissue.mesh.accuracy
-EFFECTIVITY = 0.7, 1.5  # of the estimate over the error
+BESIDE = 1.3  # footprints from the edge to the middle of the hole, whose rim is 0.3 from the edge
+THIN = 0.5  # thickness of a skin in footprints
+ASKED = 0.03  # error at which meshes are compared: the default of tissue.mesh.accuracy
+EFFECTIVITY = 0.7, 1.5  # allowed range of the estimate over the error
 FAR = 8e-3  # size of graded and adaptive cells far from the hole [m]
-GROWTH = 2.0  # of graded cells: less makes more of them where they are long and thin
+GROWTH = 2.0  # of graded cells: a smaller growth gives more cells where they are long and thin
 UNIFORM, GRADED, ADAPTIVE = "uniform", "graded", "adaptive"
 ERROR = "error of the compliance [-]"
 SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # ticks
@@ -49,7 +51,7 @@ Settings = dict[str, Any]
 
 
 def skin(contrast: float) -> Settings:
-    """Return the keys of a skin of half a footprint that is so many times as stiff as what is below."""
+    """Return the keys of a skin of half a footprint; `contrast` is its stiffness over that of the tissue below."""
     return {"tissue.region": [{"name": "skin", "depth": [0.0, THIN * A], "youngs_modulus": contrast * 1e5}]}
 
 
@@ -63,7 +65,7 @@ CASES: Mapping[str, Settings] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One mesh: its size is that of the cells or of those at the hole, or an accuracy."""
+    """One mesh; `size` is the size of the cells, or of the cells at the hole, or an accuracy."""
 
     case: str
     footprint: float = unit_field("m")
@@ -96,8 +98,11 @@ def main(
     accuracies: Sequence[float] = (0.2, 0.1, 0.05, 0.02),
     reference: float = 0.004,
 ) -> Iterator[Row]:
-    """Yield every mesh of every case: footprints [m] in the middle of the block, and `cases` by name; sizes of uniform
-    cells [m], of graded ones at the hole over the footprint, and accuracies. Raises `StudyError`."""
+    """Yield every mesh of every case.
+
+    `footprints` [m] are in the middle of the block, `cases` are names. Sizes of uniform cells are in [m], sizes
+    of graded cells are at the hole over the footprint. Raises `StudyError`.
+    """
     require_known("cases", cases, CASES)
     require_known("elements", elements, ("P1", "P2"))
     require(
@@ -117,7 +122,7 @@ def main(
 def run_case(
     name: str, a: float, keys: Settings, elements: Sequence[str], sizes: Mapping[str, Sequence[float]], reference: float
 ) -> Iterator[Row]:
-    """Yield the meshes of a case, measured by its reference."""
+    """Yield the meshes of a case, with errors relative to its reference."""
     keys = {"piercing.hole.footprint": a, **keys}
     found, _, _ = measured_on(keys | cells(ADAPTIVE, reference, a) | {"tissue.element": "P2"})
     exact = found.compliance[0] + found.missed[0]
@@ -140,8 +145,8 @@ def cells(mesh: str, size: float, a: float) -> Settings:
 
 
 def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
-    """Return the compliance of the hole with what its mesh is estimated to miss, the unknowns, and the seconds until
-    the organ is ready for its first step."""
+    """Return the compliance of the hole with its estimated error, the unknowns, and the seconds before the
+    first step."""
     given = scene("adaptive_refinement", keys)
     begun = perf_counter()
     assembly = assemble(given)
@@ -152,8 +157,10 @@ def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
 
 
 def needed(rows: Sequence[Row], field: str) -> float:
-    """Return the unknowns or seconds at which the error is ASKED, between those of two meshes on logarithmic axes; not
-    a number if no mesh is as accurate, the coarsest one's if that is."""
+    """Return the unknowns or seconds for the error ASKED, interpolated between two meshes on logarithmic axes.
+
+    Not a number if no mesh is so accurate; the value of the coarsest mesh if all are.
+    """
     ordered = sorted(rows, key=lambda row: -row.error)
     errors, values = ([getattr(row, name) for row in ordered] for name in ("error", field))
     if errors[-1] > ASKED:
@@ -161,7 +168,7 @@ def needed(rows: Sequence[Row], field: str) -> float:
     return float(np.exp(-np.interp(-np.log(ASKED), -np.log(errors), -np.log(values))))
 
 
-COLUMNS = (  # of the meshes of a kind
+COLUMNS = (  # for the meshes of a kind
     ("case", lambda rows: rows[0].case),
     ("cells", lambda rows: rows[0].kind),
     ("unknowns for 3 %", lambda rows: shown(needed(rows, "unknowns"))),
@@ -176,12 +183,12 @@ COLUMNS = (  # of the meshes of a kind
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a kind of mesh on a case."""
+    """Return the table with a line for each kind of mesh on a case."""
     return Table.of(COLUMNS, kinds(rows))
 
 
 def shown(number: float) -> str:
-    """Return a number with two digits, "not reached" for none."""
+    """Return a number with two digits, or "not reached" for NaN."""
     return "not reached" if np.isnan(number) else f"{float(f'{number:.2g}'):g}"
 
 
@@ -191,7 +198,7 @@ def kinds(rows: Sequence[Row]) -> list[list[Row]]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Tell by how much adaptive meshes are smaller, and which estimates are far from the error."""
+    """Return remarks on the size of other meshes relative to adaptive ones, and on estimates far from the error."""
     out = []
     for case, own in grouped(rows, lambda row: row.case).items():
         for element, same in grouped(own, lambda row: row.element).items():
@@ -215,7 +222,8 @@ def thousands(row: Row) -> float:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the error over unknowns of each case, then over seconds, and the estimate over the error."""
+    """Return the figure of the error over unknowns for each case, then over seconds, and of the estimate over
+    the error."""
     places: list[Item] = []
     for case, own in grouped(rows, lambda row: row.case).items():
         lines = grouped(own, lambda row: row.kind)

@@ -1,1 +1,1 @@
-"""Many realistic scenarios, drawn at random from a seed, and how each of them ended."""
+"""Many realistic scenarios, drawn at random from a seed, and the end of each of them."""

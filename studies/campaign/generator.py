@@ -1,11 +1,10 @@
 """Realistic scenarios drawn at random from a seed, with all defaults.
 
-A block of tissue, 2 kPa to 2 MPa, is pierced from above at one to six holes by a suture of the
-catalogue, 2-0 to 8-0, which goes down and up through them in turn. One end is held, loaded or free,
-the other is driven or pulled. The `demand` of a scenario is how far a linear estimate, 0.6 F/(E a),
-moves its holes, in footprints a. Many ask for more: rest, ties, tracts, cuts, schedules, finite
-strain, lips in contact. Each of these changes the tables of a case by draws of its own, so that the
-cases themselves stay what their seed makes them.
+A suture of the catalogue, 2-0 to 8-0, pierces a block of tissue, 2 kPa to 2 MPa, from above. It goes down and
+up through one to six holes in turn. One end is held, loaded or free, and the other is driven or pulled. The
+`demand` of a scenario is the displacement of its holes by a linear estimate, 0.6 F/(E a), in footprints a. Many
+scenarios have an additional request: rest, ties, tracts, cuts, schedules, finite strain, contact of lips. Each
+request changes the tables of a case by its own random numbers, so the case itself depends only on its seed.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,20 +20,19 @@ Tables = dict[str, Any]
 Random = np.random.Generator
 SUTURES = tuple(f"{size}-0 {material}" for size in range(2, 9) for material in ("polypropylene", "nylon", "silk"))
 KINDS = ("driven", "ramped", "dead", "sudden")
-ESTIMATE = 0.6  # of F/(E a): displacement of a footprint under a force F
+ESTIMATE = 0.6  # times F/(E a): displacement of a footprint under a force F
 GENTLE = 3.0  # footprints
 UP = np.array([0.0, 0.0, 1.0])
-SETTLING = 0.1  # [s] of a run after its load has grown
+SETTLING = 0.1  # [s] of a run after the growth of its load
 BITE, PITCH, DEEP = (4e-3, 7e-3), 8e-3, 5e-3  # m: half of a stitch's width, distance of stitches, depth of a bite
-# Of a stitch that is tied, from hand to hand: across the wound over half its width, along it, up [m].
+# A tied stitch, from hand to hand: across the wound in half widths, along the wound, up [m].
 LOOP = np.array([[-1, -1.5e-3, 6e-3], [0, 0, 3e-3], [1, 0, 0], [1, 0, -DEEP], [-1, 0, -DEEP], [-1, 0, 0], [0, 0, 3e-3],
                  [1, 1.5e-3, 6e-3]])  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Case:
-    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and what else it
-    asks for, `ask`."""
+    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and its additional request `ask`."""
 
     number: int
     kind: str
@@ -49,18 +47,18 @@ class Case:
 
 
 def cases(seed: int, count: int, first: int = 0) -> Iterator[Case]:
-    """Yield the cases of a seed, each of which depends on its number alone."""
+    """Yield the cases of a seed; each depends only on its number."""
     for number in range(first, first + count):
         yield case(np.random.default_rng([seed, number]), number)
 
 
 def log_uniform(random: Random, low: float, high: float) -> float:
-    """Draw a number whose logarithm is uniform."""
+    """Return a random number whose logarithm is uniform."""
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
 def case(random: Random, number: int) -> Case:
-    """Draw one case."""
+    """Return one random case."""
     holes = int(random.integers(1, 7))
     footprint = float(random.choice([0.5e-3, 1e-3, 1.5e-3]))
     modulus = log_uniform(random, 2e3, 2e6)
@@ -93,14 +91,16 @@ def case(random: Random, number: int) -> Case:
 
 
 def demand_of(tables: Tables, force: float) -> float:
-    """Return how far a force [N] would move a hole by the linear estimate, in footprints."""
+    """Return the displacement of a hole under a force [N] by the linear estimate, in footprints."""
     return ESTIMATE * force / (tables["tissue"]["youngs_modulus"] * tables["piercing"][0]["footprint"] ** 2)
 
 
 def path_through(random: Random, at: Array) -> Array:
-    """Return the corners of a path that comes from the left above the block, goes down and up
-    through the holes, and leaves to the right; below the block where the number of holes is odd.
-    Shape `(k, 3)` [m]."""
+    """Return the corners of a path through the holes, shape `(k, 3)` [m].
+
+    The path comes from the left above the block, goes down and up through the holes, and leaves to the right.
+    For an odd number of holes it ends below the block.
+    """
     tail, head = random.uniform(15e-3, 40e-3, 2)
     rise = random.uniform(4e-3, 10e-3)
     rows = [at[0] + [-tail, random.uniform(-5e-3, 5e-3), random.uniform(5e-3, 25e-3)], at[0] + [0, 0, rise]]
@@ -112,9 +112,11 @@ def path_through(random: Random, at: Array) -> Array:
 
 
 def ends_of(random: Random, kind: str, path: Array, stiffness: float) -> tuple[Tables, Tables, float, float]:
-    """Draw the two ends of the thread: the tables of start and end, the force [N] that the holes
-    will feel, and the duration of the run [s]. `stiffness` [N/m] is that of all holes together,
-    of E a."""
+    """Return random tables of the start and end of the thread, the force on the holes [N], and the duration of
+    the run [s].
+
+    `stiffness` [N/m] is the sum of E a over all holes.
+    """
     away, turned = unit(path[0] - path[1]), unit(unit(path[-1] - path[-2]) + 0.5 * random.standard_normal(3))
     pull = log_uniform(random, 0.05, 3.0)
     hold = str(random.choice(["free", "fixed", "clamped", "pulled"], p=(0.2, 0.3, 0.1, 0.4)))
@@ -133,12 +135,12 @@ def ends_of(random: Random, kind: str, path: Array, stiffness: float) -> tuple[T
 
 
 def driven(place: Array, way: Array, time: float) -> Tables:
-    """Return the table of an end that is led on its `way` [m] from a place within a `time` [s]."""
+    """Return the table of an end that is moved along its `way` [m] from a place within a `time` [s]."""
     return {"kind": "driven", "waypoints": [[0.0, *place], [time, *(place + way)]]}
 
 
 def direction_of(random: Random, k: int) -> Any:
-    """Draw the direction of a hole: mostly the surface's normal."""
+    """Return a random direction of a hole, mostly the surface's normal."""
     kind = random.choice(["normal", "free", "needle"], p=(0.6, 0.25, 0.15))
     if kind != "needle":
         return str(kind)
@@ -146,23 +148,23 @@ def direction_of(random: Random, k: int) -> Any:
     return [float(lean[0]), float(lean[1]), -1.0 if k % 2 == 0 else 1.0]
 
 
-# --- what else a scenario asks for --------------------------------------------------------------------------
+# --- additional requests ------------------------------------------------------------------------------------
 
 
 def at_rest(random: Random, tables: Tables) -> None:
-    """Ask for the equilibrium under the loads of the case."""
+    """Change the case to an equilibrium under its loads."""
     tables["solve"] = {"kind": "static", "load_steps": 10, "duration": tables["solve"]["duration"]}
 
 
 def scheduled(random: Random, tables: Tables) -> None:
-    """Let a piercing begin late, or end early."""
+    """Begin a piercing late, or end it early."""
     piercing = tables["piercing"][int(random.integers(len(tables["piercing"])))]
     time = float(random.uniform(0.2, 0.7) * tables["solve"]["duration"])
     piercing["from" if random.random() < 0.5 else "until"] = time
 
 
 def cut(random: Random, tables: Tables) -> None:
-    """Cut the thread on its way."""
+    """Cut the thread during the run."""
     length = length_of(tables["thread"]["path"])
     time = float(random.uniform(0.3, 0.7) * tables["solve"]["duration"])
     tables["cut"] = [{"s": float(random.uniform(0.15, 0.85) * length), "time": time}]
@@ -174,14 +176,14 @@ def length_of(path: Any) -> float:
 
 
 def with_tracts(random: Random, tables: Tables) -> None:
-    """Let the thread bear on the tissue between each hole down and the next one up."""
+    """Add tracts between each hole down and the next hole up."""
     holes = [hole["name"] for hole in tables["piercing"]]
     shared = {key: value for key, value in tables["piercing"][0].items() if key == "friction"}
     tables["tract"] = [{"between": list(pair)} | shared for pair in zip(holes[::2], holes[1::2], strict=False)]
 
 
 def stiffening(random: Random, tables: Tables) -> None:
-    """Make the tissue one at finite strain."""
+    """Change the tissue to finite strain."""
     law: Tables = {"material": "neo-hookean"} if random.random() < 0.5 else {"material": "exponential"}
     law |= {"stiffening": float(random.uniform(1.0, 8.0))} if law["material"] == "exponential" else {}
     tables["tissue"] |= law | {"inertia": False, "rayleigh": [0.0, 0.0]}
@@ -190,8 +192,10 @@ def stiffening(random: Random, tables: Tables) -> None:
 
 
 def over_a_wound(random: Random, tables: Tables, stitches: int) -> Array:
-    """Put the holes on both sides of a wound, those of one stitch after the other, and return
-    where, (stitches, 2, 3) [m]; the lips touch in half of the cases."""
+    """Place the holes on both sides of a wound, stitch by stitch, and return the places, (stitches, 2, 3) [m].
+
+    The lips touch in about half of the cases.
+    """
     half, hole = float(random.uniform(*BITE)), tables["piercing"][0] | {"direction": "normal"}
     y = (np.arange(stitches) - 0.5 * (stitches - 1)) * PITCH
     at, slit = np.array([[[-half, each, 0.0], [half, each, 0.0]] for each in y]), bool(random.random() < 0.4)
@@ -205,7 +209,7 @@ def over_a_wound(random: Random, tables: Tables, stitches: int) -> Array:
 
 
 def running(random: Random, tables: Tables) -> float:
-    """Draw a running stitch over a wound, and return the pull on it [N]."""
+    """Change the case to a running stitch over a wound, and return the pull on it [N]."""
     at, bite = over_a_wound(random, tables, int(random.integers(1, 4))), [4e-3, -DEEP]
     path = [pair[k] + height * UP for pair in at for k, way in ((0, bite), (1, bite[::-1])) for height in way]
     path = [at[0, 0] + [-0.02, 0.0, 0.02], *path, at[-1, 1] + [0.02, 0.0, 0.02]]
@@ -220,8 +224,8 @@ def running(random: Random, tables: Tables) -> float:
 
 
 def tied(random: Random, tables: Tables) -> float:
-    """Tie single stitches over a wound, cut from one another, and return the force of the hands
-    [N]."""
+    """Change the case to tied single stitches over a wound, with cuts between them, and return the force of the
+    hands [N]."""
     at = over_a_wound(random, tables, int(random.integers(1, 4)))
     loops = np.array([LOOP * [right[0], 1.0, 1.0] + [0.0, right[1], 0.0] for _, right in at])
     ends = [[*loops[:k].reshape(-1, 3), 0.5 * (loops[k - 1, -1] + loops[k, 0])] for k in range(1, len(loops))]
@@ -247,7 +251,7 @@ ASKS: dict[str, tuple[float, Callable[[Random, Tables], float | None]]] = {
 
 
 def asked(seed: int, count: int, first: int = 0) -> Iterator[Case]:
-    """Yield the cases of a seed, each with what else it asks for."""
+    """Yield the cases of a seed with their additional requests."""
     names, shares = list(ASKS), [share for share, _ in ASKS.values()]
     for drawn in cases(seed, count, first):
         random = np.random.default_rng([seed, drawn.number, 1])

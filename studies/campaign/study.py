@@ -1,16 +1,15 @@
-"""The campaign: random realistic scenarios, how many complete, and the causes that end the others.
+"""The campaign: random realistic scenarios, the number that complete, and the causes that end the others.
 
-Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default
-settings, as the cases of a sweep are. Each completes, is refused before its first step, or stops at
-a step; the class of the error is its cause.
+Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default settings, like the
+cases of a sweep. Each completes, is refused before its first step, or stops at a step; the class of the error
+is its cause.
 
-The first `quarter` cases are run again in steps a quarter as long where they complete, and the
-forces at their holes and the lengths drawn through them are compared at the end. If they differ,
-the run should have a remark on its steps.
+The first `quarter` cases that complete are run again with a quarter of the step. The forces at their holes and
+the lengths drawn through them are compared at the end. If they differ, the run should have a remark on its
+steps.
 
-A case is gentle where its loads grow and a linear estimate moves its holes by less than three
-footprints. Those are what a user expects to arrive; a hole that moves further is beyond a linear
-organ.
+A case is gentle if its loads grow and a linear estimate moves its holes by less than three footprints. Users
+expect these cases to complete; a hole that moves further is beyond a linear organ.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,19 +26,21 @@ from studies.study import Table, described, each, grouped, measure, measured, un
 from studies.sweeps.case import Result, run_case
 from thread.catalogue import suture
 
-TELLING = {"forces-swing", "numerical-dissipation", "energy-created"}  # of what the steps in time do
-AGREED = 0.02  # of the largest force or length: a step over the shortest time in which a load grows, the first order
-ALIKE = 0.002  # of the largest force or length: a tenth of that; a remark on the steps of such a run is a false alarm
-PARTS = 4  # of a step, of a case that is run again
+TELLING = {"forces-swing", "numerical-dissipation", "energy-created"}  # codes of remarks on the effects of time steps
+AGREED = 0.02  # of the largest force or length: the step over the shortest growth of a load, the first-order error
+ALIKE = 0.002  # of the largest force or length: a tenth of AGREED, at which a remark on the steps is a false alarm
+PARTS = 4  # number of parts of a step in the repeated run
 COMPLETED = "completed"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """How one case ended: `cause` is the class of the error, `said` are the codes of the run's
-    remarks. `apart` is how far the forces and the drawn lengths are from those of the same case
-    in steps a quarter as long, over the largest: NaN if that was not run, infinite if it did not
-    complete."""
+    """The end of one case.
+
+    `cause` is the class of the error, `said` are the codes of the run's remarks. `apart` is the difference of
+    forces and drawn lengths to the same case with a quarter of the step, over the largest: NaN without a second
+    run, infinite if it did not complete.
+    """
 
     number: int = measured("", lambda at: at.case.number)
     kind: str = measured("", lambda at: at.case.kind)
@@ -55,13 +56,12 @@ class Row:
 
 
 def main(seed: int = 1, first: int = 0, count: int = 300, quarter: int = 11) -> Iterator[Row]:
-    """Run the cases of a seed; the first `quarter` of those again in steps a quarter as long
-    where they complete."""
+    """Yield the cases of a seed; the first `quarter` that complete are repeated with a quarter of the step."""
     yield from each([partial(run, case, number < quarter) for number, case in enumerate(asked(seed, count, first))])
 
 
 def run(case: Case, quarter: bool = False) -> Row:
-    """Run one case; `quarter`: again in steps a quarter as long, if it completes."""
+    """Return one case; with `quarter` it is repeated with a quarter of the step, if it completes."""
     result = run_case(case.tables)
     found = measure(Row, SimpleNamespace(case=case, result=result, found=result.summary))
     if not quarter or found.cause != COMPLETED:
@@ -73,8 +73,10 @@ def run(case: Case, quarter: bool = False) -> Row:
 
 
 def apart(one: Result, other: Result, thread: str) -> float:
-    """Return how far the forces of the same hole, or the lengths drawn through it, are apart at
-    most, over the largest; of lengths over the thread's diameter if that is larger [-]."""
+    """Return the largest difference of forces or drawn lengths at the same hole, over the largest [-].
+
+    Lengths are compared with the thread's diameter if it is larger.
+    """
     far = []
     for key, scale in (("force", np.finfo(float).tiny), ("slip", suture(thread).diameter)):
         values, others = (np.array([hole[key] for hole in run.summary["piercings"].values()]) for run in (one, other))
@@ -84,13 +86,15 @@ def apart(one: Result, other: Result, thread: str) -> float:
 
 
 def share(rows: Sequence[Row]) -> str:
-    """Write how many of the rows completed."""
+    """Return in words how many of the rows completed."""
     return f"{sum(row.cause == COMPLETED for row in rows)} of {len(rows)}"
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line a kind of scenario and one for what else it asks for, then the gentle ones
-    and all of them, with a column for each cause that was met."""
+    """Return the table with a line for each kind and each request, then for the gentle cases and for all.
+
+    Each cause has a column.
+    """
     groups = {name: [row for row in rows if name in (row.kind, row.ask)] for name in (*KINDS, *ASKS)}
     groups |= {"gentle": [row for row in rows if row.gentle], "all": list(rows)}
     causes = sorted({row.cause for row in rows} - {COMPLETED})
@@ -99,8 +103,8 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on completion and on runs whose steps created energy, and list every case
-    that did not complete."""
+    """Return remarks on completion and on runs whose steps created energy, and list every case that did not
+    complete."""
     created = [str(row.number) for row in rows if "energy-created" in row.said.split()]
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
     out = [arrived(*of) for of in (("gentle cases", gentle, 0.97), ("sudden dead loads", sudden, 0.9))]
@@ -111,27 +115,26 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
-    """Say how many of the rows of a name completed, and whether as many as were asked."""
+    """Return in words how many of the named rows completed, and whether this reaches the share `asked`."""
     word = "" if sum(row.cause == COMPLETED for row in rows) >= asked * len(rows) else ", which is TOO FEW"
-    return f"{name} that completed: {share(rows)}{word} (asked are {asked:.0%})"
+    return f"{name} that completed: {share(rows)}{word} (required: {asked:.0%})"
 
 
 def agreement(rows: Sequence[Row]) -> list[str]:
-    """Return how many of the repeated cases agree with steps a quarter as long, and for each
-    other case the difference and its remarks, in words."""
+    """Return in words how many repeated cases agree, and the difference and remarks of each other case."""
     again = [row for row in rows if not np.isnan(row.apart)]
     far, alike = [row for row in again if row.apart > AGREED], [row for row in again if row.apart <= ALIKE]
     told = [row for row in again if set(row.said.split()) & TELLING]
     return [
-        f"cases within {AGREED:.0%} of themselves in steps a quarter as long: {len(again) - len(far)} of {len(again)}, "
-        f"{sum(row not in told for row in far)} of the others WITHOUT A REMARK on the steps",
-        f"cases remarked on, yet within {ALIKE:.1%}: {sum(row in told for row in alike)} of {len(alike)}",
-        *(f"case {row.number} ({row.kind}): {row.apart:.2g} apart; it says {row.said or 'nothing'}" for row in far),
+        f"cases within {AGREED:.0%} of their repetition with a quarter of the step: {len(again) - len(far)} of "
+        f"{len(again)}, {sum(row not in told for row in far)} of the others WITHOUT A REMARK on the steps",
+        f"cases with a remark, but within {ALIKE:.1%}: {sum(row in told for row in alike)} of {len(alike)}",
+        *(f"case {row.number} ({row.kind}): difference {row.apart:.2g}; remarks: {row.said or 'none'}" for row in far),
     ]
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw where in demand and in spans over the layer the cases ended, by cause."""
+    """Return the figure of the ends of the cases over demand and span ratio, by cause."""
     ended = series(grouped(rows, lambda row: row.cause), "demand", "span_ratio", "", markersize=4)
     return draw([panel("demand [footprints]", "span over √(EI/T) [-]", ended, log="x", title="where they ended")])
 

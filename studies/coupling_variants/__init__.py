@@ -1,1 +1,1 @@
-"""What does one system buy over the staggered variant and the linear step?"""
+"""What are the benefits of one system over the staggered variant and the linear step?"""

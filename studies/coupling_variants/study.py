@@ -1,13 +1,14 @@
-"""Three ways to solve thread and organ: one system, the staggered variant (§4.4), and the paper's linear step (§4.1).
+"""Three ways to solve thread and organ: one system, the staggered variant (§4.4), and the paper's linear step
+(§4.1).
 
-A suture through two ideal holes of a soft block, one end held, the other drawn out and let back by a hand. From one
-settled state the same scenario is stepped each way over the organ's stiffness and the time step, with an organ that
-has inertia and with one that has none. Measured are which steps are stable, the drift |P(s) − x| at the holes, the
-energy that comes from nowhere, over the work that the hand puts in, and how far the exit is from where a run of the
-whole system at half the finest step has it, against the number of linear systems that were solved.
+A suture passes two ideal holes of a soft block. One end is held, and a hand draws the other out and back. From
+the same settled state, the scenario is run in each way over the organ's stiffness and the time step, with and
+without inertia of the organ. Measured quantities are: stable steps, the drift |P(s) − x| at the holes, created
+energy over the work of the hand, and the error of the exit's place. The reference for this error is a run of
+the whole system at half the finest step. The cost is the number of linear systems.
 
-Consistency checks of our own paths; that the exchange destroys energy while it is stable is the theory it can be held
-against (`coupling.paper.staggered`), and that every error falls with the step.
+These are consistency checks of our own paths. Theory says that the exchange destroys energy while it is stable
+(`coupling.paper.staggered`), and that every error decreases with the step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -41,22 +42,22 @@ STEP_COUNTS = (10, 20, 40, 80, 160, 320, 640, 1280)  # over DURATION, each a mul
 SIZE = 2.5e-3  # of the mesh [m]
 FOOTPRINT = 2e-3  # [m]
 
-HOLD, HOLD_STEP = 0.1, 2e-3  # the thread settles, always in one system [s]
+HOLD, HOLD_STEP = 0.1, 2e-3  # [s] in which the thread settles, always in one system
 DURATION = 0.1  # of pull and release [s]
 WAY = 6e-3  # of the hand, out and back [m]
-CREATED = 0.1  # of the hand's work: a run whose lag has created more is unstable
+CREATED = 0.1  # of the hand's work: a run that created more energy is unstable
 
 MILLI, KILO = 1e-3, 1e3
 COMPARED = (3e-4, 1.2e-3, 5e-3)  # steps in the table [s]
 TICKS = (0.1, 0.3, 1.0, 3.0, 10.0)  # [ms]
 EQUAL = 500  # linear systems: the cost at which errors are compared
-SHOWN = 5e4  # stiffness whose error is drawn over the cost [Pa]
+SHOWN = 5e4  # stiffness in the panel of error over cost [Pa]
 COLOUR_OF = dict(zip(("monolithic", "staggered", "linear"), COLOURS, strict=False))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One run. `created` is over `external_work`, the work of the hand in the reference run."""
+    """One run. `created` is relative to `external_work`, the work of the hand in the reference run."""
 
     way: str = measured("", lambda at: at.way)
     inertia: bool = measured("", lambda at: at.tissue.inertia)  # of the organ
@@ -65,15 +66,15 @@ class Row:
     dt: float = measured("s", lambda at: DURATION / at.n)
     completed: bool = measured("", lambda at: at.run.completed)
     drift: float = measured("m", lambda at: at.run.drift)  # largest |P(s) − x|
-    moved: float = measured("m", lambda at: at.run.moved)  # farthest a hole moved
+    moved: float = measured("m", lambda at: at.run.moved)  # largest displacement of a hole
     created: float = measured("-", lambda at: at.run.created / at.whole.external_work)
     external_work: float = measured("J", lambda at: at.whole.external_work)
-    error: float = measured("-", lambda at: error_of(at.run, at.whole))  # of the exit's place, over how far it goes
+    error: float = measured("-", lambda at: error_of(at.run, at.whole))  # error of the exit's place, over its path
     solves: int = measured("linear systems", lambda at: at.run.solves)
 
     @property
     def stable(self) -> bool:
-        """Whether the run came to its end, and not on energy from nowhere."""
+        """Whether the run completed without created energy above the bound."""
         return self.completed and self.created <= CREATED
 
 
@@ -83,7 +84,7 @@ def main(
     size: float = SIZE,
     inertias: Sequence[bool] = (True, False),
 ) -> Iterator[Row]:
-    """Yield every run. Raises `StudyError` for steps that share no times."""
+    """Yield every run. Raises `StudyError` for steps without common times."""
     allowed = min(step_counts) >= 1 and not any(n % min(step_counts) for n in step_counts)
     require(allowed, f"step_counts = {list(step_counts)}", "give multiples of the smallest one")
     ways = [scenario(E, inertia, size) for inertia, E in product(inertias, stiffnesses)]
@@ -91,7 +92,7 @@ def main(
 
 
 def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) -> Scenario:
-    """Return the scene of an organ; its end goes out and back, from `HOLD` on."""
+    """Return the scene of an organ; its end goes out and back after `HOLD`."""
     phase = np.linspace(0.0, 1.0, 33)
     out = WAY * np.sin(np.pi * phase) ** 2
     hand = [[HOLD + DURATION * t, 0.02 + 0.8 * x, 0.0, 0.02 + 0.6 * x] for t, x in zip(phase, out, strict=True)]
@@ -105,7 +106,7 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
 
 
 def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
-    """Run one organ in all ways with all steps; the linear step has its own start and reference."""
+    """Yield the runs of one organ in all ways with all steps; the linear step has its own start and reference."""
     coarsest = step_counts[0]
     with_it = settle(assemble(scenario))
     linear = scenario.solve.model_copy(update={"scheme": "linear"})
@@ -119,7 +120,7 @@ def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
 
 
 def settle(assembly: Assembly) -> tuple[System, State]:
-    """Simulate up to `HOLD`; return the system and its state."""
+    """Return the system and its state after `HOLD`."""
     run = begin(assembly.system, assembly.start(), try_step)
     for _ in range(round(HOLD / HOLD_STEP)):
         run = run.step(HOLD_STEP)
@@ -128,15 +129,17 @@ def settle(assembly: Assembly) -> tuple[System, State]:
 
 @dataclass(frozen=True)
 class Way:
-    """A way to take a step, and the energy [J] that the step created."""
+    """A way to take a step, with the function for the energy [J] that a step creates."""
 
     take: Take
     created: Callable[[System, Array, Step], float]
 
 
 def constraint_energy(system: System, met: Array, step: Step) -> float:
-    """Return the energy created by a linear step [J]: its constraint forces are those of its start, its elastic force
-    the linearised one."""
+    """Return the energy created by a linear step [J].
+
+    Its constraint forces are those of the start of the step, and its elastic force is the linearised one.
+    """
     return -turned_over(step)[REMAINDER] - step.solution.linearisation
 
 
@@ -149,8 +152,11 @@ WAYS = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of one run up to its end: [m], [m], [J], [J], places of the exit `(k, 3)` [m] at the times that all runs
-    share, and the number of linear systems."""
+    """Results of one run up to its end.
+
+    Drift and displacement are in [m], energies in [J], `exit` are places `(k, 3)` [m] at the common times of
+    all runs, and `solves` is the number of linear systems.
+    """
 
     completed: bool
     drift: float
@@ -162,7 +168,7 @@ class Outcome:
 
 
 def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> Outcome:
-    """Pull and release in `n` steps, none of them halved: a step that fails ends the run."""
+    """Return the pull and release in `n` steps without halving: a failed step ends the run."""
     now, met, places = begin(system, state, way.take, halvings=0, downhill=False), state.y, [state.y[1, :3]]
     drift = moved = created = work = 0.0
     solves = 0
@@ -181,7 +187,7 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
         met = step.solution.iterate.y
         drift = max(drift, largest_gap(system, now.state, now.configuration.at))
         moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
-        work += max(0.0, now.energies.external_work - before.external_work)  # of the hand, nothing while it takes
+        work += max(0.0, now.energies.external_work - before.external_work)  # work of the hand, without returned work
         solves += now.iterations
         if number % (n // shared) == 0:
             places.append(now.state.y[1, :3])
@@ -189,13 +195,13 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
 
 
 def error_of(run: Outcome, whole: Outcome) -> float:
-    """Return how far the exit is at most from where another run has it, over its way; NaN if the run broke off."""
+    """Return the largest distance of the exit from its place in another run, over its path; NaN if the run failed."""
     away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
     return float(away.max()) / whole.moved if run.completed else float("nan")
 
 
 def runs_of(rows: Sequence[Row], way: str, inertia: bool, youngs_modulus: float) -> list[Row]:
-    """Return the runs of one organ one way, finest step first."""
+    """Return the runs of one organ in one way, finest step first."""
     found = [r for r in rows if (r.way, r.inertia, r.youngs_modulus) == (way, inertia, youngs_modulus)]
     return sorted(found, key=lambda row: row.dt)
 
@@ -206,7 +212,8 @@ def organs(rows: Sequence[Row]) -> list[tuple[bool, float]]:
 
 
 def largest_stable(runs: Sequence[Row]) -> float:
-    """Return the largest step below which every one is stable [s], zero if the finest is not; `runs` finest first."""
+    """Return the largest step up to which every step is stable [s], zero if the finest is unstable; `runs`
+    finest first."""
     return max((run.dt for run in takewhile(lambda run: run.stable, runs)), default=0.0)
 
 
@@ -214,7 +221,7 @@ def largest_stable(runs: Sequence[Row]) -> float:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line an organ and way: drift and energy at the steps next to those of COMPARED."""
+    """Return the table with a line for each organ and way: drift and energy at the steps nearest to COMPARED."""
     steps = " / ".join(f"{dt / MILLI:g}" for dt in COMPARED) + " ms"
 
     def at_steps(runs: Sequence[Row], cell: Callable[[Row], str]) -> str:
@@ -242,14 +249,16 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def error_text(runs: Sequence[Row]) -> str:
-    """Write the error at a number of linear systems [%]."""
+    """Return the error at a number of linear systems [%] in words."""
     error = error_at(EQUAL, runs)
     return "none" if np.isnan(error) else f"{100.0 * error:.2g}"
 
 
 def error_at(cost: float, runs: Sequence[Row]) -> float:
-    """Return the error of the stable runs at a number of linear systems, straight between its neighbours in logarithms;
-    NaN if the ladder of steps does not reach it."""
+    """Return the error of the stable runs at a number of linear systems, interpolated in logarithms.
+
+    NaN outside the range of the runs.
+    """
     known = sorted((run.solves, run.error) for run in runs if run.stable)
     if not known or not known[0][0] <= cost <= known[-1][0]:
         return float("nan")
@@ -258,7 +267,7 @@ def error_at(cost: float, runs: Sequence[Row]) -> float:
 
 
 def stable_text(runs: Sequence[Row]) -> str:
-    """Return the largest stable step [ms] of the tested ones, in words."""
+    """Return the largest stable step [ms] among the tested ones, in words."""
     stable = [run.dt / MILLI for run in runs if run.stable]
     largest = largest_stable(runs) / MILLI
     if not stable:
@@ -269,20 +278,22 @@ def stable_text(runs: Sequence[Row]) -> str:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the organs too soft for small strains, and a mesh too coarse for the footprint."""
+    """Return remarks on organs too soft for small strains, and on a mesh too coarse for the footprint."""
     out = too_coarse("every run", rows[0].size, FOOTPRINT)
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
         out += beyond_linear(name, runs_of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
     out.append(
-        "linear: compared with a thread without the compliance that a spline lacks at a hole, which it cannot have"
+        "linear: compared with a thread without the added compliance of a spline at a hole, which this step cannot use"
     )
     return out
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw which steps are stable, error over cost, drift and created energy over the step: a line of panels for each
-    kind of organ."""
+    """Return the figure of stable steps, error over cost, drift and created energy over the step.
+
+    Each kind of organ has a row of panels.
+    """
     return draw(*map(panels_of, grouped(rows, lambda row: row.inertia).values()))
 
 

@@ -1,13 +1,14 @@
-"""Friction at a hole: the exact point law, the continuum it tends to, and the paper's two passes.
+"""Friction at a hole: the exact point law, its limit for many holes, and the paper's two passes.
 
-At one hole that turns a thread by θ, its tangent half-way, the pull at slip is (1 + μt)/(1 − μt) times the hold,
-t = tan θ/2, and no pull moves it from θ = 2 atan 1/μ on. Round a capstan it is exp(μθ); many holes in a row tend to
-that with the square of their number. One lagged correction (§4.3) gives 1 + 2μt where the hold is given and
-1/(1 − 2μt) where the pull is. A thread that bends finds its own tangent, and its ratio is that of the elastica. Drawn
-out and let back, it shows the loop of the load: the ratio on the way out, one over it on the way back. Through several
-holes the ratios multiply, and the loop grows as their power.
+A hole turns a thread by θ, and its tangent is half-way between the strands. Slip begins if the pull is (1 +
+μt)/(1 − μt) times the hold, with t = tan θ/2. From θ = 2 atan 1/μ on, no pull moves the thread. Around a
+capstan the ratio is exp(μθ), and many holes in a row approach this with the square of their number. One lagged
+correction (§4.3) gives 1 + 2μt for a given hold and 1/(1 − 2μt) for a given pull. A bending thread finds its
+own tangent, and its ratio follows from the elastica. If the thread is drawn out and let back, the load makes a
+loop: the ratio on the way out, and its inverse on the way back. For several holes the ratios multiply, and the
+loop grows as their power.
 
-A rod of 20 mm in a sleeve that is fixed in space shows the first three, a suture round fixed holes the last.
+A rod of 20 mm in a sleeve fixed in space shows the first three, a suture around fixed holes the last.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -37,21 +38,21 @@ from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 
 HOLD = 0.1  # [N]
-DT = 3e-3  # of the one step that shows whether a rod slips [s]; long, for the rod bends and that takes inertia
+DT = 3e-3  # of the one step that shows whether a rod slips [s]; long, because bending of the rod takes time
 GLIDE = 0.05  # speed of a rod in the two passes [m/s]
 ROD = Section(diameter=7e-3, density=260.0, youngs_modulus=2.6e9, poisson_ratio=0.3)  # bends by 1e-4 under 1 N
-TINY = 1e-3  # of a pull: as far on either side of its threshold it sticks and slips
+TINY = 1e-3  # of a pull: distance on both sides of the threshold at which the rod sticks and slips
 
 SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
-LOOP_STEPS, LOOP_SPANS = 40, 20  # steps each way, spans a hole besides those of its packet
-REST = 0.05  # in which the thread settles before it is drawn [s]
+LOOP_STEPS, LOOP_SPANS = 40, 20  # steps each way, and spans per hole in addition to its packet
+REST = 0.05  # time in which the thread settles before it is drawn [s]
 PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One ratio of pull to hold, or for `kind` "loop" the moment of one."""
+    """One ratio of pull to hold; for `kind` "loop" at one moment of a loop."""
 
     kind: str  # "one hole", "holes in a row", "two passes, hold given", "two passes, pull given" or "loop"
     mu: float = unit_field("-")
@@ -60,21 +61,21 @@ class Row:
     way: float = unit_field("m", default=0.0)  # of the hand, in a loop
     ratio: float = unit_field("-")
     theory: float = unit_field("-")
-    settled: bool  # sticks and slips on either side of the threshold found; in a loop, slips
+    settled: bool  # the rod sticks and slips on the two sides of the threshold; in a loop, the thread slips
 
     @property
     def exact(self) -> float:
-        """The ratio of the exact point law at one hole [-]."""
+        """Ratio by the exact point law at one hole [-]."""
         return point_ratio(self.mu, np.radians(self.turn))
 
     @property
     def limit(self) -> float:
-        """The ratio of a capstan with the same turn [-]."""
+        """Ratio at a capstan with the same turn [-]."""
         return capstan(self.mu, np.radians(self.turn))
 
     @property
     def error(self) -> float:
-        """The error of the ratio, over that of theory [-]."""
+        """Error of the ratio relative to theory [-]."""
         return abs(self.ratio / self.theory - 1.0)
 
 
@@ -86,9 +87,10 @@ def main(
     loop_turn: float = 90.0,
     loop_holes: Sequence[int] = (1, 2, 3),
 ) -> Iterator[Row]:
-    """Yield every ratio: single holes, lags and a loop for every coefficient, and holes in a row over `wrap` [degree].
+    """Yield every ratio: single holes, lags and loops for every coefficient, and holes in a row over `wrap`
+    [degree].
 
-    Raises `StudyError` for what has no threshold.
+    Raises `StudyError` for arguments without a threshold.
     """
     if min(*mus, *turns, wrap) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or min(loop_holes) < 1:
         reason = "coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two holes or more, loops of one"
@@ -111,7 +113,7 @@ def unit_vector(angle: float) -> Array:
 def fixed_holes(
     thread: Thread, ends: tuple[End, End], mu: float, places: Array, directed: Array | None = None
 ) -> System:
-    """Build a thread through rough holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or none."""
+    """Return a thread through rough holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or free."""
     sites = tissue.fixed_sites([tissue.Site(place, direction=directed) for place in places])
     rough = Friction(mu, mu)
     holes = [Piercing(f"hole {k}", directed=directed is not None, friction=rough) for k in range(len(places))]
@@ -122,8 +124,11 @@ def laid_through(
     places: Array, mu: float, path: RoundedPath, s: Array, ends: tuple[End, End], section: Section, spans: int,
     stretch: float = 1.0, damping: float = 0.0,
 ) -> tuple[System, State]:  # fmt: skip
-    """Lay a thread, which a `stretch` makes as long as its path, through rough holes at `places` (p, 3) [m], at its
-    abscissae `s` (p,) [m]; so many `spans` a hole, besides those of the packets."""
+    """Return a thread laid through rough holes at `places` (p, 3) [m], at its abscissae `s` (p,) [m].
+
+    The thread is stretched by `stretch` to the length of its path, and has `spans` per hole in addition to
+    those of the packets.
+    """
     length = path.length / stretch
     knots = through_holes(length, s, False, length / (spans * s.size))
     system = fixed_holes(Thread(knots, section, damping=damping), ends, mu, places)
@@ -135,7 +140,7 @@ def laid_through(
 
 
 def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State]:
-    """Build a rod along x in a sleeve, at rest, its ends pulled out of line by `half` [rad] each."""
+    """Return a rod along x in a sleeve, at rest, whose ends are pulled at an angle `half` [rad] to its axis."""
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
     ends = (Pulled(-hold * unit_vector(-half)), Pulled(pull * unit_vector(half)))
     system = fixed_holes(thread, ends, mu, np.zeros((1, 3)), unit_vector(0.0))
@@ -149,8 +154,10 @@ def slips(mu: float, half: float, pull: float, hold: float) -> bool:
 
 
 def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
-    """Find the pull [N] where |f| − μN, linear in the pull, has its zero, as seen while the rod sticks; and whether it
-    sticks just below and slips just above."""
+    """Return the pull [N] at which |f| − μN vanishes, and whether the rod sticks just below and slips just above.
+
+    This function is linear in the pull and is measured while the rod sticks.
+    """
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
         seen = begin(*rod(mu, half, pull, hold)).step(DT).piercings[0]
@@ -160,8 +167,10 @@ def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
 
 
 def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
-    """Measure one rod, or several in a row, each held by the pull of the one before; they turn by `wrap` [degree] in
-    all."""
+    """Return the ratio of one rod, or of several in a row, each held by the pull of the one before.
+
+    Together they turn by `wrap` [degree].
+    """
     pull, settled, kind = HOLD, True, "holes in a row" if holes > 1 else "one hole"
     for _ in range(holes):
         pull, sure = pull_at_slip(mu, np.radians(wrap) / holes / 2, pull)
@@ -171,8 +180,10 @@ def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
-    """Return the tensions of a gliding rod after the second pass, which changes the tension by its friction, from the
-    hold up or from the pull down."""
+    """Return the ratios of a gliding rod after the second pass, which changes the tension by its friction.
+
+    Either the hold or the pull is given.
+    """
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
     v = np.outer(np.ones(system.thread.n), GLIDE * unit_vector(0.0))
@@ -187,7 +198,7 @@ def two_passes(mu: float, turn: float) -> list[Row]:
 
 
 def inverse(x: float) -> float:
-    """Return 1/x, infinite if nothing is left to hold."""
+    """Return 1/x, or infinity if x is not positive."""
     return float(1.0 / x) if x > 0.0 else float("inf")
 
 
@@ -195,7 +206,10 @@ def inverse(x: float) -> float:
 
 
 def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
-    """Run a suture held by a dead load and drawn through a zigzag of holes by a hand that goes out and comes back."""
+    """Yield the moments of a suture through a zigzag of holes, with a dead load at one end and a hand at the other.
+
+    The hand moves out and back.
+    """
     sides = unit_vector(0.0), unit_vector(np.radians(turn))
     arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
     corners = np.cumsum([np.zeros(3), *(2 * arm * sides[k % 2] for k in range(1, holes))], axis=0)
@@ -215,8 +229,7 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
 
 
 def moment(state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
-    """Return pull over hold; the theory is that of a thread that bends, for the angles by which the force in it
-    turns."""
+    """Return the ratio of pull and hold; theory is a bending thread, with the measured turns of its force."""
     hold, pull = np.linalg.norm(state.reaction, axis=1)
     inner = np.cumsum([-state.reaction[0], *-state.lam[:, :3]], axis=0)
     inner /= np.linalg.norm(inner, axis=1)[:, None]
@@ -231,7 +244,7 @@ def moment(state: State, mu: float, turn: float, place: float, outwards: bool) -
 
 
 def rows_of_kind(rows: Sequence[Row], kind: str, mu: float, holes: int | None = None) -> list[Row]:
-    """Return the rows of a kind and a coefficient, and of a number of holes."""
+    """Return the rows of a kind, a coefficient, and optionally a number of holes."""
     return [row for row in rows if (row.kind, row.mu) == (kind, mu) and holes in (None, row.holes)]
 
 
@@ -251,24 +264,24 @@ def coefficients(rows: Sequence[Row]) -> list[float]:
 
 
 def error(rows: Sequence[Row]) -> float:
-    """Return the largest relative error of the settled ratios against theory; NaN if none settled."""
+    """Return the largest relative error of the settled ratios; NaN if none settled."""
     return max((row.error for row in rows if row.settled), default=float("nan"))
 
 
 def order_in_number(runs: Sequence[Row]) -> float:
-    """Return the order in 1/N by which the last two holes in a row tend to exp(μθ)."""
+    """Return the order in 1/N with which the last two holes in a row approach exp(μθ)."""
     few, many = runs[-2:]
     return float(np.log((few.ratio - many.limit) / (many.ratio - many.limit)) / np.log(many.holes / few.holes))
 
 
 def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """Return a loop on its way out and on its way back."""
+    """Return a loop as its way out and its way back."""
     top = max(range(len(runs)), key=lambda k: runs[k].way) if runs else -1
     return list(runs[: top + 1]), list(runs[top + 1 :])
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line a coefficient and angle, then those of the holes in a row, then those of the loops."""
+    """Return the table with a line for each coefficient and angle, then for the holes in a row, then for the loops."""
     head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
     lines = [line(row) for row in rows if row.kind != "loop"]
     for mu, holes in loops_of(rows):
@@ -287,7 +300,7 @@ def line(row: Row) -> tuple[str, ...]:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Write the coefficient, angle, ratio, theory and that of the continuum, one over it where the thread goes back."""
+    """Return coefficient, angle, ratio, theory and capstan as text; on the way back the inverse of the capstan."""
     limit = row.limit ** ((row.holes if row.kind == "loop" else 1) * (1 if row.theory >= 1.0 else -1))
     return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{limit:.5g}"
 
@@ -302,14 +315,14 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         out.append(f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}")
         locked = [f"{row.turn:g}°" for row in rows_of_kind(rows, "two passes, pull given", mu) if not row.settled]
         if locked:
-            lock = f"LOCK at {', '.join(locked)}, the exact law does not"
+            lock = f"LOCK at {', '.join(locked)}, the exact law does not lock"
             out.append(f"μ = {mu:g}: two passes with the pull given {lock}")
     holes = [row for row in rows if row.kind in ("one hole", "holes in a row") and not row.settled]
     return out + [f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND" for row in holes]
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the laws over the angle, the lag, holes in a row, and the loops of the load at the middle coefficient."""
+    """Return the figure of the laws over the angle, the lag, holes in a row, and loops at the middle coefficient."""
     mus, many = coefficients(rows), by_coefficient(rows, "holes in a row")
     angles = np.linspace(0.0, max(row.turn for row in rows if row.kind == "one hole"), 101)
     last, middle = list(many.values())[-1], mus[len(mus) // 2]
@@ -357,7 +370,7 @@ def over_degrees(law: Callable[[float, float], float], mu: float, angles: Array)
 
 
 def above(row: Row, law: float) -> float:
-    """Return how far a ratio is above that of a law [%]."""
+    """Return the difference of a ratio from a law [%]."""
     return 100 * (row.ratio / law - 1.0)
 
 

@@ -1,27 +1,28 @@
 """Mesh refinement: which numbers of a pulled suture converge, with a bare point and with footprints.
 
-A suture through two ideal holes of a quasi-static block, one end held, the other pulled by a dead load. Cells, element
-order, control points, time step and footprint are refined each alone; cells, control points and time step together.
-Measured are the compliance of a hole along the surface and along its normal, how far the entry moves, the force on it
-and the length drawn through the exit. Every quantity of every ladder gets a verdict (`studies.verdicts`) from its
-three finest runs.
+A suture passes two ideal holes of a quasi-static block, one end is held, and a dead load pulls the other.
+Cells, element order, control points, time step and footprint are refined one by one; cells, control points and
+time step also together. Measured quantities are the compliance of a hole along the surface and along its
+normal, the displacement of the entry, the force on it, and the length drawn through the exit. Each quantity of
+each ladder gets a verdict (`studies.verdicts`) from its three finest runs.
 
-A bare point has no limit: on meshes that are copies of one another its compliance is c/(E h) and a constant. So has
-none a footprint that shrinks; its compliance is c/(E a).
+A bare point has no limit: on meshes that are scaled copies its compliance is c/(E h) plus a constant. A
+shrinking footprint has no limit either: its compliance is c/(E a).
 
-The order of theory. A compliance is an energy, wᵀA⁻¹w, and errs by the square of the energy norm's error, ∫ h²|u″|² for
-P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at its rim, at a distance r of which u″ ~ log r and
-u‴ ~ 1/r. That is h² for P1; for P2 the rim adds as much from every octave of r between a and h: h⁴ ln(a/h), the order
-of which is 4 − 1/ln(a/h) and not 4. Displacements, forces and lengths are smooth functions of the compliances and
-inherit their order. A thread's moment kinks at a hole, inside a span where the spline's is linear: h³ for its energy,
-with a small factor. Backward Euler is of order one, so the coupled ladder takes spans like h and steps like h²: cells
-and steps are then both of order two.
+*Theoretical order.* A compliance is an energy, wᵀA⁻¹w, with an error of the square of the error in the energy
+norm: ∫ h²|u″|² for P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at its rim. At a distance r
+from it, u″ ~ log r and u‴ ~ 1/r. This gives h² for P1. For P2 every octave of r between a and h adds the same
+amount: the error is h⁴ ln(a/h), with the order 4 − 1/ln(a/h) instead of 4. Displacements, forces and lengths
+are smooth functions of the compliances and have the same order. A thread's moment has a kink at a hole, inside
+a span where the spline's moment is linear: the energy error is h³ with a small factor. Backward Euler has order
+one, so the coupled ladder refines spans like h and steps like h²: cells and steps are then both of order two.
 
-Two things are kept out because they would hide this. Where the clamped bottom meets a free side the stress is infinite
-(strains like r^(λ−1) with sin²(λπ/2) = (4(1−ν)² − λ²)/(3−4ν), Williams 1952; λ = 0.71 at ν = 0.3, an error of h^1.42,
-small but lasting); at ν = 0 it is not (λ = 1, uniaxial stress), so ν = 0. And the holes leave the thread its direction:
-the couple of an imposed one has a load that jumps at the rim, so it is of order two on either element, with a factor
-that depends on how the rim cuts the cells.
+Two effects are excluded, because they would hide these orders. Where the clamped bottom meets a free side, the
+stress is infinite: strains like r^(λ−1) with sin²(λπ/2) = (4(1−ν)² − λ²)/(3−4ν) (Williams 1952). At ν = 0.3, λ
+= 0.71 gives a small but persistent error of h^1.42. At ν = 0 the stress is finite (λ = 1, uniaxial stress), so
+ν = 0. The second effect is an imposed direction of the thread. The load of its couple jumps at the rim, so it
+has order two on both elements, with a factor that depends on the cut of the rim by the cells. So the holes
+leave the direction free.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,14 +41,14 @@ from studies.study import Columns, Job, Table, described, each, grouped, measure
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH = 0.012  # of the block [m]
-RAMP = 0.05  # of the pull in a dynamic run, at whose end it is looked at [s]
-STATIC = 0.0  # time step of an equilibrium
-FOOTPRINT, CONTROL_POINTS, CELLS = 2e-3, 40, 16  # what is not refined [m], [-], [per LENGTH]
+RAMP = 0.05  # of the pull in a dynamic run, which is evaluated at its end [s]
+STATIC = 0.0  # time step in the table for an equilibrium
+FOOTPRINT, CONTROL_POINTS, CELLS = 2e-3, 40, 16  # values that are not refined [m], [-], [per LENGTH]
 
 MILLI = 1e-3
 DECADE = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # ticks [mm/N]
-SPANS_PER_CELL, STEPS_PER_CELL = 2.5, 1 / 32  # of the coupled ladder: spans over cells, steps over their square
-# Orders of theory; the coupled ladder has that of its lowest parts, P1 in h and backward Euler in Δt ~ h².
+SPANS_PER_CELL, STEPS_PER_CELL = 2.5, 1 / 32  # of the coupled ladder: spans per cell, and steps per square of cells
+# Theoretical orders; the coupled ladder has the lowest of its parts, P1 in h and backward Euler in Δt ~ h².
 FORMAL = {"P1": 2.0, "control points": 3.0, "time step": 1.0, "footprint": 2.0, "coupled": 2.0}
 QUANTITIES = {
     "compliance_along": ("compliance along the surface", "mm/N"),
@@ -59,7 +60,7 @@ QUANTITIES = {
 VARIANTS = ("bare point, P1", "footprint, P1", "footprint, P2")
 FOOTPRINT_P1, FOOTPRINT_P2 = VARIANTS[1:]
 FITTED = "cells refined to the footprint, P2"
-ACCURACY = 0.02  # of these: it is nearly the same of every footprint
+ACCURACY = 0.02  # accuracy of these cells: nearly independent of the footprint
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +86,7 @@ class Row:
 
     @property
     def sizes(self) -> tuple[float, str]:
-        """The refined size: cell or footprint [m], time step [s], or one over the spans [-]; and its name."""
+        """The refined size and its name: cell or footprint [m], time step [s], or one over the spans [-]."""
         h = f"h = {self.h / MILLI:.3g} mm"
         return {
             "cells": (self.h, h),
@@ -102,7 +103,7 @@ class Row:
 
     @property
     def size_text(self) -> str:
-        """The same in words."""
+        """The refined size in words."""
         return self.sizes[1]
 
 
@@ -116,8 +117,11 @@ def main(
     footprints: Sequence[float] = (1e-3, 5e-4, 2.5e-4),
     youngs_modulus: float = 2e5,
 ) -> Iterator[Row]:
-    """Yield every run. Cells are per length of the block and multiples of eight, so that all meshes are copies of one
-    another about the holes. Raises `StudyError` for ladders that no verdict can be given on."""
+    """Yield every run.
+
+    Cells are per length of the block and multiples of eight, so that all meshes are scaled copies around the
+    holes. Raises `StudyError` for ladders without a possible verdict.
+    """
     ladder_of: dict[str, Sequence[float]] = {"p1_cells": p1_cells, "footprint_cells": footprint_cells}
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
     check_ladders(ladder_of | {"control_points": control_points, "steps": steps, "footprints": footprints})
@@ -135,7 +139,7 @@ def main(
 
 
 def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:
-    """Refuse ladders of fewer than three rungs, and meshes that are no copies of one another."""
+    """Refuse ladders with fewer than three levels, and meshes that are not scaled copies."""
     for name, rungs in ladder_of.items():
         shown = f"{name} = [{', '.join(f'{rung:g}' for rung in rungs)}]"
         require(len(set(rungs)) >= 3 and min(rungs) > 0, shown, "a verdict needs three different numbers above zero")
@@ -153,7 +157,7 @@ def run_rung(
     control_points: int = CONTROL_POINTS,
     dt: float = STATIC,
 ) -> Row:
-    """Measure one run at its last moment."""
+    """Return one run, measured at its end."""
     radius = 0.0 if variant.startswith("bare") else footprint
     values: dict[str, object] = {
         "tissue.youngs_modulus": youngs_modulus,
@@ -190,7 +194,7 @@ def verdict_on(runs: Sequence[Row], quantity: str) -> Verdict:
 
 
 def formal_order(runs: Sequence[Row]) -> float:
-    """Return the order of theory of a ladder; for P2 the one that h⁴ ln(a/h) shows on its three finest meshes."""
+    """Return the theoretical order of a ladder; for P2 the order of h⁴ ln(a/h) on its three finest meshes."""
     if runs[0].ladder != "cells":
         return FORMAL[runs[0].ladder]
     if runs[0].variant != FOOTPRINT_P2:
@@ -207,21 +211,21 @@ def expected_order(runs: Sequence[Row], quantity: str) -> str:
 
 
 def verdict_text(runs: Sequence[Row], quantity: str) -> str:
-    """Write the verdict in words; nothing is called converged that hangs on a hole that diverges."""
+    """Return the verdict in words; a number is not called converged if a compliance of its holes diverges."""
     found = verdict_on(runs, quantity)
     compliances = [name for name in QUANTITIES if name.startswith("compliance") and can_change(runs[0].ladder, name)]
     diverge = any(verdict_on(runs, name).kind == "diverging" for name in compliances)
     if diverge and found.kind in ("converged", "unresolved"):
-        return "NOT CONVERGED, for its holes diverge"
+        return "NOT CONVERGED, because its holes diverge"
     return found.text
 
 
 def can_change(ladder: str, quantity: str) -> bool:
-    """Return whether a ladder can change a quantity: the organ's compliance knows no thread."""
+    """Return whether a ladder can change a quantity: the organ's compliance does not depend on the thread."""
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
 
-COLUMNS: Columns = (  # of a ladder's runs, a quantity and its verdict
+COLUMNS: Columns = (  # for a ladder's runs, a quantity and its verdict
     ("refined", lambda of: of[0][0].ladder),
     ("holes", lambda of: of[0][0].variant),
     ("finest", lambda of: of[0][0].size_text),
@@ -236,19 +240,19 @@ COLUMNS: Columns = (  # of a ladder's runs, a quantity and its verdict
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line for every quantity of every ladder."""
+    """Return the table with a line for every quantity of every ladder."""
     pairs = [(runs, quantity) for (_, _, runs), quantity in product(ladders(rows), QUANTITIES)]
     changing = [(runs, quantity) for runs, quantity in pairs if can_change(runs[0].ladder, quantity)]
     return Table.of(COLUMNS, [(runs, quantity, verdict_on(runs, quantity)) for runs, quantity in changing])
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """List the worst of each ladder: cells too coarse, holes that moved too far."""
+    """Return the worst remarks of each ladder: cells too coarse, holes that moved too far."""
     out = []
     for ladder, variant, runs in ladders(rows):
         name = f"{ladder}, {variant}"
         if runs[0].footprint == 0.0:
-            out.append(f"{name}: strains beside the hole grow without bound, NO LINEAR RANGE")
+            out.append(f"{name}: strains next to the hole grow without bound, NO LINEAR RANGE")
             continue
         if variant != FITTED:
             coarse = max(runs, key=lambda run: LENGTH / run.cells / run.footprint)
@@ -262,7 +266,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw every quantity over the cells, errors with theoretical orders, and the other ladders."""
+    """Return the figure of every quantity over the cells, errors with theoretical orders, and the other ladders."""
     cells = {variant: runs_of_ladder(rows, "cells", variant) for variant in VARIANTS}
     sizes = {"x": sorted({run.h / MILLI for run in rows if run.ladder == "cells"})}
     places = [
@@ -303,7 +307,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str) -> Item:
-    """Draw how far a quantity over its limit is from one, and dotted the order of theory through the finest run."""
+    """Return the relative error of a quantity, with its theoretical order through the finest run as a dotted line."""
     h, error = np.array([run.h for run in runs]), abs(np.array([getattr(run, quantity) for run in runs]) / limit - 1.0)
     law = h**4 * np.log(FOOTPRINT / h) if runs[0].variant == FOOTPRINT_P2 else h**2
     measured = curve(h / MILLI, error, name, MARKERS[k], COLOURS[k])
@@ -311,7 +315,7 @@ def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str
 
 
 def changes(rows: Sequence[Row], ladder: str, x: str, unit: str) -> Item:
-    """Draw the distance of the quantities from the finest run, over the refined size."""
+    """Return the panel of the distance of the quantities from the finest run, over the refined size."""
     finest, *runs = runs_of_ladder(rows, ladder, FOOTPRINT_P2)
     off = {
         name: lambda run, key=key: abs(getattr(run, key) / getattr(finest, key) - 1.0)

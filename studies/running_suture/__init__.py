@@ -1,1 +1,1 @@
-"""How far along a running suture is a pull felt, and is that what was measured?"""
+"""How far along a running suture does a pull act, and does this agree with a measurement?"""

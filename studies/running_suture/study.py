@@ -1,24 +1,22 @@
-"""A running suture: how far along the stitches a pull is felt, compared with a published
-experiment.
+"""A running suture: the reach of a pull along the stitches, compared with a published experiment.
 
-Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured
-the thread of the second: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth stitch on,
-and no influence of the fifth, sixth and seventh. Here a thread runs through two rough holes a
-stitch, its first hole a knot, and its loose end is pulled.
+Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured the thread
+of the second stitch: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth stitch on, and no influence
+of the fifth, sixth and seventh. Here a thread runs through two rough holes per stitch, its first hole is a
+knot, and its loose end is pulled.
 
-*One pull.* Seven stitches under no load but the slack's; the end is pulled, and let back. One
-number, the coefficient of friction μ, is set so that two stitches back the tension is the published
-third of the pull.
+*One pull.* Seven stitches carry no load except a small laying tension. The end is pulled, and let back. One
+number, the coefficient of friction μ, is fitted: two stitches back the tension is the published third of the
+pull.
 
-*Placing.* With that μ the stitches are placed one after the other: the end is held, led through two
-new holes, pulled, let back to the hold. What friction has locked in earlier stitches stays. The
-hold is not published: it is varied.
+*Placing.* With this μ the stitches are placed one after the other. The end is held, passed through two new
+holes, pulled, and let back to the hold. Friction keeps the tension of earlier stitches. The hold is not
+published, so it is varied.
 
-A hole is a ring that the thread bends round: T₁ − T₂ = μN with T₁(1 − cos α) = T₂(1 − cos β), see
-`studies.theory.bent_ratio`; round a cylinder it would be exp(μθ). Segments obey `tensions_by_law`,
-whatever their elasticity, as long as nothing but the pull moves thread through a hole. Left out are
-lips that press on one another, holes that tear, tissue that creeps, and the sensor that the
-published thread ran through.
+A hole is a ring around which the thread bends: T₁ − T₂ = μN with T₁(1 − cos α) = T₂(1 − cos β), see
+`studies.theory.bent_ratio`. Around a cylinder the ratio would be exp(μθ). Segments follow `tensions_by_law`,
+independent of their elasticity, if only the pull moves thread through a hole. Neglected are contact of the
+lips, tearing of holes, creep of tissue, and the sensor on the published thread.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -47,29 +45,28 @@ from thread.ends import Free
 BITE, PITCH = 5e-3, 5e-3  # [m]
 # Förstemann et al., J Biomech 2011;44:600: 3.4 N/mm at 6 % across the linea alba, 57 N/mm, here on 1.5 mm.
 THICKNESS, YOUNGS_MODULUS = 1.5e-3, 4e7  # [m], [Pa]
-WIDTH, BEYOND = 0.04, 0.03  # of the sheet, and how far it goes on beyond the stitches [m]
+WIDTH, BEYOND = 0.04, 0.03  # of the sheet, and its length beyond the stitches [m]
 FOOTPRINT = 0.7e-3  # radius of a hole [m]
 
 PULL, PULL_SD = 3.0, 1.2  # published [N]
 LEFT, LEFT_SD = 1.0, 0.3  # published two stitches back [N]
-BACK = 2  # stitches from the pull to where μ is calibrated
+BACK = 2  # stitches from the pull to the stitch for the calibration
 PUBLISHED = "Horeman et al. 2013, mean and SD"
 ONE, CALIBRATED, PLACING = "one pull", "one pull, calibrated", "placing, stitch 2"
 
-SLACK = 0.1  # tension in which a thread is laid without friction; a pull is let back to twice that [N]
-FREE, TAIL, LOOP = 6e-3, 0.03, 1e-3  # of the thread before its knot, beyond the last hole, up and down from each [m]
-LED = 1e9  # of a stitch that begins where the hand has led the thread, not at a time of its own [s]
+SLACK = 0.1  # tension in which a thread is laid without friction; a pull is let back to twice this [N]
+FREE, TAIL, LOOP = 6e-3, 0.03, 1e-3  # of thread before its knot, beyond the last hole, above and below each hole [m]
+LED = 1e9  # a beginning that is never reached [s]: the stitch begins when the hand has moved the thread there
 STEP, LAYING, PULLING, LETTING, SWING, REST = 2e-3, 0.04, 0.15, 0.08, 0.06, 0.02  # [s]
-SLIPPED = 1.2  # times its tension before the pull: a stitch this far above it was reached by slip
+SLIPPED = 1.2  # times its tension before the pull: a stitch above this was reached by slip
 OVER = np.array([-2 * BITE, PITCH, 0.0]) / np.hypot(2 * BITE, PITCH)  # over the wound to the next stitch
-UNDER = np.array([1.0, 0.0, 0.0])  # under it
+UNDER = np.array([1.0, 0.0, 0.0])  # under the wound
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One stitch at one moment of one run. Its tension is that of the thread where it leaves the
-    stitch."""
+    """One stitch at one moment of one run; `tension` is that of the thread behind the stitch."""
 
     kind: str  # ONE, CALIBRATED or PLACING
     fixed: bool = measured("", lambda line: line.case.fixed)
@@ -80,14 +77,14 @@ class Row:
     hand: float = unit_field("N")
     stitch: int = unit_field("-")  # 1 begins with the knot
     tension: float = unit_field("N")
-    law: float = unit_field("N")  # by the turns measured in the run and the law of a ring
-    moved: float = measured("m", lambda line: np.linalg.norm(line.moved, axis=1).max())  # farthest a hole has moved
+    law: float = unit_field("N")  # by the measured turns and the law of a ring
+    moved: float = measured("m", lambda line: np.linalg.norm(line.moved, axis=1).max())  # largest of a hole
     bearing: float = measured("-", lambda line: line.bearing)  # largest bearing strain at a hole
     settled: float = measured("-", lambda line: unrest(line.run.energies.kinetic, line.run.energies.elastic))
 
     @property
     def stitches_back(self) -> int:
-        """Stitches back from the pull."""
+        """Number of stitches back from the pull."""
         return self.stitches - self.stitch
 
 
@@ -97,12 +94,12 @@ class Case:
 
     mu: float
     stitches: int
-    fixed: bool = False  # its holes in space, not in a sheet
+    fixed: bool = False  # holes fixed in space instead of a sheet
 
 
 @dataclass(frozen=True)
 class Hand(Free):
-    """Pulls with a dead load that goes from `begin` to `end` (3,) [N] between two `times` [s]."""
+    """A hand with a dead load that changes from `begin` to `end` (3,) [N] between two `times` [s]."""
 
     times: tuple[float, float]
     begin: Array
@@ -116,8 +113,7 @@ class Hand(Free):
 
 @dataclass(frozen=True)
 class Line:
-    """A suture in its holes. `law` (segments,) [N]: the tensions behind each hole by the law of
-    friction."""
+    """A suture in its holes; `law` (segments,) [N] are the tensions behind each hole by the law of friction."""
 
     case: Case
     run: Run[Any]
@@ -125,13 +121,12 @@ class Line:
 
     @property
     def holes(self) -> int:
-        """Holes that the thread is in."""
+        """Number of holes that contain the thread."""
         return int(self.run.state.present.sum())
 
     @cached_property
     def forces(self) -> Array:
-        """Tensions before and after each hole that the thread is in and its force, shape
-        `(holes, 3)` [N]."""
+        """Tensions before and after each hole with the thread, and its force, shape `(holes, 3)` [N]."""
         seen = self.run.piercings[: self.holes]
         return np.array([(abs(o.tension_before), abs(o.tension_after), np.linalg.norm(o.force)) for o in seen])
 
@@ -142,14 +137,13 @@ class Line:
 
     @property
     def bearing(self) -> float:
-        """Bearing strain at a hole at most [-]."""
+        """Largest bearing strain at a hole [-]."""
         E = np.inf if self.case.fixed else YOUNGS_MODULUS
         return bearing_strain(self.forces[:, 2].max(), self.run.system.thread.section.diameter, THICKNESS, E)
 
     @property
     def turns(self) -> Array:
-        """Angle by which the thread turns in each hole but the knot (holes − 1,) [rad], from the
-        balance of forces."""
+        """Turn of the thread in each hole except the knot (holes − 1,) [rad], from the balance of forces."""
         before, after, force = self.forces[1:].T
         cosine = (before**2 + after**2 - force**2) / (2.0 * before * after)
         return np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -161,9 +155,11 @@ def main(
     holds: Sequence[float] = (0.2, 0.4, 0.8),
     fixed: bool = False,
 ) -> Iterator[Row]:
-    """Run one pull for every coefficient and for the calibrated one, and the placing with every
-    hold [N]; with the middle one too in points that are `fixed` in space, in which all can be
-    run. Raises `StudyError` for what cannot be calibrated."""
+    """Yield one pull for every coefficient and for the calibrated one, and the placing with every hold [N].
+
+    The placing with the middle hold is also run in holes `fixed` in space; with `fixed`, all runs are. Raises
+    `StudyError` for arguments that prevent a calibration.
+    """
     allowed = stitches > BACK and min(mus) >= 0.0 and max(mus) < 1.0 and min(holds) > 0.0
     reason = f"give more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
     require(allowed, f"stitches = {stitches}, mus = {mus}, holds = {holds}", reason)
@@ -181,8 +177,10 @@ def main(
 
 
 def scenario(case: Case, laid: int) -> Scenario:
-    """Return the scene with a thread laid up and down through the holes of the first stitches,
-    its tail over the closed wound; the holes are those of a sheet, or points fixed in space."""
+    """Return the scene with a thread laid up and down through the holes of the first stitches.
+
+    Its tail lies over the closed wound. The holes are in a sheet, or fixed in space.
+    """
     along, fixed = PITCH * (np.arange(case.stitches) - (case.stitches - 1) / 2), case.fixed
     holes = [np.array([side * BITE, y, -THICKNESS / 2]) for y in along for side in (-1.0, 1.0)]
     path = [holes[0] - FREE * UNDER + LOOP * UP]
@@ -206,7 +204,7 @@ def scenario(case: Case, laid: int) -> Scenario:
 
 
 def lay_taut(case: Case, stitches: int, tension: float) -> Line:
-    """Lay a thread in the first stitches and draw it taut without friction."""
+    """Return a thread laid in the first stitches and drawn taut without friction."""
     assembly = assemble(scenario(case, stitches))
     rough, hand = assembly.system, Hand((0.0, 1.0), tension * OVER, tension * OVER)
     smooth = tuple(replace(hole, friction=None) for hole in rough.piercings)
@@ -216,13 +214,13 @@ def lay_taut(case: Case, stitches: int, tension: float) -> Line:
 
 
 def begun(system: System, state: State) -> Run[Any]:
-    """Begin a run in which smooth holes slide and rough ones stick."""
+    """Return a new run in which smooth holes slide and rough ones stick."""
     slip = np.where(system.may_slide & ~system.rough & state.present, 1.0, 0.0)
     return begin(system, replace(state, sigma=slip), try_step)
 
 
 def lead(line: Line, force: Array, seconds: float) -> Line:
-    """Lead the hand's force to `force` (3,) [N] in so many seconds."""
+    """Return the line after the hand's force has changed to `force` (3,) [N] in this time."""
     system, state = line.run.system, line.run.state
     hand = Hand((state.time, state.time + seconds), system.ends[1].force(state.time), force)
     run = replace(begin(replace(system, ends=(system.ends[0], hand)), state, try_step), fresh=False)
@@ -230,16 +228,17 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
 
 
 def pull(line: Line, hand: float, seconds: float) -> Line:
-    """Move the hand, let the suture come to rest, and record the prediction of the law of
-    friction."""
+    """Return the line after a move of the hand and a rest, with the prediction of the law of friction."""
     line = lead(lead(line, hand * OVER, seconds), hand * OVER, REST)
     ratios = np.array([bent_ratio(line.case.mu, turn) for turn in line.turns])
     return replace(line, law=tensions_by_law(line.law, hand, ratios))
 
 
 def add_stitch(line: Line, number: int, hold: float) -> Line:
-    """Sew one stitch more, `number` from 0: the tail passes over its entry, is led under the
-    wound to its exit, back."""
+    """Return the line with one more stitch, `number` from 0.
+
+    The tail passes over its entry, then under the wound to its exit, and back.
+    """
     for hole, came, goes, way in ((2 * number, OVER, UNDER, -UP), (2 * number + 1, UNDER, OVER, UP)):
         line = lead(line, hold * came, REST)
         state, _ = begin_piercing(line.run.system, line.run.state, hole, STEP, np.nan)
@@ -252,7 +251,7 @@ def add_stitch(line: Line, number: int, hold: float) -> Line:
 
 
 def one_pull(case: Case, kind: str) -> Iterator[Row]:
-    """Lay the suture, pull it, and let it back."""
+    """Yield the rows of a suture that is laid, pulled, and let back."""
     line = lay_taut(case, case.stitches, SLACK)
     for hand, seconds, name in ((PULL, PULLING, "pulled"), (2.0 * SLACK, LETTING, "let back")):
         line = pull(line, hand, seconds)
@@ -260,7 +259,7 @@ def one_pull(case: Case, kind: str) -> Iterator[Row]:
 
 
 def placing(case: Case, hold: float) -> Iterator[Row]:
-    """Place stitch after stitch from the second on: hold, pull, let back."""
+    """Yield the rows of stitches placed from the second on: hold, pull, let back."""
     line = lay_taut(case, 2, hold)
     for number in range(2, case.stitches + 1):
         line = add_stitch(line, number - 1, hold) if number > 2 else line
@@ -270,7 +269,7 @@ def placing(case: Case, hold: float) -> Iterator[Row]:
 
 
 def moment(line: Line, **known: Any) -> Iterator[Row]:
-    """Make the row of every stitch as it is."""
+    """Yield the row of every stitch at the present moment."""
     tensions = zip(line.forces[1::2, 1].tolist(), line.law[1::2].tolist(), strict=True)
     for number, (tension, law) in enumerate(tensions, 1):
         yield measure(Row, line, stitch=number, tension=tension, law=law, **known)
@@ -286,31 +285,35 @@ def runs(rows: Sequence[Row], *kinds: str) -> list[list[Row]]:
 
 
 def rows_at(run: Sequence[Row]) -> dict[int, Row]:
-    """Return the rows of a run by stitches back from the pull: one pull along the line, or, of
-    stitches placed one after the other, the second under one pull after the other."""
+    """Return the rows of a run by stitches back from the pull.
+
+    For one pull these are the stitches along the line. For placed stitches it is the second stitch under each
+    pull.
+    """
     return {row.stitches_back: row for row in run if row.stitch == 2 or row.kind != PLACING}
 
 
 def calibrate(rows: Sequence[Row], left: float = LEFT) -> float:
-    """Return the μ that leaves a tension [N] two stitches back, by ln of the ratio, nearly
-    linear in artanh μ. Raises `StudyError`."""
+    """Return the μ for a tension [N] two stitches back; ln of the ratio is nearly linear in artanh μ.
+
+    Raises `StudyError`.
+    """
     over = runs(rows, ONE)
     ratios = [np.log(rows_at(run)[0].hand / rows_at(run)[BACK].tension) for run in over]
     wanted = float(np.log(over[0][0].hand / left))
-    reason = f"none of them leaves more, or none less, than {left:g} N two stitches back; give smaller or larger ones"
+    reason = f"they must leave both more and less than {left:g} N two stitches back; add smaller or larger ones"
     require(min(ratios) <= wanted <= max(ratios), f"mus = {[run[0].mu for run in over]}", reason)
     return float(np.tanh(np.interp(wanted, ratios, [np.arctanh(run[0].mu) for run in over])))
 
 
 def law_error(run: Sequence[Row]) -> float:
-    """Return the largest error of the tensions that slip has brought about, over those of the
-    law of a ring."""
+    """Return the largest relative error of the tensions after slip, compared with the law of a ring."""
     slid = [row for row in run if row.stitches_back and row.law > SLIPPED * row.hold]
     return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make one line a run: along the line, or the second stitch under one pull after the other."""
+    """Return the table with a line for each run: along the line, or the second stitch under each pull."""
     most = max(row.stitches for row in rows)
 
     def cell(back: int) -> Callable[[list[Row]], str]:
@@ -330,26 +333,27 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def organ(row: Row) -> str:
-    """Return what a row's holes are in."""
+    """Return the material of a row's holes."""
     return "fixed points" if row.fixed else "closed fascia"
 
 
 def second_stitches(rows: Sequence[Row]) -> dict[str, dict[int, Row]]:
-    """Return the second stitch under one pull after the other, by the name of its course: of
-    rows that end where they are pulled, each drawn anew, and of stitches placed one by one."""
+    """Return the second stitch under each pull, by the name of its run.
+
+    The runs are rows that end at the pull, each drawn anew, and stitches placed one by one.
+    """
     anew = {back: row for back, row in rows_at(runs(rows, CALIBRATED)[0]).items() if row.stitch > 1}
     placed = {f"{organ(run[0])}, hold {run[0].hold:g} N": rows_at(run) for run in runs(rows, PLACING)}
     return {"each row drawn anew": anew} | placed
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the calibration, the predictions against the published values, and the
-    limits of all runs."""
+    """Return remarks on the calibration, the predictions against the published values, and the limits of all runs."""
     first = runs(rows, CALIBRATED)[0][0]
     return [
-        f"calibrated: μ = {first.mu:.3f}, by {LEFT:g} N two stitches back from {first.hand:g} N",
+        f"calibrated: μ = {first.mu:.3f}, for {LEFT:g} N two stitches back from a pull of {first.hand:g} N",
         *(f"{name}: stitch 2 {sequence(found)}" for name, found in second_stitches(rows).items() if BACK in found),
-        "the hold is not published: a second free number, with which the published course is possible, not predicted",
+        "the hold is not published: with this second free number the published course is possible, but not predicted",
         *not_settled("all runs", max(row.settled for row in rows), 1.0),
         *beyond_linear("all runs", max(row.moved for row in rows), FOOTPRINT),
         *beyond_bearing("all runs", max(row.bearing for row in rows)),
@@ -357,13 +361,13 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def sequence(tensions: dict[int, Row]) -> str:
-    """Write the tensions of the second stitch in words."""
+    """Return the tensions of the second stitch in words."""
     shown, left = ", ".join(f"{tensions[back].tension:.2f}" for back in sorted(tensions)), tensions[BACK].tension
     change = max((abs(row.tension - left) for back, row in tensions.items() if back > BACK), default=0.0)
     fourth, unchanged = ("agrees" if far <= LEFT_SD else "DISAGREES" for far in (abs(left - LEFT), change))
     return (
-        f"{shown} N; under the fourth {abs(left - LEFT):.2f} N off ({fourth}), then changed by up to {change:.2f} N "
-        f"(published: by none, SD {LEFT_SD:g} N: {unchanged})"
+        f"{shown} N; at the fourth an error of {abs(left - LEFT):.2f} N ({fourth}), then a change of up to "
+        f"{change:.2f} N (published: no change, SD {LEFT_SD:g} N: {unchanged})"
     )
 
 
@@ -371,7 +375,7 @@ def sequence(tensions: dict[int, Row]) -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the tension along the line, and the second stitch while stitches are placed."""
+    """Return the figure of the tension along the line, and of the second stitch while stitches are placed."""
     most = max(row.stitches for row in rows)
     pulls = {f"μ = {run[0].mu:.3g}": list(rows_at(run).values()) for run in runs(rows, ONE) if run[0].mu}
     pulls |= {f"μ = {run[0].mu:.3g} calibrated": run for run in runs(rows, CALIBRATED)}

@@ -1,24 +1,24 @@
-"""Stitch patterns: the pull on the first throw that closes a wound under tension, single stitch to mattress.
+"""Stitch patterns: the pull on the first throw that closes a wound under tension, from single stitch to mattress.
 
-Marsidi, Vermeulen, Horeman & Genders (J. Surg. Res. 255 (2020) 135, abstract read) closed a wound model of neoprene
-under 5 N with five stitches, and measured how hard the first throw was pulled. A loop that crosses a wound several
-times is a tackle: without friction each crossing strand bears the same, and n of them need the n-th part of the wound's
-tension. Friction takes from it at every turn.
+Marsidi, Vermeulen, Horeman & Genders (J. Surg. Res. 255 (2020) 135, abstract read) closed a wound model of
+neoprene under 5 N with five stitches, and measured the pull on the first throw. A loop that crosses a wound
+several times is a tackle: without friction each of n crossing strands bears the same, 1/n of the wound's
+tension. Friction reduces it at every turn.
 
-*Model.* The lips are shut and stay where they are; what the thread pulls one of them across is the wound's tension. A
-hole turns the thread by 90° at the skin and by 90° below it, each over a row of rough rings fixed in space. Both hands
-pull alike. The throw turns each strand too, over rings that belong to no lip; in a mattress stitch it lies on one side
-of the wound. One μ, of thread on skin and of thread on thread alike, is fitted to the single stitch; the other pulls
-are predictions. How far they would be off with a pull of the single stitch one standard deviation away, the capstan
-says.
+*Model.* The lips are closed and fixed; the force of the thread on one lip across the wound is the wound's
+tension. A hole turns the thread by 90° at the skin and by 90° below it, each over a row of rough rings fixed in
+space. Both hands pull equally. The throw also turns each strand, over rings that belong to no lip; in a
+mattress stitch it lies on one side of the wound. One μ, for thread on skin and for thread on thread, is fitted
+to the single stitch; the other pulls are predictions. The capstan law estimates their error for a pull of the
+single stitch one standard deviation away.
 
-*Assumed.* How far a throw turns a strand is not published. Two strands that twist round one another by one and a half
-turns, the least that makes a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20° to 42°. How
-the modified pulley stitch was laid the abstract does not say either, so it is not run. Sizes do not matter while the
-rings are many √(EI/T) apart.
+*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around one another by one
+and a half turns, the minimum of a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20°
+to 42°. The abstract also does not describe the modified pulley stitch, so it is not run. Sizes have no effect
+if the rings are many √(EI/T) apart.
 
-*By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan); a thread that bends, the
-product over the rings of `studies.theory.bent_ratio`.
+*By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan). For a bending
+thread this is the product over the rings of `studies.theory.bent_ratio`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,19 +43,22 @@ WOUND = 5.0  # tension of the wound [N]
 SUTURE = "3-0 polypropylene"  # assumed
 X, Y, Z = np.eye(3)
 RING, STRAIGHT, ARM = 4e-3, 6e-3, 8e-3  # between rings of a corner, between corners, from the last ring to a hand [m]
-SLACK = 1.005  # rest length over that of the polygon of rings: the thread begins slack, and slides towards both hands
-MOST = 1.0  # coefficient of friction [-]: where a fit is looked for
-AGREES = 1.0  # standard deviations: a prediction this near is said to agree
+SLACK = 1.005  # rest length over the polygon of rings: the thread begins slack, and slides towards both hands
+MOST = 1.0  # coefficient of friction [-]: upper limit of the fit
+AGREES = 1.0  # standard deviations: a prediction within this agrees
 LEFT, RIGHT = False, True  # lip
 
-Pull = Callable[["Way", float, float], Iterator[tuple[float, Run]]]  # the equilibria of a way, with a μ and a pull [N]
-Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle that it turns the thread by [rad]
+Pull = Callable[["Way", float, float], Iterator[tuple[float, Run]]]  # the equilibria of a way, for a μ and a pull [N]
+Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle of the turn [rad]
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """A stitch: its published pull and standard deviation [N], where a strand heads that comes from the throw, and the
-    corners of the loop up to the throw again, each by its new heading and the lip that it is on."""
+    """A stitch.
+
+    It has its published pull and standard deviation [N], the direction of the strand from the throw, and the
+    corners of the loop back to the throw, each with its new direction and its lip.
+    """
 
     published: float
     spread: float
@@ -69,52 +72,52 @@ class Pattern:
 
 
 LOOP = ((-Z, LEFT), (X, LEFT), (Z, RIGHT), (-X, RIGHT))  # through both lips, and back over the wound
-BACK = ((-Z, RIGHT), (-X, RIGHT), (Z, LEFT))  # through both lips the other way
+BACK = ((-Z, RIGHT), (-X, RIGHT), (Z, LEFT))  # through both lips in the other direction
 PATTERNS = {
     "single": Pattern(5.69, 0.88, -X, LOOP),
     "pulley": Pattern(3.46, 0.61, -X, LOOP * 2),
     "vertical mattress": Pattern(7.25, 1.33, -X, (*LOOP, *BACK, (-X, LEFT))),
     "horizontal mattress": Pattern(8.11, 1.00, -Y, (*LOOP[:3], (Y, RIGHT), *BACK, (-Y, LEFT))),
 }
-FITTED = "single"  # the stitch that μ is fitted to
+FITTED = "single"  # stitch of the fit of μ
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A load step of a stitch (`kind` "load"), or at the last of them a strand between two rings ("strand").
+    """A load step of a stitch (`kind` "load"), or a strand between two rings at the last load step ("strand").
 
-    Of a strand `turn` is that from its nearer hand, and `tension` its own; of a load step `tension` is what the thread
-    pulls a lip by, across the wound.
+    For a strand, `turn` is the turn from its nearer hand, and `tension` its own tension. For a load step,
+    `tension` is the force of the thread on a lip, across the wound.
     """
 
     kind: str
     pattern: str
     throw: float = unit_field("degree")
-    rings: int = unit_field("-")  # a corner
+    rings: int = unit_field("-")  # per corner
     mu: float = unit_field("-")
     pull: float = unit_field("N")
     turn: float = unit_field("degree")
     tension: float = unit_field("N")
-    slides: bool  # in all rings but for two in the middle, towards the nearer hand
+    slides: bool  # in all rings except two in the middle, towards the nearer hand
 
     @property
     def stitch(self) -> Pattern:
-        """The stitch."""
+        """The stitch of this row."""
         return PATTERNS[self.pattern]
 
     @property
     def closing_pull(self) -> float:
-        """The pull that closes the wound [N], in proportion."""
+        """The pull that closes the wound [N], by proportion."""
         return WOUND * self.pull / self.tension
 
     @property
     def off_published(self) -> float:
-        """By how many standard deviations that is above the published pull."""
+        """Number of standard deviations above the published pull."""
         return (self.closing_pull - self.stitch.published) / self.stitch.spread
 
     @property
     def by_capstan(self) -> float:
-        """The pull that closes the wound by the capstan alone [N]."""
+        """The pull that closes the wound by the capstan law only [N]."""
         return predicted_by_capstan(self.pattern, self.throw)
 
 
@@ -125,8 +128,10 @@ def main(
     load_steps: int = 4,
     control_points: int = 24,
 ) -> Iterator[Row]:
-    """Yield the load steps and strands of every stitch for every turn of a throw [degree], with so many `rings` a
-    corner and `control_points` a ring. Raises `StudyError`."""
+    """Yield the load steps and strands of every stitch for every turn of a throw [degree].
+
+    `rings` are per corner, `control_points` per ring. Raises `StudyError`.
+    """
     require_known("patterns", patterns, PATTERNS)
     allowed = min(throws) > 0.0 and max(throws) <= 360.0 and rings >= 2
     remedy = "give turns above 0 up to 360 degrees, and two rings a corner or more"
@@ -137,8 +142,7 @@ def main(
 
 
 def stitches(throw: float, rings: int, patterns: Sequence[str], how: Pull) -> Iterator[Row]:
-    """Yield the rows of all stitches, pulled as `how` says, with the μ that the single one needs to be closed by its
-    published pull."""
+    """Yield the rows of all stitches, pulled by `how`, with the μ fitted to the published pull of the single stitch."""
     mu = fit(throw, rings, PATTERNS[FITTED].published, how)
     for name in patterns:
         way = Way.of(PATTERNS[name], throw, rings)
@@ -155,8 +159,10 @@ def stitches(throw: float, rings: int, patterns: Sequence[str], how: Pull) -> It
 
 
 def fit(throw: float, rings: int, pull: float, how: Pull) -> float:
-    """Fit μ to the pull [N] that closes a single stitch: by a thread that bends, and once more by how far a run was off
-    that law."""
+    """Return the μ fitted to the pull [N] that closes a single stitch.
+
+    A first fit by the law of a bending thread is corrected once by the error of a run.
+    """
     way = Way.of(PATTERNS[FITTED], throw, rings)
     guess = way.friction(bent_ratio, WOUND / pull)
     *_, (_, run) = how(way, guess, pull)
@@ -168,8 +174,11 @@ def fit(throw: float, rings: int, pull: float, how: Pull) -> float:
 
 @dataclass(frozen=True)
 class Way:
-    """The polygon of a thread: `headings` (k + 1, 3) of its sides, the `lengths` (k + 1,) of these [m], and which
-    of its k corners, the rings, are `on_right` (k,), the right lip."""
+    """The polygon of a thread.
+
+    It has the `headings` (k + 1, 3) and `lengths` (k + 1,) [m] of its sides. `on_right` (k,) tells which of its
+    k corners, the rings, are on the right lip.
+    """
 
     headings: Array
     lengths: Array
@@ -177,8 +186,8 @@ class Way:
 
     @classmethod
     def of(cls, pattern: Pattern, throw: float, rings: int) -> "Way":
-        """Return the way of a stitch from hand to hand, so many rings a corner, `throw` [degree] the turn of either
-        strand in it."""
+        """Return the way of a stitch from hand to hand, with `rings` per corner; `throw` [degree] is the turn
+        of each strand."""
         turns = max(1, round(rings * throw / 90.0))
         angles = np.radians(throw) * np.arange(turns + 1) / turns
         headings = list(turned(pattern.first, Z, angles[::-1]))
@@ -198,12 +207,12 @@ class Way:
 
     @property
     def turns(self) -> Array:
-        """Angle by which each ring turns the thread, shape `(k,)` [rad]."""
+        """Turn of the thread at each ring, shape `(k,)` [rad]."""
         return np.arccos(np.clip(np.sum(self.headings[:-1] * self.headings[1:], axis=1), -1.0, 1.0))
 
     @property
     def from_hand(self) -> Array:
-        """Angle by which the thread has turned from the nearer hand at each inner side, shape `(k − 1,)` [rad]."""
+        """Turn of the thread from the nearer hand at each inner side, shape `(k − 1,)` [rad]."""
         turned_by = np.cumsum(self.turns)
         return np.minimum(turned_by, turned_by[-1] - turned_by)[:-1]
 
@@ -215,12 +224,12 @@ class Way:
         return float((tensions[:-1] - tensions[1:])[self.on_right, 0].sum())
 
     def friction(self, law: Callable[[float, float], float], closing: float) -> float:
-        """Return the μ with which a `law` of μ and the turn gives that ratio of `closing`."""
+        """Return the μ for which a `law` of μ and the turn gives this ratio `closing`."""
         return float(brentq(lambda mu: self.closing(partial(law, mu)) - closing, 1e-6, MOST))
 
 
 def turned(heading: Array, towards: Array, angles: Array) -> Array:
-    """Return a unit vector turned by `angles` (k,) [rad] towards another across it, shape `(k, 3)`."""
+    """Return a unit vector turned by `angles` (k,) [rad] towards a perpendicular one, shape `(k, 3)`."""
     return np.outer(np.cos(angles), heading) + np.outer(np.sin(angles), towards)
 
 
@@ -228,8 +237,10 @@ def turned(heading: Array, towards: Array, angles: Array) -> Array:
 
 
 def pulled(way: Way, mu: float, pull: float, *, load_steps: int, control_points: int) -> Iterator[tuple[float, Run]]:
-    """Yield the equilibria of a suture in rough rings along a way, both its ends pulled by as much as `pull` [N], each
-    after its share of that."""
+    """Yield the equilibria of a suture in rough rings along a way, with the share of the pull.
+
+    Both ends are pulled by `pull` [N], in equal steps.
+    """
     corners, radius = way.corners, 0.25 * RING
     path = rounded_path(corners, radius)
     saved = radius * (2.0 * np.tan(0.5 * way.turns) - way.turns)  # by a rounded corner
@@ -248,7 +259,7 @@ def across(way: Way, run: Run) -> float:
 
 
 def is_sliding(way: Way, run: Run) -> bool:
-    """Return whether the thread slides towards its nearer hand in all rings but the two in the middle at most."""
+    """Return whether the thread slides towards its nearer hand in all rings, except possibly two in the middle."""
     half = (way.on_right.size - 1) // 2
     sigma = run.state.sigma
     return bool((sigma[:half] > 0.0).all() and (sigma[-half:] < 0.0).all())
@@ -264,21 +275,23 @@ def ends(rows: Sequence[Row]) -> list[Row]:
 
 
 def of_middle_throw(rows: Sequence[Row], kind: str) -> dict[str, list[Row]]:
-    """Return the load steps, or the strands, by stitch, of the middle throw."""
+    """Return the load steps, or the strands, by stitch, for the middle throw."""
     throws = sorted({row.throw for row in rows})
     case = kind, throws[len(throws) // 2]
     return grouped((row for row in rows if (row.kind, row.throw) == case), lambda row: row.pattern)
 
 
 def predicted_by_capstan(name: str, throw: float, fitted: float = PATTERNS[FITTED].published) -> float:
-    """Return the pull [N] that closes the wound by the capstan alone, its own μ fitted to a pull of the single
-    stitch."""
+    """Return the pull [N] that closes the wound by the capstan law only.
+
+    Its own μ is fitted to the pull `fitted` of the single stitch.
+    """
     mu = Way.of(PATTERNS[FITTED], throw, 1).friction(capstan, WOUND / fitted)
     return WOUND / Way.of(PATTERNS[name], throw, 1).closing(partial(capstan, mu))
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a case and stitch."""
+    """Return the table with a line for each throw and stitch."""
     columns = (
         ("stitch", lambda row: row.pattern),
         ("throw turns by [°]", lambda row: f"{row.throw:g}"),
@@ -299,9 +312,9 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = [case_words(stitches) for stitches in grouped(found, lambda row: row.throw).values()]
     out += [
         spread_words(found, of_middle_throw(rows, "load")[FITTED][-1]),
-        "how far a throw turns its strands is ASSUMED, and so is that thread rubs on thread as it does on neoprene: "
-        "with either of its own, μ would be one of two free numbers",
-        "modified pulley: LEFT OPEN, for the abstract does not say how it was laid",
+        "ASSUMED are the turn of the strands in a throw, and equal friction of thread on thread and on neoprene: "
+        "otherwise μ would be one of two free numbers",
+        "modified pulley: LEFT OPEN, because the abstract does not describe it",
     ]
     stuck = [f"{row.pattern}, throw {row.throw:g}°: the thread does NOT slide everywhere" for row in found]
     return out + [text for text, row in zip(stuck, found, strict=True) if not row.slides]
@@ -322,7 +335,7 @@ def case_words(found: Sequence[Row]) -> str:
 
 
 def spread_words(found: Sequence[Row], fitted: Row) -> str:
-    """Return the spread of the predictions over that of the fitted pull, by the capstan, in words."""
+    """Return the range of the predictions over the spread of the fitted pull, by the capstan law, in words."""
     away = [fitted.stitch.published + sign * fitted.stitch.spread for sign in (-1.0, 1.0)]
     others = dict.fromkeys(row.pattern for row in found if row.pattern != FITTED)
     pulls = {name: [predicted_by_capstan(name, fitted.throw, pull) for pull in away] for name in others}
@@ -331,7 +344,8 @@ def spread_words(found: Sequence[Row], fitted: Row) -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw published and predicted pulls, their dependences, the load steps, and the tension along the thread."""
+    """Return the figure of published and predicted pulls, their dependences, load steps, and tension along the
+    thread."""
     loads, strands, found = of_middle_throw(rows, "load"), of_middle_throw(rows, "strand"), ends(rows)
     names, fitted = list(loads), loads[FITTED][-1]
     predicted = grouped(found, lambda row: f"throw {row.throw:g}°")
@@ -339,7 +353,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     by_hand = [np.vectorize(partial(predicted_by_capstan, name)) for name in names]
     law = partial(bent_ratio, fitted.mu)
     closing = [Way.of(stitch, fitted.throw, fitted.rings).closing(law) for stitch in stitches]
-    marks = ("o", "s", "D", "x")  # the last stands on the one before, whose numbers are the same
+    marks = ("o", "s", "D", "x")  # the last is drawn over the one before, which has the same numbers
     last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
     turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
     return draw(

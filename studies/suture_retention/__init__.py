@@ -1,1 +1,1 @@
-"""At which force and draw does a suture near the edge of a strip hold, and how far is the tissue stretched there?"""
+"""At which force and drawn length does a suture near the edge of a strip hold, and how far is the tissue stretched?"""

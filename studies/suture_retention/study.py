@@ -1,12 +1,14 @@
 """Suture retention (ISO 7198): a loop 2 mm from the edge of a strip is drawn 10 mm, and the force on it is measured.
 
-A strip is clamped at one end. A suture goes through its thickness near the other end, in the middle of its width; both
-ends of the loop are drawn along the strip. Nothing tears in the model: force, bearing pressure F/(d t), the largest
-stretch and energy density at the hole go on rising, and the question is where they are when a real strip gives way.
+A strip is clamped at one end. A suture passes through its thickness near the other end, in the middle of its
+width, and both ends of the loop are drawn along the strip. Nothing tears in the model: force, bearing pressure
+F/(d t), the largest stretch and the energy density at the hole continue to rise. The question is their values
+when a real strip fails.
 
-*Tissues.* Exponential, with E and b of a uniaxial test alone. E is the slope at the start, and b makes the curve of a
-strip of the organ's own Poisson's ratio pass through the point where the strips broke. Where a loop pulls as hard as
-the published one that gave way, or stretches the tissue as far as the strips that broke, is a prediction.
+*Tissues.* They are exponential, with E and b from a uniaxial test only. E is the initial slope. With b, the
+curve of a strip of the organ's Poisson's ratio passes through the point where the strips broke. Two quantities
+are predictions: the state at the published failure force of a loop, and the state at the stretch of the broken
+strips.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,20 +32,23 @@ from studies.theory import Fibrous
 from thread.catalogue import suture
 
 LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.
-EDGE, DRAWN = 2e-3, 0.01  # of the hole from the edge, and of the hands [m] (ISO 7198)
-POISSON = 0.499  # κ is that of the slope at the start: what stiffens swells, at 0.49 instead of being stretched
+EDGE, DRAWN = 2e-3, 0.01  # of the hole from the edge, and length drawn by the hands [m] (ISO 7198)
+POISSON = 0.499  # κ follows from the initial slope: at 0.49 a stiffening tissue would swell instead of stretch
 SUTURE = "3-0 polypropylene"
 LEG, APART, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either hand from its middle, at the hole [m]
-NEAR = 2.0  # footprints around the hole, in which the largest stretch is looked for
-MIDDLE = 0.15  # of the strip's length: its middle part, which is drawn as in a uniaxial test
+NEAR = 2.0  # footprints around the hole in which the largest stretch is sought
+MIDDLE = 0.15  # of the strip's length: its middle part, stretched as in a uniaxial test
 MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
 LINEAR, COARSER = "linear organ", "coarser cells"
 
 
 @dataclass(frozen=True)
 class Tissue:
-    """A published tissue: slope at the start of a uniaxial test [Pa], nominal stress [Pa] and strain where it broke,
-    thickness [m], force at which a suture tore out [N] and its spread, and where all this is from."""
+    """A published tissue.
+
+    It has the initial slope of a uniaxial test [Pa], nominal stress [Pa] and strain at failure, thickness [m],
+    the force at which a suture tore out [N] with its spread, and the sources.
+    """
 
     slope: float
     stress: float
@@ -55,7 +60,7 @@ class Tissue:
 
     @cached_property
     def law(self) -> Fibrous:
-        """Its law, with the b that makes the curve pass through the point where it broke."""
+        """The law of the tissue, with the b for which the curve passes through the point of failure."""
 
         def off(stiffening: float) -> float:
             return float(np.log(Fibrous(self.slope, POISSON, stiffening).strip(self.broken)[0] / self.stress))
@@ -67,7 +72,7 @@ class Tissue:
         return self.law.strip(stretch)[0]
 
     def stretch(self, nominal: float) -> float:
-        """Return the stretch of such a strip under a nominal stress [Pa]."""
+        """Return the stretch of a strip under a nominal stress [Pa]."""
         return float(brentq(lambda x: self.nominal(x) - nominal, 1.0, self.broken))
 
     @property
@@ -91,15 +96,15 @@ TISSUES = {
     "skin": Tissue(
         1.18e6, 21.6e6, 0.54, 2e-3, 67.0, None,
         "slope 1.18 MPa at the start, breaks at 21.6 MPa, 54 % (back, Ní Annaidh et al., J. Mech. Behav. Biomed. "
-        "Mater. 5 (2012) 139, with 83.3 MPa as the slope near the end); sutures in full-thickness skin give way, or "
-        "it does, at a median of 67 N (Front. Surg. 6 (2019) 69); thickness and distance from the edge are assumed",
+        "Mater. 5 (2012) 139, with 83.3 MPa as the slope near the end); sutures in full-thickness skin, or the "
+        "skin, fail at a median of 67 N (Front. Surg. 6 (2019) 69); thickness and distance from the edge are assumed",
     ),
 }  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run to be made."""
+    """One run."""
 
     name: str
     variant: str = ""
@@ -109,23 +114,23 @@ class Case:
 
     @property
     def tissue(self) -> Tissue:
-        """The tissue."""
+        """The tissue of the run."""
         return TISSUES[self.name]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Case):
-    """One equilibrium on the way."""
+    """One equilibrium of a run."""
 
-    drawn: float = measured("m", lambda at: at.drawn)  # of the hands
+    drawn: float = measured("m", lambda at: at.drawn)  # by the hands
     force: float = measured("N", lambda at: at.force)  # on the hole, along the strip
-    clamp: float = measured("N", lambda at: -at.body.nodal(at.forces)[at.held, 0].sum())  # that the clamp bears
+    clamp: float = measured("N", lambda at: -at.body.nodal(at.forces)[at.held, 0].sum())  # force on the clamp
     bearing: float = measured("Pa", lambda at: at.force / (suture(SUTURE).diameter * at.thickness))  # F/(d t)
     stretch: float = measured("-", lambda at: at.stretches[:, 0].max())  # largest at the hole
-    swelling: float = measured("-", lambda at: at.stretches.prod(axis=1).max())  # largest J there
-    energy: float = measured("Pa", lambda at: at.energy.max())  # largest density there, per reference volume
+    swelling: float = measured("-", lambda at: at.stretches.prod(axis=1).max())  # largest J at the hole
+    energy: float = measured("Pa", lambda at: at.energy.max())  # largest density at the hole, per reference volume
     middle: float = measured("-", lambda at: 1.0 + np.polyfit(at.x, at.along, 1)[0])  # mean stretch of the middle
-    uniaxial: float = measured("-", lambda at: at.uniaxial)  # what a strip is stretched by F over its section
+    uniaxial: float = measured("-", lambda at: at.uniaxial)  # stretch of a strip under F over its section
     failed: str
 
 
@@ -136,8 +141,10 @@ def main(
     size: float = 0.75e-3,
     variants: Sequence[str] = (LINEAR, COARSER),
 ) -> Iterator[Row]:
-    """Yield every load step of each tissue and footprint, and of the last footprint with a linear organ of the same E
-    and on coarser cells. Raises `StudyError`."""
+    """Yield every load step of each tissue and footprint.
+
+    The last footprint is also run with a linear organ of the same E, and on coarser cells. Raises `StudyError`.
+    """
     require_known("tissues", tissues, TISSUES)
     require_known("variants", variants, (LINEAR, COARSER))
     fit = min(footprints) > 0.0 and max(footprints) < 0.5 * min(TISSUES[name].thickness for name in tissues)
@@ -216,19 +223,20 @@ def uniaxial_stretch(case: Case, nominal: float) -> float:
 
 
 def runs_of(rows: Sequence[Row]) -> dict[tuple[str, float, str], list[Row]]:
-    """Return the equilibria by tissue, footprint and variant, by draw; those that failed left out."""
+    """Return the equilibria by tissue, footprint and variant, in the order of the draw, without failed ones."""
     return grouped((row for row in rows if not row.failed), lambda row: (row.name, row.footprint, row.variant))
 
 
 def where(runs: Sequence[Row], known: str, value: float, asked: str) -> float:
-    """Return a quantity where another has a value, linear between load steps from rest; NaN beyond the last."""
+    """Return a quantity at the point where another has a value, linear between load steps; NaN beyond the last."""
     rest = {"stretch": 1.0}
     x, y = ([rest.get(name, 0.0), *(getattr(row, name) for row in runs)] for name in (known, asked))
     return float(np.interp(value, x, y, right=np.nan))
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a run: at the end, at the published force, and at the stretch at which strips broke."""
+    """Return the table with a line for each run: at the end, at the published force, and at the stretch of
+    broken strips."""
     columns = (
         ("tissue", lambda runs: runs[-1].name),
         ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
@@ -250,7 +258,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def number(value: float) -> str:
-    """Write a number, or that it was not reached."""
+    """Return a number as text, or that it was not reached."""
     return "not reached" if np.isnan(value) else f"{value:.3g}"
 
 
@@ -267,37 +275,37 @@ def remarks(rows: Sequence[Row]) -> list[str]:
             text = ", ".join(f"{key} {over - 1.0:+.1%}" for key, over in off.items())
             out.append(f"{name}: against cells 1.5 times coarser, at the end: {text}")
     swelling = max((row.swelling for row in rows if not row.variant), default=1.0)
-    out.append(f"tissue at the hole swells to up to {swelling:.3g} of its volume, which real tissue hardly does")
+    out.append(f"tissue at the hole swells to {swelling:.3g} times its volume, which is hardly realistic")
     balance = max((abs(row.clamp - row.force) / row.force for row in rows if row.force > 0.0), default=0.0)
-    out.append(f"what the clamp bears is the force on the hole within {balance:.1g}")
+    out.append(f"the force on the clamp equals the force on the hole within {balance:.1g}")
     return out + [f"{row.name}, {row.drawn / MILLI:.3g} mm: FAILED beyond, {row.failed}" for row in rows if row.failed]
 
 
 def fit_words(name: str) -> str:
-    """Return the fit of a tissue, in words; its slope where it broke is a difference over 1e-5."""
+    """Return the fit of a tissue, in words; its slope at failure is a difference over 1e-5."""
     of, end = TISSUES[name], TISSUES[name].broken
     steepest = (of.nominal(end) - of.nominal(end - 1e-5)) / 1e-5
     return (
         f"{name}: E = {of.slope / KILO:.4g} kPa and b = {of.law.stiffening:.2f} by two points of a uniaxial test, for "
-        f"a strip of ν = {POISSON:g}; where it broke its slope is then {steepest / MEGA:.3g} MPa, and its volume "
-        f"{of.law.strip(end)[1]:.3f} of what it was; {of.source}"
+        f"a strip of ν = {POISSON:g}; at failure its slope is then {steepest / MEGA:.3g} MPa, and its volume "
+        f"{of.law.strip(end)[1]:.3f} of the initial volume; {of.source}"
     )
 
 
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
-    """Return where the tissue is stretched as far as broken strips, and the published force, in words."""
+    """Return in words where the tissue reaches the stretch of broken strips, and the published force."""
     of = TISSUES[name]
     at = where(runs, "stretch", of.broken, "force")
-    words = f"within 10 mm, at {at:.3g} N," if np.isfinite(at) else "not within 10 mm,"
+    words = f"within 10 mm, at {at:.3g} N;" if np.isfinite(at) else "not within 10 mm;"
     return (
-        f"{name}, footprint {footprint / MILLI:g} mm: stretched as far as strips that broke {words} published is a "
-        f"loop that gives way at {of.published} N; nothing TEARS in the model, and the stretch at a hole depends "
+        f"{name}, footprint {footprint / MILLI:g} mm: the stretch of broken strips is reached {words} a published "
+        f"loop fails at {of.published} N; nothing TEARS in the model, and the stretch at a hole depends "
         "on its footprint"
     )
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw force, largest stretch and bearing pressure over the draw, and the uniaxial curves."""
+    """Return the figure of force, largest stretch and bearing pressure over the draw, and of the uniaxial curves."""
     named = {f"{name}, {a / MILLI:g} mm, {v}".rstrip(", "): runs for (name, a, v), runs in runs_of(rows).items()}
     colour = dict(zip(dict.fromkeys(row.name for row in rows), COLOURS, strict=False))
     small, colours = {"fontsize": 6}, [colour[runs[0].name] for runs in named.values()]
@@ -320,7 +328,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def uniaxial(name: str, rows: Sequence[Row]) -> list[Item]:
-    """Draw a fitted uniaxial curve, the point it was fitted to, and the middle of the strips."""
+    """Return the curves of a uniaxial fit, its fitted point, and the middle of the strips."""
     of, colour = TISSUES[name], COLOURS[list(TISSUES).index(name)]
     x = np.linspace(1.0, of.broken, 60)[1:]
     runs = {f"{name}: middle of the strip": [r for r in rows if r.name == name and not r.variant and not r.failed]}

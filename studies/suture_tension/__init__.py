@@ -1,1 +1,1 @@
-"""How far are two holes drawn together, and up to which tension may a linear organ say so?"""
+"""How far are two holes drawn together, and up to which tension is a linear organ valid?"""

@@ -1,16 +1,15 @@
-"""Tension of a suture: how far it moves two holes of an organ, the stress below them, and where
-linear theory ends.
+"""Tension of a suture: the displacement of two holes of an organ, the stress below them, and the end of linear
+theory.
 
-A thread comes down into one hole of a block, runs below its surface to the other and up again. Its
-start is held, its end is drawn up by a dead load T, so that in linear theory both holes are drawn
-up by T and towards each other by T. All goes like τ = T/(E a²), a the radius of a footprint: one
-tissue of four materials tells the range of any other.
+A thread comes down into one hole of a block, runs below its surface to the other and up again. Its start is
+held, and a dead load T draws its end up. In linear theory both holes are drawn up by T and towards each other
+by T. All results depend on τ = T/(E a²), with the radius a of a footprint: one tissue with four materials gives
+the range of any other.
 
-Each thing is changed alone about a reference case: a 3-0 braid under 0.1 N, 0.5 MPa, holes 10 mm
-apart on the surface, a footprint of 1 mm, no friction. The bite's depth is that of the holes'
-centres: where the tissue bears the thread is all that this model knows of a channel, so a deeper
-bite is one that bears deeper (a ball instead of a disc). Stress is no nodal maximum, which would
-grow with the mesh, but that averaged over the half ball below a hole.
+Each parameter is changed alone from a reference case: a 3-0 braid under 0.1 N, 0.5 MPa, holes 10 mm apart on
+the surface, a footprint of 1 mm, no friction. The bite's depth is the depth of the holes' centres. The model
+knows only where the tissue bears the thread, so a deeper bite bears deeper (a ball instead of a disc). Stress
+is averaged over the half ball below a hole, because a nodal maximum would grow with the mesh.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,12 +42,12 @@ FOOTPRINT = 1e-3  # radius of a hole's averaging disc [m]
 LEG, DIP = 0.03, 1e-3  # of the laid thread above the holes and below them [m]
 COARSEST, GROWTH = 1.3, 3.0  # P2 cells at the holes over the footprint, and their growth; finer by a `refinement`
 SIX = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]  # xx, yy, zz, xy, yz, xz of a tensor
-DEPARTURE = 0.05  # of the displacement by which the linear organ is off where its range ends
+DEPARTURE = 0.05  # relative error of the linear organ's displacement at the end of its range
 MILLI, KILO = 1e-3, 1e3
 
-TISSUES = {  # E [Pa], its order of magnitude at small strain; a clinical tension [N] and where it is from
+TISSUES = {  # E [Pa], order of magnitude at small strain; a clinical tension [N] and its source
     # shear modulus 1.8 kPa (Phys. Med. Biol. 64 (2019) 225001)
-    "liver": (6e3, 1.2, "0.27 MPa that tear liver on 10 mm × 0.45 mm; none was measured"),
+    "liver": (6e3, 1.2, "0.27 MPa, at which liver tears, on 10 mm × 0.45 mm; not measured"),
     # biaxial, 180 to 307 kPa at low strain (Terry et al. 2014)
     "small bowel": (250e3, 4.62, "pull-out, Gong et al., J. Biomech. Eng. 2023"),
     # in vivo 0.1 to 1 MPa in plane (Geerligs 2011; Agache 1980)
@@ -56,7 +55,7 @@ TISSUES = {  # E [Pa], its order of magnitude at small strain; a clinical tensio
     # assumed; 28 to 57 MPa from the line loads of Förstemann et al. (J. Biomech. 44 (2011) 600)
     "fascia": (10e6, 3.0, "running stitch, Horeman et al., PLoS ONE 8 (2013) e84466"),
 }
-MATERIALS: dict[str, dict[str, Any]] = {  # of one E and ν, which all of them have at small strain
+MATERIALS: dict[str, dict[str, Any]] = {  # with the same E and ν at small strain
     "linear": {},
     "neo-hookean": {"material": "neo-hookean"},
     "exponential, b = 1": {"material": "exponential", "stiffening": 1.0},
@@ -67,15 +66,15 @@ VARIED = {"cells": "cells", "bite width": "bite", "bite depth": "depth"}  # fiel
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run, of a material."""
+    """One run of a material."""
 
     sweep: str
     material: str = "linear"
-    tension: float = unit_field("N", default=0.1)  # asked for
+    tension: float = unit_field("N", default=0.1)  # prescribed
     youngs_modulus: float = unit_field("Pa", default=500e3)
     bite: float = unit_field("m", default=0.01)
     depth: float = unit_field("m", default=0.0)  # of the holes' centres
-    refinement: float = unit_field("-", default=0.0)  # of P2 cells; 0: cells that are refined to an accuracy
+    refinement: float = unit_field("-", default=0.0)  # of P2 cells; 0: cells refined to an accuracy
 
     @property
     def theory(self) -> TwoHoles:
@@ -87,8 +86,8 @@ class Case:
 class Row(Case):
     """One equilibrium. "along" is towards the other hole and "normal" out of the tissue."""
 
-    load: float = measured("N", lambda at: at.load)  # that was reached
-    moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # at most
+    load: float = measured("N", lambda at: at.load)  # load reached
+    moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # largest displacement
     exit_along: float = measured("m", lambda at: -at.moved[1, 0])
     exit_normal: float = measured("m", lambda at: at.moved[1, 2])
     theory_along: float = measured("m", lambda at: -at.theory[1, 0])  # of the exit, in a half-space
@@ -118,7 +117,7 @@ class Row(Case):
 
     @property
     def shortcomings(self) -> list[str]:
-        """What the row does not support: loads beyond the linear range, coarse spans."""
+        """Limits that the row exceeds: loads beyond the linear range, coarse spans."""
         name = f"{self.sweep}, {case_text(self)}, {self.load:.3g} N"
         out = [f"{name}: TOO COARSE, {said.message}" for said in coarse_spans(self.span_ratio)]
         if self.material == "linear":
@@ -140,8 +139,11 @@ def main(
     depths: Sequence[float] = (0.0, 2e-3, 4e-3, 8e-3),
     refinements: Sequence[float] = (1.5, 2.0, 2.5, 3.0),
 ) -> Iterator[Row]:
-    """Yield every load step to each of the `scaled_tensions` T/(E a²) of the materials, on P2
-    cells of the first refinement; the last one of everything else. Raises `StudyError`."""
+    """Yield every load step of the materials to each of the `scaled_tensions` T/(E a²), and all other runs'
+    last steps.
+
+    The materials use P2 cells of the first refinement. Raises `StudyError`.
+    """
     case, few = Case(sweep="material", refinement=refinements[0]), len(set(refinements))
     known = "linear" in materials and set(materials) <= MATERIALS.keys()
     inside = all(c == 0.0 or 2e-3 <= c <= 0.015 for c in depths)
@@ -166,7 +168,7 @@ def main(
 
 
 def run(case: Case) -> Iterator[Row]:
-    """Yield every load step of a material, the last one of everything else."""
+    """Yield every load step of a material, or only the last step of another run."""
     simulation = prepare(scenario(case))
     now = simulation.beginning()
     while now.number < simulation.steps:
@@ -193,8 +195,7 @@ def scenario(case: Case) -> Scenario:
 
 
 def row_of(case: Case, simulation: Simulation, now: OrganRun) -> Row:
-    """Return the row of an equilibrium; stress is that of a linear organ on P2 cells, NaN of
-    others."""
+    """Return the row of an equilibrium; its stress is for a linear organ on P2 cells, else NaN."""
     f, body = site_forces(now.system, now.state), simulation.assembly.body
     load, organ = case.tension * now.state.time / simulation.scenario.solve.duration, now.system.organ
     theory, stress = case.theory.displacements(load, load, load), np.full(2, np.nan)
@@ -218,12 +219,12 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun) -> Row:
 
 
 def varied(row: Row) -> float:
-    """Return what is changed alone in a row [mm]."""
+    """Return the changed parameter of a row [mm]."""
     return float(getattr(row, VARIED[row.sweep]) / MILLI)
 
 
 def case_text(row: Row) -> str:
-    """Return what is changed in a row, in words."""
+    """Return the change of a row in words."""
     return f"{VARIED[row.sweep]} = {varied(row):.3g} mm" if row.sweep in VARIED else row.material
 
 
@@ -234,12 +235,12 @@ def runs_by_material(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def written(*values: float, unit: float = MILLI) -> str:
-    """Write numbers in a unit."""
+    """Return numbers in a unit as text."""
     return ", ".join(f"{value / unit:.4g}" for value in values)
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a run, of materials the last load step of each."""
+    """Return the table with a line for each run; a material has its last load step."""
     columns = (
         ("changed", lambda row: row.sweep),
         ("case", case_text),
@@ -255,16 +256,17 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
-    """Return by load the relative error of the linear organ's displacement against another
-    material [-]; NaN beyond the linear organ's last load."""
+    """Return by load the relative error of the linear organ's displacement against another material [-].
+
+    NaN beyond the linear organ's last load.
+    """
     loads, moved = [row.load for row in linear], [row.exit_along for row in linear]
     same = np.interp([row.load for row in runs], [0.0, *loads], [0.0, *moved], right=np.nan)
     return np.asarray(same / [row.exit_along for row in runs] - 1.0)
 
 
 def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, float]:
-    """Return τ and u/a at which the error of the linear organ is DEPARTURE, infinite if it stays
-    smaller."""
+    """Return τ and u/a at which the error of the linear organ is DEPARTURE, infinite if it stays smaller."""
     off = np.abs(departures(linear, runs))
     if not np.any(off > DEPARTURE):
         return float("inf"), float("inf")
@@ -274,32 +276,32 @@ def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, f
 
 
 def measured_ranges(rows: Sequence[Row]) -> list[str]:
-    """Say of each material where the linear organ of the same E, ν and cells is off, and by how
-    much."""
+    """Return for each material in words where the linear organ of the same E, ν and cells is wrong, and by how much."""
     materials, out = runs_by_material(rows), []
     linear = materials.pop("linear")
     for name, runs in materials.items():
         (tau, moved), off = measured_range(linear, runs), departures(linear, runs)
         last = int(np.flatnonzero(np.isfinite(off))[-1])
-        where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "nowhere here"
+        where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "at no load here"
         out.append(
-            f"{name}: the linear organ is {DEPARTURE:.0%} off the hole's way {where} (assumed: u/a = {LINEAR}); at τ = "
-            f"{runs[last].scaled_load:.3g} it is {off[last]:+.0%} off"
+            f"{name}: the linear organ's displacement has an error of {DEPARTURE:.0%} {where} (assumed: u/a = "
+            f"{LINEAR}); at τ = {runs[last].scaled_load:.3g} it is {off[last]:+.0%}"
         )
     return out
 
 
 def limits(row: Row, youngs_modulus: float) -> tuple[float, float]:
-    """Return the tension at which the holes of a linear organ of that E [Pa] have moved by
-    LINEAR footprints, which is proportional, and that at which the bearing strain T/(d ℓ E) is
-    LINEAR [N]."""
+    """Return two limiting tensions [N] of a linear organ of modulus E [Pa].
+
+    At the first, proportional, the holes have moved by LINEAR footprints. At the second the bearing strain T/(d
+    ℓ E) is LINEAR.
+    """
     moving = row.load * LINEAR * FOOTPRINT / row.moved * youngs_modulus / row.youngs_modulus
     return moving, LINEAR * THREAD.diameter * row.bite * youngs_modulus
 
 
 def ranges(row: Row) -> list[str]:
-    """Say by tissue, from the reference: up to which tension theory is linear, and whether a
-    clinical one is."""
+    """Return for each tissue in words the range of linear theory, and whether a clinical tension is within it."""
     out = []
     for name, (E, clinical, source) in TISSUES.items():
         moving, bearing = limits(row, E)
@@ -313,11 +315,10 @@ def ranges(row: Row) -> list[str]:
 
 
 def convergence(rows: Sequence[Row]) -> list[str]:
-    """Say of each quantity whether it converges on the cells, and how far the finest is off the
-    half-space."""
+    """Return for each quantity in words whether it converges on the cells, and the deviation from the half-space."""
     runs, out = sorted((row for row in rows if row.sweep == "cells"), key=lambda row: row.cells), []
     if len({row.cells for row in runs}) < 3:
-        return ["cells: no ladder was run, so that no stress is SHOWN TO CONVERGE; the preset full has one"]
+        return ["cells: they were not refined, so no stress is SHOWN TO CONVERGE; use the preset full"]
     for name, (order, of, theory) in QUANTITIES.items():
         found = verdict([row.cells for row in runs], [of(row) for row in runs], order)
         word = found.text if found.kind == "converged" else f"NOT CONVERGED ({found.text})"
@@ -326,11 +327,10 @@ def convergence(rows: Sequence[Row]) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return the ranges by tissue and by material, verdicts on the cells, and the shortcomings
-    of rows."""
+    """Return the ranges by tissue and by material, verdicts on the cells, and the limits that rows exceed."""
     worst = max(row.residual for row in rows if row.material == "linear")
     found = [*ranges(rows[0]), *measured_ranges(rows), *convergence(rows)]
-    found.append(f"compliance times reported force is the reported displacement within {worst:.1g}")
+    found.append(f"compliance times reported force equals the reported displacement within {worst:.1g}")
     return [*found, *(line for row in rows if row.sweep != "material" for line in row.shortcomings)]
 
 
@@ -338,8 +338,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw displacement over tension without dimension, how far the linear organ is off, and
-    what is changed alone against theory."""
+    """Return the figure of scaled displacement over tension, error of the linear organ, and single changes
+    against theory."""
     materials, small, tau = runs_by_material(rows), {"fontsize": 6}, "τ = T/(E a²) [-]"
     linear, changed = materials["linear"], grouped((row for row in rows if row.sweep in VARIED), lambda row: row.sweep)
     off = {name: [*zip(departures(linear, runs), runs, strict=True)] for name, runs in materials.items()}

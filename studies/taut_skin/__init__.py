@@ -1,1 +1,1 @@
-"""What does skin that is stretched and stiffens change of the forces that close a wound in it?"""
+"""What is the effect of prestretch and stiffening of skin on the forces that close a wound?"""

@@ -1,22 +1,25 @@
 """A wound in skin that is stretched and stiffens: how far does it gape by itself, and which forces close it?
 
-The sheet of `studies.wound_closure`, on coarser cells, at finite strain: exponential, with a tension in its plane that
-it has before it is cut, and the stretch and thickness that go with it where nothing presses on it. Cut, the wound
-gapes; one stitch a pitch, all drawn at once, then brings the lips together, which touch. Every wound is closed in the
-linear sheet of the same cells too.
+The sheet of `studies.wound_closure` is used on coarser cells at finite strain. It is exponential, and has an
+in-plane tension before the cut, with the corresponding stretch and thickness of a sheet free of pressure. After
+the cut the wound gapes. One stitch per pitch, all drawn at once, then brings the lips into contact. Every wound
+is also closed in the linear sheet of the same cells.
 
-*Tension.* Natural tension of skin is published as 4 to 24 N/m (Alexander and Cook, J. Invest. Dermatol. 69 (1977) 310,
-cited from memory) and as a stress of 28 to 92 kPa, found by inverse finite elements of the forearm and the upper arm
-(Flynn, Taberner and Nielsen, Ann. Biomed. Eng. 39 (2011) 1935, its abstract), 42 to 138 N/m at the thickness of this
-sheet: the most of the one and the middle of the other are run.
+*Tension.* Natural tension of skin is published as 4 to 24 N/m (Alexander and Cook, J. Invest. Dermatol. 69
+(1977) 310, cited from memory). It is also published as a stress of 28 to 92 kPa, found by inverse finite
+elements of the forearm and the upper arm (Flynn, Taberner and Nielsen, Ann. Biomed. Eng. 39 (2011) 1935, its
+abstract). At the thickness of this sheet this is 42 to 138 N/m. The maximum of the first and the middle of the
+second are run.
 
-*Theory.* A slit has no width of its own. Closed again it leaves the sheet as it was, so its stitches bear in all what
-the lips had borne, σ₀ t L, whatever the law: σ₀ is the stress of the stretched sheet, t its thickness, L the length.
+*Theory.* A slit has no width. After closing, the sheet is as before the cut. So the sum of its stitch forces
+equals the former force across the slit, σ₀ t L, for any law: σ₀ is the stress of the stretched sheet, t its
+thickness, L the length.
 
-*Published.* The pairs of wounds of `studies.wound_closure`: what the second takes over what the first does asks for no
-stiffness. And strips of scalp of 10 to 15 mm, removed from 20 patients (Ahmad, J. Cosmet. Dermatol. 2019,
-10.1111/jocd.12739, its abstract): the mean pull on a loop that closes them, by the width of the strip. Their length is
-not in the abstract, and is taken to be the same; a linear sheet then asks for a pull that grows as the width.
+*Published.* The pairs of wounds of `studies.wound_closure`: the ratio of the second force to the first does not
+need a stiffness. Also strips of scalp of 10 to 15 mm, removed from 20 patients (Ahmad, J. Cosmet. Dermatol.
+2019, 10.1111/jocd.12739, its abstract): the mean pull on a loop that closes them, by the width of the strip.
+Their length is not in the abstract, and is assumed constant; in a linear sheet the pull is then proportional to
+the width.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,10 +40,10 @@ from studies.theory import Fibrous
 from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
 SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
-APPROACH = 2.5e-3  # by which lips are drawn together at a time, at most [m]
+APPROACH = 2.5e-3  # largest step of closing the lips [m]
 TENSIONS = (0.0, 24.0, 90.0)  # of the uncut sheet [N/m]
-TAUT = 500.0  # [N/m]: beyond what is published of skin at rest by far
-MEASURED = SOURCES[1:]  # pairs; those of finite elements go with the linear sheet, and 30 × 15 mm is not closed here
+TAUT = 500.0  # [N/m]: far above published values of skin at rest
+MEASURED = SOURCES[1:]  # pairs; the finite elements belong to the linear sheet, and 30 × 15 mm cannot be closed here
 SLIT = (0.030, 0.0)  # length and width [m]
 WOUNDS = (SLIT, *(wound for source in MEASURED for wound in source.wounds))
 POUND = 4.4482216  # pound-force [N]
@@ -57,27 +60,27 @@ class Skin:
 
     @property
     def name(self) -> str:
-        """In words."""
+        """The skin in words."""
         return f"b = {self.stiffening:g}" + (f", {self.tension:g} N/m" if self.tension else "")
 
     @property
     def tissue(self) -> Fibrous:
-        """Its law."""
+        """The law of the skin."""
         return Fibrous(E, NU, self.stiffening)
 
     def tension_at(self, stretch: float) -> float:
-        """Return σ₀ t of the uncut sheet at a stretch in its plane [N/m]."""
+        """Return σ₀ t of the uncut sheet at an in-plane stretch [N/m]."""
         thinned = self.tissue.thinned(stretch)
         return float(self.tissue.stress(stretch, stretch, thinned)[0, 0]) / (stretch * thinned) * THICKNESS
 
     @cached_property
     def stretch(self) -> float:
-        """Stretch in the plane at which the sheet bears its tension [-]."""
+        """In-plane stretch at which the sheet has its tension [-]."""
         return float(brentq(lambda x: self.tension_at(x) - self.tension, 1.0, 2.0)) if self.tension else 1.0
 
     @property
     def keys(self) -> Mapping[str, object]:
-        """Those of the scenario."""
+        """The keys of the skin in a scenario."""
         in_plane = self.stretch
         stretched = {"prestretch": [in_plane, in_plane, self.tissue.thinned(in_plane)]} if self.tension else {}
         return {"material": "exponential", "stiffening": self.stiffening, "inertia": False, **stretched}
@@ -85,30 +88,30 @@ class Skin:
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Wound):
-    """One wound, closed by stitches drawn all at once. Forces are those of E = 0.8 MPa, and grow with it."""
+    """One wound, closed by stitches drawn all at once. Forces are for E = 0.8 MPa and proportional to E."""
 
-    length: float = measured("m", lambda at: at.case.length)  # cut
-    width: float = measured("m", lambda at: at.case.width)  # cut; 0 for a slit
+    length: float = measured("m", lambda at: at.case.length)  # of the cut
+    width: float = measured("m", lambda at: at.case.width)  # of the cut; 0 for a slit
     skin: str = measured("", lambda at: at.skin.name if at.skin else LINEAR_SHEET)
     stiffening: float = measured("-", lambda at: at.skin.stiffening if at.skin else 0.0)
-    stretch: float = measured("-", lambda at: at.skin.stretch if at.skin else 1.0)  # before it was cut
+    stretch: float = measured("-", lambda at: at.skin.stretch if at.skin else 1.0)  # before the cut
     tension: float = measured("N/m", lambda at: at.skin.tension if at.skin else 0.0)  # of the uncut sheet
-    opened: float = measured("m", lambda at: at.opened.max())  # in the middle, before it is closed
+    opened: float = measured("m", lambda at: at.opened.max())  # in the middle, before closing
     unknowns: int = measured("", lambda at: at.hands.organ.size)
     places: tuple[float, ...] = measured("m", lambda at: at.case.places)  # of the stitches
     forces: tuple[float, ...] = measured("N", lambda at: at.hands.forces(at.state))
-    widest: float = measured("m", lambda at: at.hands.gaps(at.state, at.case.places).max())  # gap left at a stitch
+    widest: float = measured("m", lambda at: at.hands.gaps(at.state, at.case.places).max())  # remaining gap at a stitch
     contact_force: float = measured("N", lambda at: at.hands.organ.contact_forces(at.state.organ).sum())
-    closed: bool  # as near as was asked
+    closed: bool  # within the tolerance
 
     @property
     def of_tension(self) -> float:
-        """Force of all stitches over that of the uncut sheet, σ₀ t L [-]."""
+        """Force of all stitches over the force of the uncut sheet, σ₀ t L [-]."""
         return sum(self.forces) / (self.tension * self.length) if self.tension else float("nan")
 
     @property
     def crack(self) -> float:
-        """Opening of a crack as long in a large linear sheet, 2 σ₀ L/E [m]."""
+        """Opening of a crack of the same length in a large linear sheet, 2 σ₀ L/E [m]."""
         return 2.0 * self.tension * self.length / STIFFNESS
 
     @property
@@ -125,12 +128,12 @@ def main(
     size: float = SIZE,
     far: float = FAR,
 ) -> Iterator[Row]:
-    """Yield every wound in the linear sheet and in skin of every tension; a slit in skin that is taut alone.
+    """Yield every wound in the linear sheet and in skin of every tension; a slit only in skin under tension.
 
-    Raises `StudyError` for wounds that do not fit, and for skin that is pressed together.
+    Raises `StudyError` for wounds that do not fit, and for skin under compression.
     """
     allowed = min(tensions) >= 0.0 and max(tensions) <= TAUT
-    remedy = f"give 0 for none to {TAUT:g}; skin is not pressed together"
+    remedy = f"give 0 (no tension) to {TAUT:g}; compression is not allowed"
     require(allowed, f"tensions = {list(tensions)} N/m", remedy)
     require(stiffening > 0.0, f"stiffening = {stiffening}", "give a number above 0; soft tissue has about 5")
     skins = [Skin(stiffening, tension) for tension in tensions]
@@ -151,8 +154,7 @@ def close_wound(case: Case, skins: Sequence[Skin]) -> Iterator[Row]:
 
 
 def close_skin(hands: Hands, skin: Skin, answer: Array) -> Row:
-    """Return the closed wound, drawn together bit by bit; `answer` is the closing of the linear sheet's lips per drawn
-    stitch [-]."""
+    """Return the wound closed in steps; `answer` is the closing of the linear sheet's lips per drawn stitch [-]."""
     state, y = hands.straight_state, hands.case.places
     opened = hands.gaps(state, y)
     limit, bits = PRECISE * opened.max(), int(np.ceil(opened.max() / APPROACH))
@@ -166,13 +168,15 @@ def close_skin(hands: Hands, skin: Skin, answer: Array) -> Row:
 
 
 def beyond_goal(hands: Hands, goal: Array, state: State) -> Array:
-    """Return by how much the lips are farther apart than a goal at each stitch [m]."""
+    """Return the distance of the lips above a goal at each stitch [m]."""
     return hands.gaps(state, hands.case.places) - goal
 
 
 def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed: bool) -> Row:
-    """Return the row of a wound that is `closed` or as far as it was drawn together, in a skin, None for the linear
-    sheet; `opened` is its width at the stitches before [m]."""
+    """Return the row of a wound, `closed` or partly closed, in a skin, or None for the linear sheet.
+
+    `opened` is its width at the stitches before closing [m].
+    """
     end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened)
     return measure(Row, end, closed=closed)
 
@@ -182,8 +186,8 @@ def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Force of the second of a published pair of wounds over that of the first: published, by W/L, and by runs in one
-    skin [-]."""
+    """Force ratio of the second to the first of a published pair of wounds: published, by W/L, and in one skin
+    here [-]."""
 
     source: str
     skin: str
@@ -193,7 +197,7 @@ class Ratio:
 
 
 def ratios(rows: Sequence[Row]) -> list[Ratio]:
-    """Return those of every published pair that was run, by skin."""
+    """Return the ratios of every published pair that was run, by skin."""
     out = []
     for source in SOURCES:
         (l1, w1), (l2, w2) = source.wounds
@@ -206,7 +210,7 @@ def ratios(rows: Sequence[Row]) -> list[Ratio]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make a line a wound."""
+    """Return the table with a line for each wound."""
     flat = {row.wound: row.middle for row in rows if row.skin == LINEAR_SHEET}
     columns: Columns = (
         ("wound [mm]", lambda row: row.name),
@@ -229,7 +233,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     for row in rows:
         if not row.width:
             gapes = f"it gapes by {row.opened / MILLI:.2f} mm"
-            bears = f"its stitches bear {row.of_tension:.3f} of what the uncut skin bears there"
+            bears = f"its stitches bear {row.of_tension:.3f} of the force of the uncut skin"
             out.append(f"{row.name} mm, {row.skin}: {gapes}, and {bears}")
         if not row.closed:
             out.append(f"{row.name} mm, {row.skin}: the lips were NOT BROUGHT TOGETHER at every stitch")
@@ -243,15 +247,15 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def strips_words() -> str:
-    """Say how the pull on strips of scalp grows with their width."""
+    """Return in words the growth of the pull on strips of scalp with their width."""
     pulls = {width: POUND * pull for width, pull in STRIPS.items()}
     shown = ", ".join(f"{width} mm {pull:.1f} N" for width, pull in pulls.items())
     return (
         f"Ahmad 2019, strips of scalp, mean pull on one loop: {shown}. From 11 to 15 mm it grows "
         f"{pulls[15] / pulls[11]:.2f} times where the width grows {15 / 11:.2f} times, from 10 to 15 mm "
-        f"{pulls[15] / pulls[10]:.2f} times where it grows 1.50 times: force ∝ width DISAGREES with both. What skin "
-        "bears before it is cut would explain the first and stiffening the second, not both; how many patients had "
-        "each width is not in the abstract"
+        f"{pulls[15] / pulls[10]:.2f} times where it grows 1.50 times: force ∝ width DISAGREES with both. Prestress "
+        "would explain the first and stiffening the second, but not both; the abstract does not give the number of "
+        "patients for each width"
     )
 
 
@@ -259,7 +263,7 @@ def strips_words() -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the forces along the wounds, those of slits, how far wounds gape, and the published ratios."""
+    """Return the figure of the forces along the wounds, the slits, the gaping of wounds, and the published ratios."""
     wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
     skins, names = (dict.fromkeys(getattr(row, key) for row in wide) for key in ("skin", "name"))
     forces = {

@@ -1,20 +1,22 @@
 """An elliptical wound in a sheet of skin, closed by interrupted stitches: which force does each of them take?
 
-A sheet lies on rollers, so that it slides on what is below it, its edges held far away. The wound goes through it. One
-stitch a pitch, each over its own share of the wound, lies straight across in the middle of the sheet, between two holes
-a bite away from the lips; two hands draw its ends until the lips nearly touch there, and no further. Stitches are drawn
-together, all at once, or one after another along the wound as a surgeon ties them: what is not tied yet is slack, what
-is tied keeps its length. The lips press on one another where they meet.
+A sheet lies on rollers, so that it slides on the layer below; its edges are held far away. The wound passes
+through it. There is one stitch per pitch, each for its own share of the wound. It lies straight across in the
+middle of the sheet, between two holes at a distance of one bite from the lips. Two hands draw its ends until
+the lips nearly touch there. Stitches are drawn all at once, or one after another along the wound, as a surgeon
+ties them: untied stitches are slack, tied ones keep their length. The lips press on each other where they meet.
 
-*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed everywhere at once by a
-uniform traction p = EW/(4c) on its lips, across the wound and per length along it: it is the stress of a sheet drawn
-across its hole (Inglis 1913) taken back. That is t e EW/(4c) a stitch in a sheet of thickness t with one stitch every
-e, and t EW/2 in all, whatever the length. What a run adds to it is the sheet's own size (the same mesh closed by the
-uniform traction shows how much) and the stitches: forces at a distance from the lips, and at points.
+*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed everywhere at
+once by a uniform traction p = EW/(4c) on its lips, across the wound and per length along it. This removes the
+stress of a sheet stretched across its hole (Inglis 1913). In a sheet of thickness t with one stitch every e the
+force is t e EW/(4c) per stitch, and t EW/2 in total, independent of the length. A run differs by the finite
+size of the sheet (shown by uniform traction on the same mesh) and by the stitches: forces at points, at a
+distance from the lips.
 
 *Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of their finite
-elements and of what they measured in vivo, Wen et al. (Appl. Math. Mech. 44, 2023, 441) that of pig skin. The stiffness
-Et of the sheet is the one number that is fitted, to the first wound of each pair; the second is predicted.
+elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023, 441) that of pig skin.
+The stiffness Et of the sheet is the only fitted number, fitted to the first wound of each pair; the second is
+predicted.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,22 +35,25 @@ from studies.study import Columns, Job, Table, described, each, measure, measure
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 
-PLACES = 41  # along the wound at which gaps are recorded
-CROSSED = 1e-9  # of the width: lips may cross by no more
-CONVERGED = 0.05  # a check may change the force that is compared by no more
+PLACES = 41  # number of places along the wound for the gaps
+CROSSED = 1e-9  # of the width: allowed overlap of the lips
+CONVERGED = 0.05  # allowed relative change of the compared force by a check
 VERDICTS = {True: "agrees", False: "DISAGREES"}
 FINER, LARGER, NEARER, HALVES = CHECKS = ("finer mesh", "larger sheet", "lips twice as near", "half the pitch and bite")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Wound):
-    """One wound, closed in one way. Forces are those of E = 0.8 MPa, and grow with it: closed is closed, whatever the
-    thread takes for it. Those of the stitches come along the wound, and so do the gaps."""
+    """One wound, closed in one way.
+
+    Forces are for E = 0.8 MPa and proportional to E, because the closed shape does not depend on the force.
+    Forces of stitches and gaps are in their order along the wound.
+    """
 
     length: float = measured("m", lambda at: at.case.length)
     width: float = measured("m", lambda at: at.case.width)
     way: str = measured("", lambda at: at.way)  # all at once, or one after another
-    variant: str = measured("", lambda at: at.case.variant)  # "", or what is changed for a check
+    variant: str = measured("", lambda at: at.case.variant)  # "", or the change of a check
     sheet: float = measured("m", lambda at: at.case.sheet)  # length of its edges
     size: float = measured("m", lambda at: at.case.size)  # of the cells at the holes
     unknowns: int = measured("", lambda at: at.hands.organ.size)
@@ -60,8 +65,8 @@ class Row(Wound):
     uniform: float = measured(
         "-", lambda at: at.hands.uniform_traction
     )  # traction that closes the mesh, over that of a large sheet
-    moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # farthest a hole moved
-    contact_force: float = measured("N", lambda at: at.lips.force.sum())  # that pushes the lips apart, in all
+    moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # largest of a hole
+    contact_force: float = measured("N", lambda at: at.lips.force.sum())  # total force that pushes the lips apart
     pressure: float = measured("Pa", lambda at: at.hands.organ.gaps.pressure(at.lips.force).max())  # of the lips
     smallest_gap: float = measured("m", lambda at: at.lips.gap.min())
     complementarity: float = measured("J", lambda at: at.lips.complementarity)  # largest |force times gap| of two nodes
@@ -80,13 +85,16 @@ class Row(Wound):
 
     @property
     def over_middle(self) -> float:
-        """The stitch at the end that takes more over that in the middle [-]."""
+        """The end stitch with the larger force over the stitch in the middle [-]."""
         return max(self.forces[0], self.forces[-1]) / self.middle
 
     @property
     def comparable_force(self) -> float:
-        """The force to be compared with a published one [N]: of stitches drawn all at once that in the middle, where
-        the published force is largest; of stitches tied one after another the largest that one was tied with."""
+        """The force for comparison with a published one [N].
+
+        For stitches drawn all at once it is the force in the middle, where the published force is largest. For
+        stitches tied one after another it is the largest force when tied.
+        """
         return self.middle if self.way == TOGETHER else max(self.tied)
 
 
@@ -99,10 +107,10 @@ def main(
     bite: float = 4e-3,
     checks: Sequence[str] = CHECKS,
 ) -> Iterator[Row]:
-    """Yield every wound both ways, and the first again for every check: on a finer mesh, in a larger sheet, drawn
-    tighter, and with stitches nearer to one another and to the lips.
+    """Yield every wound in both ways, and the first wound again for every check.
 
-    Raises `StudyError` for wounds that do not fit, for lengths that are not above zero, and for other checks.
+    The checks are a finer mesh, a larger sheet, tighter stitches, and half the pitch and bite. Raises
+    `StudyError` for wounds that do not fit, for lengths that are not above zero, and for other checks.
     """
     require_known("checks", checks, CHECKS)
     given = f"wounds = {wounds}, pitch = {pitch}, bite = {bite}"
@@ -135,7 +143,7 @@ def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
 
 
 def turns(n: int, way: str) -> list[tuple[Flags, Flags]]:
-    """Tell which of `n` stitches are tied at a time, and which are still slack."""
+    """Return which of `n` stitches are tied at each stage, and which are still slack."""
     each = np.arange(n)
     return [(each >= 0, each < 0)] if way == TOGETHER else [(each == k, each > k) for k in range(n)]
 
@@ -150,8 +158,11 @@ def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str) -> Row |
 
 @dataclass(frozen=True)
 class Comparison:
-    """A published wound and its run; `fitted` is the sheet's stiffness Et [N/m] from the first of the pair, `edges`
-    by how much more the held edges of the sheet are felt than by that one [-]."""
+    """A published wound and its run.
+
+    `fitted` is the sheet's stiffness Et [N/m] from the first wound of the pair. `edges` is the additional
+    effect of the sheet's held edges, relative to the first wound [-].
+    """
 
     source: Source
     published: float
@@ -161,7 +172,7 @@ class Comparison:
 
     @property
     def predicted_force(self) -> float:
-        """Force at the fitted stiffness [N]; the published one where it was fitted to."""
+        """Force at the fitted stiffness [N]; for the first wound of a pair the published force."""
         return self.row.comparable_force * self.fitted / STIFFNESS
 
     @property
@@ -171,7 +182,7 @@ class Comparison:
 
 
 def comparisons(rows: Sequence[Row]) -> list[Comparison]:
-    """Return every published wound that was run together with the one its pair is fitted to."""
+    """Return every published wound that was run together with the fitted wound of its pair."""
     out = []
     for source in SOURCES:
         first, second = (row_with(rows, wound, source.way) for wound in source.wounds)
@@ -183,7 +194,7 @@ def comparisons(rows: Sequence[Row]) -> list[Comparison]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Make the published wounds, one a line; then every wound, and the checks."""
+    """Return the table with a line for every wound and check."""
     compared = comparisons(rows)
 
     def published(row: Row, cell: Callable[[Comparison], str]) -> str:
@@ -210,7 +221,8 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return agreement and disagreement in numbers; mesh, sheet and lips; shortcomings beyond small strains."""
+    """Return agreement and disagreement in numbers, effects of mesh, sheet and lips, and limits beyond small
+    strains."""
     out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
     out += [*where_largest(rows), *changes(rows)]
     for row in rows:
@@ -221,15 +233,15 @@ def remarks(rows: Sequence[Row]) -> list[str]:
             out.append(f"{name}: the lips CROSS by {-row.smallest_gap:.1e} m, or contact holds them together")
         if row.way == TOGETHER and not row.variant and row.width > LINEAR * row.length:
             out.append(
-                f"{row.name} mm: closing turns the lips by up to {row.width / row.length:.2g} rad and strains the "
-                f"sheet beside them by {0.5 * row.width / row.length:.2g}, BEYOND the linear range (about {LINEAR} rad)"
+                f"{row.name} mm: closing turns the lips by up to {row.width / row.length:.2g} rad and strains "
+                f"the nearby sheet by {0.5 * row.width / row.length:.2g}, BEYOND the linear range (about {LINEAR} rad)"
             )
     strains = [row.bearing for row in rows]
     if max(strains) > LINEAR:
         out.append(
             f"bearing strains T/(d ℓ E) at the holes of {min(strains):.2g} to {max(strains):.2g}, BEYOND the linear "
-            f"range (about {LINEAR}): how far the thread cuts in is not supported; what it takes to close the lips "
-            "hardly asks"
+            f"range (about {LINEAR}): the cutting depth of the thread is not supported; the closing forces "
+            "hardly depend on it"
         )
     out += too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
     gap, worst = min(row.smallest_gap / row.width for row in rows), max(row.complementarity for row in rows)
@@ -243,7 +255,7 @@ def sentence(c: Comparison) -> str:
     off = 100.0 * (c.predicted_force / c.published - 1.0)
     return (
         f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted_force:.2f} N for "
-        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it by the edges of the sheet; published are {c.published:g} N "
+        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it from the edges of the sheet; published: {c.published:g} N "
         f"({round(off):+d} %)"
     )
 
@@ -269,7 +281,7 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
 
 
 def changes(rows: Sequence[Row]) -> list[str]:
-    """Return the changes by a finer mesh, a larger sheet and other stitches."""
+    """Return the changes by a finer mesh, a larger sheet and other stitches, in words."""
     out = []
     for row in rows:
         plain = row_with(rows, row.wound, row.way)
@@ -295,7 +307,7 @@ def changes(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Draw the forces along the wound, gaps, published against predicted, and forces when tied."""
+    """Return the figure of the forces along the wound, gaps, published against predicted, and forces when tied."""
     plain, compared = [row for row in rows if not row.variant], comparisons(rows)
     together, in_turn = ([row for row in plain if row.way == way] for way in (TOGETHER, IN_TURN))
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
@@ -322,7 +334,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: str, *items: Item, title: str) -> Item:
-    """Draw a quantity along the wounds."""
+    """Return the panel of a quantity along the wounds."""
     pairs = {row.name: row.course(getattr(row, places), of(row)) for row in rows}
     return panel(
         "place along the wound, over its half length [-]", name,

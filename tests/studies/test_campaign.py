@@ -128,12 +128,12 @@ def test_a_case_agrees_with_itself_in_shorter_steps(monkeypatch: pytest.MonkeyPa
     rows = [replace(run(case, quarter=True), said=""), replace(found, apart=0.0), found]
     assert steps == [1e-3, 0.25e-3]
     said = "\n".join(remarks(rows))
-    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps" in said and "inf apart; it says nothing" in said
+    assert "1 of 2, 1 of the others WITHOUT A REMARK on the steps" in said and "difference inf; remarks: none" in said
     near = [
         replace(found, apart=share * ALIKE, said=words)
         for share, words in ((0.5, "spans forces-swing"), (0.5, "no-tract"), (2.0, "forces-swing"))
     ]
-    assert "cases remarked on, yet within 0.2%: 1 of 2" in "\n".join(remarks(near))
+    assert "cases with a remark, but within 0.2%: 1 of 2" in "\n".join(remarks(near))
     far = [replace(found, apart=2.0 * AGREED, said=words) for words in ("not-at-rest", "")]
     told = replace(far[0], said="not-at-rest numerical-dissipation")
     assert "0 of 3, 2 of the others WITHOUT A REMARK on the steps" in "\n".join(remarks([*far, told]))

@@ -107,7 +107,7 @@ def test_what_cannot_be_calibrated_is_refused(given: dict[str, object]) -> None:
 
 
 def test_coefficients_that_do_not_bracket_are_refused() -> None:
-    with pytest.raises(StudyError, match="or none less, than"):
+    with pytest.raises(StudyError, match="both more and less than"):
         calibrate(rows(), 2.9)
 
 

@@ -74,7 +74,7 @@ def test_what_is_compared_with_print_is_the_ratio_of_a_pair() -> None:
     [
         ({"wounds": ((0.07, 0.01),)}, "in a sheet of"),
         ({"wounds": ((0.5 * PITCH, 0.0),)}, "in a sheet of"),
-        ({"tensions": (-1.0,)}, "not pressed together"),
+        ({"tensions": (-1.0,)}, "compression is not allowed"),
         ({"stiffening": 0.0}, "above 0"),
     ],
 )

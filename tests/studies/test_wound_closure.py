@@ -109,7 +109,7 @@ def test_one_number_is_fitted_and_the_other_predicted() -> None:
     assert fitted.is_fit and fitted.predicted_force == pytest.approx(SOURCES[0].forces[0])
     assert not predicted.is_fit and predicted.predicted_force == pytest.approx(3.0 * SOURCES[0].forces[0])
     said = remarks([together, wide])
-    assert any("+5.0 % of it by the edges of the sheet; published are 1.5 N (+0 %)" in remark for remark in said)
+    assert any("+5.0 % of it from the edges of the sheet; published: 1.5 N (+0 %)" in remark for remark in said)
     assert any("30 × 15 mm: closing turns the lips by up to 0.5 rad" in remark for remark in said)
     assert any("bearing strains" in remark and "BEYOND" in remark for remark in said)
     assert any(
