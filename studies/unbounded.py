@@ -165,8 +165,8 @@ def panels(end: float, count: int, points: int) -> tuple[Array, Array]:
 
 
 def kelvin(offset: Array, nu: float) -> Array:
-    """Return displacement i of full space under a unit force j at distance `offset` `(…, 3)`, E = 1, shape `(…,
-    3, 3)`."""
+    """Return displacement i of full space under a unit force j at distance `offset` `(…, 3)`, E = 1, shape
+    `(…, 3, 3)`."""
     r = np.linalg.norm(offset, axis=-1)[..., None, None]
     pair = offset[..., :, None] * offset[..., None, :]
     return np.asarray((1.0 + nu) / (8.0 * np.pi * (1.0 - nu)) * ((3.0 - 4.0 * nu) * np.eye(3) + pair / r**2) / r)

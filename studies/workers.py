@@ -142,7 +142,7 @@ def context_of(module: str) -> SpawnContext | ForkContext | ForkServerContext:
 
     On Linux it is a fork of this process, which has imported everything. If this process has threads, its fork
     could block, so a process that only imports the `module` of the work is forked. On other systems libraries
-    do not support a fork, so processes start anew.
+    do not support a fork, so new processes are started.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")

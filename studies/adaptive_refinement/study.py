@@ -51,7 +51,7 @@ Settings = dict[str, Any]
 
 
 def skin(contrast: float) -> Settings:
-    """Return the keys of a skin of half a footprint; `contrast` is its stiffness over that of the tissue below."""
+    """Return the keys of a skin of half a footprint; `contrast` is its stiffness over that below."""
     return {"tissue.region": [{"name": "skin", "depth": [0.0, THIN * A], "youngs_modulus": contrast * 1e5}]}
 
 

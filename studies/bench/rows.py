@@ -11,7 +11,7 @@ from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 R = TypeVar("R")
-Columns = Sequence[tuple[str, int, str]]  # head, width, and name of a number with its format, such as "step:.3f"
+Columns = Sequence[tuple[str, int, str]]  # head, width, and name of a number with its format: "step:.3f"
 
 
 def printed(columns: Columns, rows: Iterable[R]) -> list[R]:

@@ -86,7 +86,7 @@ def apart(one: Result, other: Result, thread: str) -> float:
 
 
 def share(rows: Sequence[Row]) -> str:
-    """Return in words how many of the rows completed."""
+    """Return the number of completed rows in words."""
     return f"{sum(row.cause == COMPLETED for row in rows)} of {len(rows)}"
 
 
@@ -115,13 +115,13 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
-    """Return in words how many of the named rows completed, and whether this reaches the share `asked`."""
+    """Return the number of completed rows in words, and whether this reaches the share `asked`."""
     word = "" if sum(row.cause == COMPLETED for row in rows) >= asked * len(rows) else ", which is TOO FEW"
     return f"{name} that completed: {share(rows)}{word} (required: {asked:.0%})"
 
 
 def agreement(rows: Sequence[Row]) -> list[str]:
-    """Return in words how many repeated cases agree, and the difference and remarks of each other case."""
+    """Return the number of agreeing repeated cases in words, and the difference and remarks of each other case."""
     again = [row for row in rows if not np.isnan(row.apart)]
     far, alike = [row for row in again if row.apart > AGREED], [row for row in again if row.apart <= ALIKE]
     told = [row for row in again if set(row.said.split()) & TELLING]

@@ -35,7 +35,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
         if wanted:
-            from studies.sweeps.figure import write_figure  # without matplotlib it is refused before the runs
+            from studies.sweeps.figure import write_figure  # refused before the runs if matplotlib is missing
         with stages(options.json, TOLD_OF_LOOPS):
             check = partial(drawn_columns, names=wanted) if wanted else None
             table = sweep(base, cases, options.out, workers, told.tell, check=check)

@@ -42,7 +42,7 @@ STEP_COUNTS = (10, 20, 40, 80, 160, 320, 640, 1280)  # over DURATION, each a mul
 SIZE = 2.5e-3  # of the mesh [m]
 FOOTPRINT = 2e-3  # [m]
 
-HOLD, HOLD_STEP = 0.1, 2e-3  # [s] in which the thread settles, always in one system
+HOLD, HOLD_STEP = 0.1, 2e-3  # [s] of settling of the thread, always in one system
 DURATION = 0.1  # of pull and release [s]
 WAY = 6e-3  # of the hand, out and back [m]
 CREATED = 0.1  # of the hand's work: a run that created more energy is unstable
@@ -138,7 +138,7 @@ class Way:
 def constraint_energy(system: System, met: Array, step: Step) -> float:
     """Return the energy created by a linear step [J].
 
-    Its constraint forces are those of the start of the step, and its elastic force is the linearised one.
+    Its constraint forces belong to the start of the step, and its elastic force is linearised.
     """
     return -turned_over(step)[REMAINDER] - step.solution.linearisation
 

@@ -46,7 +46,7 @@ TINY = 1e-3  # of a pull: distance on both sides of the threshold at which the r
 SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
 LOOP_STEPS, LOOP_SPANS = 40, 20  # steps each way, and spans per hole in addition to its packet
-REST = 0.05  # time in which the thread settles before it is drawn [s]
+REST = 0.05  # settling time of the thread before it is drawn [s]
 PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
 
@@ -127,7 +127,7 @@ def laid_through(
     """Return a thread laid through rough holes at `places` (p, 3) [m], at its abscissae `s` (p,) [m].
 
     The thread is stretched by `stretch` to the length of its path, and has `spans` per hole in addition to
-    those of the packets.
+    the spans of the packets.
     """
     length = path.length / stretch
     knots = through_holes(length, s, False, length / (spans * s.size))

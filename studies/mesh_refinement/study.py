@@ -144,7 +144,7 @@ def check_ladders(ladder_of: Mapping[str, Sequence[float]]) -> None:
         shown = f"{name} = [{', '.join(f'{rung:g}' for rung in rungs)}]"
         require(len(set(rungs)) >= 3 and min(rungs) > 0, shown, "a verdict needs three different numbers above zero")
         copies = not name.endswith("cells") or not any(rung % 8 for rung in rungs)
-        require(copies, shown, "only meshes of 8, 16, 24 … cells are copies of one another")
+        require(copies, shown, "only meshes of 8, 16, 24 … cells are scaled copies")
 
 
 def run_rung(

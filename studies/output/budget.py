@@ -66,8 +66,8 @@ def seconds_of(
 ) -> float:
     """Estimate the processor time of steps and frames [s], without preparation.
 
-    `unknowns` is the number of an organ's unknowns, `balls` the number of balls of tracts. The methods `by` are
-    those of `Simulation.methods`.
+    `unknowns` is the number of an organ's unknowns, `balls` the number of balls of tracts. `by` are the methods
+    from `Simulation.methods`.
     """
     solve, points, organ = scenario.solve, scenario.thread.control_points, scenario.tissue
     holes = len(scenario.piercing) + balls

@@ -152,7 +152,7 @@ ACCURACY: tuple[Column[Mapping[str, Any]], ...] = (
     Column(
         "bounds",
         "-",
-        "bounds of the exact compliance over that of the run, to forces along x, y and z; with `tissue.mesh.bound`",
+        "bounds of the exact over the run's compliance, to forces along x, y and z; with `tissue.mesh.bound`",
         lambda known: known.get("bounds"),
         parts=("bounds_lower", "bounds_upper"),
     ),
@@ -191,7 +191,7 @@ EVENT: tuple[Column[Event], ...] = (
 
 ENERGY: tuple[Column[EnergyRecord], ...] = (
     Column("kinetic", "J", "kinetic energy of thread and organ"),
-    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 that of its bent path"),
+    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 of its bent path"),
     Column("elastic_tissue", "J", "elastic energy of the organ"),
     Column("prestretch", "J", "part of `elastic_tissue` that `tissue.prestretch` stored"),
     Column("external_work", "J", "work of loads, gravity, holders and hands"),
@@ -251,7 +251,7 @@ PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces")
 CONTACT: tuple[Column[ContactRecord], ...] = (
     count("pairs", "number of node pairs"),
     count("pressed", "pairs under a force"),
-    Column("smallest_gap", "m", "smallest gap along the normal; of wound lips that of the wound plane"),
+    Column("smallest_gap", "m", "smallest gap along the normal; for wound lips along the wound plane's normal"),
     Column("largest_gap", "m", "largest gap of pairs that face each other, else zero"),
     Column("open_area", "m²", f"area of facing pairs more than {APART:g} m apart"),
     Column("gap_volume", "m³", "volume between the surfaces"),

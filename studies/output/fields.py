@@ -50,7 +50,7 @@ class OrganRecord:
     strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
     rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
     energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
-    volume_ratio: Array  # (cells,) volume between the corners of each cell over that of the reference shape [-]
+    volume_ratio: Array  # (cells,) volume between the corners of each cell over its reference volume [-]
     nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices; at a mid-edge node the mean of both ends [-]
     strained: float  # share of the strain energy in cells whose strain is not small [-]
     rotated: float  # share of the strain energy in cells whose rotation is not small [-]

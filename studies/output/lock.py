@@ -34,7 +34,7 @@ def locked(folder: Path | str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        reason = "another run uses it; wait for its end, or give another folder"
+        reason = "another run uses it; wait until this run ends, or give another folder"
         raise ScenarioError(f"--out {folder} is refused: {reason}") from None
     except (OSError, RuntimeError) as error:  # a RuntimeError if links form a circle
         reason = f"it cannot be written ({getattr(error, 'strerror', None) or error}); give another folder"

@@ -37,7 +37,7 @@ SLIGHT = 0.05  # rad per ball: a slack thread with a smaller turn lies straight 
 IN_TISSUE = 1.0  # diameters: a deeper thread lies in tissue and not on tissue
 MOVED = 2.0  # footprints: a hole moved by this distance still touches its former place
 NEAR = 2.0  # times the sum of two footprints: nearer, a hole moves its neighbour by a quarter of its displacement
-REDUCED = 0.03  # of the largest displacement of a hole: allowed error of a small basis, equal to that of the cells
+REDUCED = 0.03  # of the largest displacement of a hole: allowed error of a small basis, equal to the error of the cells
 COARSE = {"P1": 0.25, "P2": 0.5}  # cell size over footprint: the hole's compliance then has an error of at most 8 %
 
 
@@ -158,7 +158,7 @@ KINDS = (
     Kind(
         "spans-between",
         "`thread.spans_between` below 2 at the end",
-        "such a coarse spline cannot bend as the thread would",
+        "this coarse spline cannot bend like the thread",
     ),
     Kind(
         "energy-created",
@@ -273,13 +273,13 @@ KINDS = (
     Kind(
         "rest-unloaded",
         '`solve.start = "rest"` and a dead load with its own `ramp`',
-        "the load is zero at t = 0, so its slack is taken up during the run",
+        "the load is zero at t = 0, so its slack disappears during the run",
         "note",
     ),
     Kind(
         "moved",
         f"piercing farther from `near` than {MOVED:g} footprints",
-        "a path or box placed by `near` may no longer fit",
+        "a path or box placed by `near` can lose its fit",
         "note",
     ),
     Kind(

@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from html import escape  # that of xml.sax loads what speaks HTTP
+from html import escape  # the same function of xml.sax would load a HTTP library
 from itertools import accumulate
 from pathlib import Path
 from typing import Any

@@ -64,7 +64,7 @@ from studies.pictures.view import (
 )
 
 BLANK = 2.0  # standard deviation of the pixel values below which the picture is empty
-SAMPLES = 8  # samples per pixel at edges, if the renderer has so many; a larger picture would take a third longer
+SAMPLES = 8  # samples per pixel at edges, if available; a larger picture would take a third longer
 MARGINS = (60.0, 60.0, 170.0, 110.0)  # pixels left, right, below for the colour bars, above for the title
 TITLE, SMALL, NAMES = 28, 20, 20  # pixels of letters
 BAR_TITLE, BAR_LABEL = 18, 16  # pixels of letters of a colour bar

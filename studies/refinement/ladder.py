@@ -158,7 +158,7 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
 
 
 def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
-    """Return the refined quantities; for `all` those of the scenario. Raises `ScenarioError`."""
+    """Return the refined quantities; for `all` every one that the scenario has. Raises `ScenarioError`."""
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if not (isinstance(over, str) and over in KINDS):

@@ -44,7 +44,7 @@ def refine(
     Raises `ScenarioError`, for an unknown quantity before the first level is run, and
     `studies.workers.WorkersError`.
     """
-    from studies.refinement.figure import pictures  # without matplotlib it is refused before the runs
+    from studies.refinement.figure import pictures  # refused before the runs if matplotlib is missing
 
     names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
     if not names or not all(isinstance(name, str) for name in names):
@@ -67,7 +67,7 @@ def refine(
 def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
     """Return the levels with the factors of their real meshes, if cells are refined and all meshes were made.
 
-    The factor is (cells of the level over those of the coarsest)^⅓ (Celik et al. 2008).
+    The factor is (cells of the level over cells of the coarsest level)^⅓ (Celik et al. 2008).
     """
     cells = table["cells"].values
     if "h" not in rungs.kinds or None in cells:

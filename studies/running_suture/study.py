@@ -340,7 +340,7 @@ def organ(row: Row) -> str:
 def second_stitches(rows: Sequence[Row]) -> dict[str, dict[int, Row]]:
     """Return the second stitch under each pull, by the name of its run.
 
-    The runs are rows that end at the pull, each drawn anew, and stitches placed one by one.
+    The runs are separate rows that end at the pull, and stitches placed one by one.
     """
     anew = {back: row for back, row in rows_at(runs(rows, CALIBRATED)[0]).items() if row.stitch > 1}
     placed = {f"{organ(run[0])}, hold {run[0].hold:g} N": rows_at(run) for run in runs(rows, PLACING)}

@@ -115,7 +115,7 @@ class BlockMesh(_Block):
 class WoundMesh(_Block):
     """Block with a wound cut down from the middle of its top.
 
-    Boundaries: those of the block, lip_left, lip_right, and wound_floor for an ellipse that does not cut
+    Boundaries: all boundaries of the block, lip_left, lip_right, and wound_floor for an ellipse that does not cut
     through.
     """
 
@@ -202,7 +202,7 @@ class FileMesh(_Mesh):
         one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
     ] = by_default("m", "length unit of the file: a name, or metres per file unit")
     h: Positive | None = optional("mesh size of a surface to be filled, far from the piercings [m]", 4.0e-3)
-    h_site: Positive | None = optional("mesh size of such a surface at the piercings [m]; default: uniform")
+    h_site: Positive | None = optional("mesh size of this surface at the piercings [m]; default: uniform")
     growth: Growth = by_default(1.3, GROWTH)
 
     @property

@@ -380,7 +380,7 @@ def check_spans(
 ) -> None:
     """Refuse cuts of this `key` that leave a piece of a single span.
 
-    `ends` are the ends of the pieces and `breaks` those of the spans [m].
+    `ends` are the ends of the pieces and `breaks` the ends of the spans [m].
     """
     for before, after in pairwise(ends) if cuts else ():
         if sum(before <= s <= after for s in breaks) < 3:

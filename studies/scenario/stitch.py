@@ -82,9 +82,9 @@ class Stitch(ScenarioTable):
     count: Annotated[int, Field(strict=True, ge=2, le=200)] = by_default(
         6, "bites [-] of a running stitch or a purse-string"
     )
-    force: Positive = Field(description="force of the hands that draw it [N]", examples=[1.0])
+    force: Positive = Field(description="force of the hands on the stitch [N]", examples=[1.0])
     from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
-    until: Positive | None = optional("time at which it is locked [s]; default: three quarters of the run", 0.25)
+    until: Positive | None = optional("time at which the stitch is locked [s]; default: ¾ of the run", 0.25)
     hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
     footprint: Positive = by_default(1.0e-3, "radius of the averaging disc of its holes [m]")
     tract: (

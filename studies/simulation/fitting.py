@@ -26,7 +26,7 @@ def fitted(
 ) -> tissue.Elasticity | tissue.Fitted:
     """Return the organ on its mesh, with refined cells at the `sites` if the scenario requests an accuracy.
 
-    Lips match node by node: those of a slit are refined alike, and the mesh of an open wound stays symmetric
+    Lips match node by node: both lips of a slit are refined alike, and the mesh of an open wound stays symmetric
     about the wound.
     """
     table = scenario.tissue

@@ -29,7 +29,7 @@ def run(
 ) -> OpenRun:
     """Run a scenario, or a prepared simulation, into a folder, and return the opened folder.
 
-    `mesh` and `on_step` are as in `prepare`; None leaves those of a prepared simulation. A folder with a run is
+    `mesh` and `on_step` are as in `prepare`; None leaves the values of a prepared simulation. A folder with a run is
     refused, unless the run is continued (`resume`) or replaced (`overwrite`). A run with laws from Python
     cannot be continued, because no file identifies them. If a run fails, remedies are tried on copies and
     reported in a remark, unless `remedies` is False. Each step is recorded before `on_step` is called with its
@@ -60,7 +60,7 @@ def run(
 
 
 def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
-    """Return a simulation with the parts `given` for another scenario; only the solution method may differ."""
+    """Return a simulation with the parts `given` for another scenario; only the solution method can differ."""
     return prepare(
         scenario,
         store,

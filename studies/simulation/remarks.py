@@ -70,7 +70,7 @@ from thread.vectors import curvature
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
 PRESSURES, LENGTHS = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}
-UNITS = {  # SI unit of a key, and other units that the user may have meant
+UNITS = {  # SI unit of a key, and other units that the user possibly meant
     "size": ("m", LENGTHS),
     "length": ("m", LENGTHS),
     "diameter": ("m", LENGTHS),
@@ -555,7 +555,7 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
         return [remark("bare-point", hole.name, text)]
     bound = COARSE[element] * hole.footprint
     text = (
-        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for its footprint (limit "
+        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for the footprint (limit "
         f"{bound / MILLI:.2g} mm, {element}); use a smaller tissue.mesh.h_site, or remove tissue.mesh.accuracy"
     )
     return judged(not refined and size > bound, "cells", hole.name, text)

@@ -139,7 +139,7 @@ def body_tables(scenario: Scenario) -> dict[str, Any]:
         of_holes, plain = (*of_holes, "weight", "direction"), without(organ_tables(scenario), ("solve",))
     holes = [{key: hole[key] for key in of_holes if key in hole} for hole in plain["piercing"]]
     organ = {"tissue": without(plain["tissue"], OF_MOTION)} if "tissue" in plain else {}
-    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # if bodies may float, none must be held
+    return plain | {"piercing": holes, "floats": scenario.floats} | organ  # bodies can be free
 
 
 def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:

@@ -215,7 +215,7 @@ class Simulation:
 
     @property
     def _starts_at_rest(self) -> bool:
-        """Whether slack is taken up before the first step."""
+        """Whether the run starts from an equilibrium without slack."""
         return self.scenario.solve.start == "rest"
 
     def beginning(self) -> OrganRun:
@@ -384,16 +384,15 @@ def prepare(
 ) -> Simulation:
     """Prepare everything that is needed before the first step.
 
-    Mesh, organ and factor are reused from a `store` if possible; None makes them anew. The other arguments
+    Mesh, organ and factor are reused from a `store` if possible; None makes new ones. The other arguments
     replace parts of the scenario; None keeps the scenario's part:
 
     - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario
       without another mesh has `kind = "given"`.
     - `basis`: the basis of your own forms, `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or
       with `ElementTetP2`; its mesh becomes the organ's mesh.
-    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse matrix `(N,
-      N)` [N/m], or a function of the basis that returns it. Mass, supports and loads stay those of the
-      scenario.
+    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse matrix
+      `(N, N)` [N/m], or a function of the basis that returns it. Mass, supports and loads of the scenario are kept.
     - `friction`: a `coupling.interfaces.FrictionLaw` by the name of its piercing, added to the friction of the
       scenario.
     - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F,

@@ -90,8 +90,8 @@ class Wound:
         return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
     def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
-        """Return the gaps along the left rim from the contact of its `lips`, with all nodes at `points` `(n,
-        3)` [m]."""
+        """Return the gaps along the left rim from the contact of its `lips`, with all nodes at `points`
+        `(n, 3)` [m]."""
         part, (vertices, way) = self.gaps.parts[self.part], self.rims[0].way
         faces, pressure = lips.gap < self.gaps.extent, part.hats.T @ part.vertex_pressure(lips.force)
         if not vertices.size:

@@ -12,7 +12,7 @@ mattress stitch it lies on one side of the wound. One μ, for thread on skin and
 to the single stitch; the other pulls are predictions. The capstan law estimates their error for a pull of the
 single stitch one standard deviation away.
 
-*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around one another by one
+*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around each other by one
 and a half turns, the minimum of a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20°
 to 42°. The abstract also does not describe the modified pulley stitch, so it is not run. Sizes have no effect
 if the rings are many √(EI/T) apart.

@@ -276,7 +276,7 @@ def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, f
 
 
 def measured_ranges(rows: Sequence[Row]) -> list[str]:
-    """Return for each material in words where the linear organ of the same E, ν and cells is wrong, and by how much."""
+    """Return for each material in words the load at which the linear organ is wrong, and its error."""
     materials, out = runs_by_material(rows), []
     linear = materials.pop("linear")
     for name, runs in materials.items():

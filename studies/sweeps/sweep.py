@@ -137,7 +137,7 @@ def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
 
 
 def check_folder(folder: Path, kind: str = "sweep") -> None:
-    """Refuse a folder with other files than those of this kind. Raises `ScenarioError`."""
+    """Refuse a folder with files of another kind. Raises `ScenarioError`."""
     refuse_links(folder, [CASES])
     there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     begun = {LOCK, *(path.name for path in unfinished(folder, OWN))}

@@ -14,7 +14,7 @@ size of the sheet (shown by uniform traction on the same mesh) and by the stitch
 distance from the lips.
 
 *Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of their finite
-elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023, 441) that of pig skin.
+elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023, 441) the force in pig skin.
 The stiffness Et of the sheet is the only fitted number, fitted to the first wound of each pair; the second is
 predicted.
 """
@@ -64,7 +64,7 @@ class Row(Wound):
     gaps: tuple[float, ...] = measured("m", lambda at: at.hands.gaps(at.state, at.along))  # of the lips at the end
     uniform: float = measured(
         "-", lambda at: at.hands.uniform_traction
-    )  # traction that closes the mesh, over that of a large sheet
+    )  # traction that closes the mesh, over the traction of a large sheet
     moved: float = measured("m", lambda at: np.linalg.norm(at.moved[:, :3], axis=1).max())  # largest of a hole
     contact_force: float = measured("N", lambda at: at.lips.force.sum())  # total force that pushes the lips apart
     pressure: float = measured("Pa", lambda at: at.hands.organ.gaps.pressure(at.lips.force).max())  # of the lips

@@ -162,7 +162,7 @@ def test_one_run_at_a_time(contract: Path, tmp_path: Path, capsys: pytest.Captur
     with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None and other.stdout.readline() == b"held\n"
         assert run(contract, out) == command.REFUSED
-        assert "another run uses it; wait for its end" in capsys.readouterr().err
+        assert "another run uses it; wait until this run ends" in capsys.readouterr().err
         other.send_signal(signal.SIGKILL)
         other.wait()
     assert (out / LOCK).exists()
