@@ -154,7 +154,7 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
     organ = f"{counts['tissue_dofs']} tissue unknowns" if scenario.tissue else "no organ"
     names = ("piercing", "tract", "tie")
     holes, tracts, ties = (f"{counts[f'{name}s']} {name}{'s' * (counts[f'{name}s'] != 1)}" for name in names)
-    balls = f"{tracts} of {counts['balls']} balls in all" if counts["tracts"] else ""
+    balls = f"{tracts} of {counts['balls']} balls in total" if counts["tracts"] else ""
     pieces = f"{counts['pieces']} pieces of thread" if counts["pieces"] > 1 else ""
     parts = [holes, balls, ties * (counts["ties"] > 0), pieces, f"{counts['control_points']} control points", organ]
     return ", ".join(filter(None, parts))

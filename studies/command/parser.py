@@ -214,7 +214,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         "--adaptive", action="store_true", help="refine the cells at the holes by their accuracy, like --over accuracy"
     )
     parser.add_argument(
-        "--ratio", metavar="R", type=float, default=None, help="ratio of successive levels, default √2; 2 of accuracies"
+        "--ratio", metavar="R", type=float, default=None, help="ratio of levels, default √2, or 2 for accuracies"
     )
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier refinement"

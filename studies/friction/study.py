@@ -93,7 +93,7 @@ def main(
     Raises `StudyError` for arguments without a threshold.
     """
     if min(*mus, *turns, wrap) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or min(loop_holes) < 1:
-        reason = "coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two holes or more, loops of one"
+        reason = "coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two or more holes, loops of one"
         given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
         raise StudyError(f"{given}: give {reason}")
     jobs: list[Job] = []

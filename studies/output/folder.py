@@ -320,7 +320,7 @@ def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite
     inside = [path for path in read if path is not None and folder.resolve() in Path(path).resolve().parents]
     if inside:
         raise ScenarioError(
-            f"--out {folder} is refused: it holds {inside[0]}, which is read and would be replaced; give another folder"
+            f"--out {folder} is refused: it holds {inside[0]}, which this run reads and replaces; give another folder"
         )
 
 

@@ -246,7 +246,7 @@ class Extremes:
     cell_strain: Array  # (p,) strain of the cells on which each hole bears [-]
     cell_energy: Array  # (p,) strain energy per volume of these cells [Pa]
     forces: Array  # (SEEN + 1, p, 3) force of each hole on the thread at the last steps, NaN before the start [N]
-    switches: Array  # (SWITCHES, p) numbers of the steps of each hole's last switches, NaN if there were fewer
+    switches: Array  # (SWITCHES, p) step numbers of the last switches of each hole, NaN if there were fewer
     chattered: Array  # (p,) time of the first SWITCHES switches of a hole within SEEN steps [s], NaN if there was none
     locked: Array  # (t,) force at the locking of each tie [N], NaN before
     tension: float = 0.0  # largest tension at holes and ends [N]

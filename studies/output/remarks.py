@@ -108,11 +108,9 @@ KINDS = (
     Kind(
         "tissue-strain",
         f"strain above {SMALL_STRAIN:g} in cells with more than {SHARE:.0%} of the strain energy",
-        "so much energy affects the forces",
+        "cells with this energy affect the forces",
     ),
-    Kind(
-        "tissue-rotation", f"the same for a rotation above {SMALL_ROTATION:g} rad", "so much energy affects the forces"
-    ),
+    Kind("tissue-rotation", f"the same for a rotation above {SMALL_ROTATION:g} rad", "these cells affect the forces"),
     Kind(
         "local-strain",
         f"strain above {SMALL_STRAIN:g} in cells with less energy",
@@ -144,16 +142,16 @@ KINDS = (
     ),
     Kind(
         "channel",
-        f"rough, directed hole without `channel`: at the end a normal force above {RULES:g} of the force across, and "
-        f"friction that differs by {UNSURE:.0%} of the tension between half and twice the channel",
+        f"rough, directed hole without `channel`: at the end a normal force above {RULES:g} times the force across, "
+        f"and friction that differs by {UNSURE:.0%} of the tension between half and twice the channel",
         "the couple presses with m/ℓ, and the path does not give the length ℓ",
         "note",
     ),
     Kind(
         "spans",
         "`thread.span_ratio` above 0.5 at the end",
-        "forces along the thread are several per cent off, momentary friction in a directed hole 10 to 40 %, or 20 to "
-        "150 % if the thread bends back",
+        "errors of several per cent in forces along the thread, of 10 to 40 % in momentary friction of a directed "
+        "hole, or 20 to 150 % if the thread bends back",
     ),
     Kind(
         "spans-between",
@@ -213,7 +211,7 @@ KINDS = (
     ),
     Kind(
         "tie-undone",
-        "at the end a tie is open that has begun, and its loop is not cut",
+        "at the end a tie that has begun is open, and its loop is not cut",
         "the stitch holds nothing (event `unties`); shorten `ramp`, raise `force`, or leave longer ends",
     ),
     Kind(
@@ -236,8 +234,7 @@ KINDS = (
     ),
     Kind(
         "cells",
-        f'with `tissue.mesh.accuracy = "given"`, cells above {COARSE["P1"]:g} (P1) or {COARSE["P2"]:g} (P2) of the '
-        "footprint",
+        f'with `tissue.mesh.accuracy = "given"`, cells above {COARSE["P1"]:g} (P1) or {COARSE["P2"]:g} (P2) footprints',
         "the mesh is more than about 8 % too stiff at the hole",
     ),
     Kind(

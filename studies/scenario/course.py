@@ -55,7 +55,7 @@ class Hold(ScenarioTable):
 
 
 class Cycle(ScenarioTable):
-    """Wave between a low factor, from which it starts, and the whole load: a cosine."""
+    """Cosine wave that starts at a low factor and rises to the whole load."""
 
     kind: Literal["cycle"]
     period: Positive = Field(description="period of the wave [s]", examples=[0.8])
@@ -68,7 +68,7 @@ class Cycle(ScenarioTable):
 
 
 class Cough(ScenarioTable):
-    """One wave from zero to the whole load and back: a cosine."""
+    """One cosine wave from zero to the whole load and back."""
 
     kind: Literal["cough"]
     at: NotNegative = by_default(0.0, "beginning of the cough [s]", 0.3)

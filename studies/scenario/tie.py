@@ -19,7 +19,7 @@ from studies.scenario.table import (
 
 
 class Tie(ScenarioTable):
-    """Tie of the strands that leave two holes away from each other along the thread."""
+    """Tie of the outer strands at two holes."""
 
     name: Text = Field(description="name of the tie", examples=["knot1"])
     between: tuple[Text, Text] = Field(

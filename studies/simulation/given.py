@@ -241,7 +241,7 @@ def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
         told = f"it is not symmetric: opposite entries differ by {skew / largest:.1e} of the largest"
         raise ScenarioError(f"stiffness is refused: {told}; give the second derivative of an energy [N/m]")
     if float(made.diagonal()[body.free].min(initial=np.inf)) <= 0.0:
-        raise ScenarioError("stiffness is refused: an unknown resists nothing; every diagonal entry must be positive")
+        raise ScenarioError("stiffness is refused: an unknown has no resistance; every diagonal entry must be positive")
     return made
 
 

@@ -93,7 +93,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
         )
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
-            reason = f"at s = {at:.6g} m the thread is drawn out: its piece is from {start:.6g} to {end:.6g} m"
+            reason = f"at s = {at:.6g} m the thread leaves its hole: its piece is from {start:.6g} to {end:.6g} m"
             raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or use a longer path"))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):

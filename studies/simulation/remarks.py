@@ -171,7 +171,7 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     mu = 0.0 if body is None else float(np.max(body.material.lame_mu))
     if (density := given.distortion(mu)) is not None:
         least, largest = shear_moduli(density)
-        text += f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, that of E and ν {mu:.4g} Pa"
+        text += f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, E and ν give {mu:.4g} Pa"
     out = [remark("handed-over", "prepare", text)]
     if given.stiffness is not None:
         text = "stress and energy of cells are computed with E and ν, not with the given stiffness"

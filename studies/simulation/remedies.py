@@ -22,7 +22,7 @@ Make = Callable[[Scenario], Simulation]
 Settings = Mapping[str, Any]  # by dotted names
 
 FINER = 4  # factor of shorter steps: a smaller change can help by chance
-MOST = 5000  # Newton corrections allowed for a copy: enough for a few hundred steps of a quarter of their length
+MOST = 5000  # allowed Newton corrections of a copy: enough for a few hundred shorter steps
 PAST = 10  # number of steps of the failed run beyond the failure, to which a copy is computed
 IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, ThreadError)
 

@@ -24,7 +24,7 @@ from studies.output.records import GapRecord, StitchRecord
 
 CROSSINGS = 3  # of a pulley stitch, whose thread changes sides most often of all single stitches
 BALANCED = 1e-9  # of the holes' forces: a smaller sum is round-off
-SIDES = (False, True)  # on the right: the left side first
+SIDES = (False, True)  # values of `right`: the left side first
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ def markdown(cells: list[Cell]) -> str:
             if text := text_of(output).rstrip():
                 parts.append(f"```\n{text}\n```")
             if picture := output.get("data", {}).get("image/png"):
-                parts.append(f'<img alt="what the cell draws" src="data:image/png;base64,{picture}">')
+                parts.append(f'<img alt="figure of the cell" src="data:image/png;base64,{picture}">')
     return "\n\n".join(parts) + "\n"
 
 

@@ -134,7 +134,7 @@ def main(
     """
     require_known("patterns", patterns, PATTERNS)
     allowed = min(throws) > 0.0 and max(throws) <= 360.0 and rings >= 2
-    remedy = "give turns above 0 up to 360 degrees, and two rings a corner or more"
+    remedy = "give turns above 0 up to 360 degrees, and two or more rings per corner"
     require(allowed, f"throws = {list(throws)}, rings = {rings}", remedy)
     require(FITTED in patterns, f"patterns = {list(patterns)}", f"μ is fitted to {FITTED!r}; add it")
     how = partial(pulled, load_steps=load_steps, control_points=control_points)

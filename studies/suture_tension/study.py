@@ -152,7 +152,7 @@ def main(
         ("scaled_tensions", scaled_tensions, min(scaled_tensions) > 0.0, "numbers above 0"),
         ("bites", bites, min(bites) >= 4e-3 and max(bites) <= 0.035, "4 footprints (4e-3) to 0.035 [m]"),
         ("depths", depths, inside, "0 or 2 footprints (2e-3) to 0.015 [m]"),
-        ("refinements", refinements, few != 2 and min(refinements) >= 1.0, "one from 1 on, or three for a verdict"),
+        ("refinements", refinements, few != 2 and min(refinements) >= 1.0, "one of 1 or more, or three for a verdict"),
     ):
         require(fit, f"{name} = {list(values)}", f"give {remedy}")
     scaled = [case.youngs_modulus * FOOTPRINT**2 * tau for tau in sorted(scaled_tensions)]

@@ -1,7 +1,7 @@
 """A wound in skin that is stretched and stiffens: how far does it gape by itself, and which forces close it?
 
 The sheet of `studies.wound_closure` is used on coarser cells at finite strain. It is exponential, and has an
-in-plane tension before the cut, with the corresponding stretch and thickness of a sheet free of pressure. After
+in-plane tension before the cut, with the stretch and thickness of a sheet under this tension. After
 the cut the wound gapes. One stitch per pitch, all drawn at once, then brings the lips into contact. Every wound
 is also closed in the linear sheet of the same cells.
 

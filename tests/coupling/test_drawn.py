@@ -157,7 +157,7 @@ def test_a_hole_that_begins_counts_from_there() -> None:
         (1, {"kind": "sliding", "draw": [[0, 0.0]]}, "set kind = \"anchored\""),
         (1, {"draw": [[1, 0.0], [0.5, 1e-3]]}, "must be later than 1.0 s"),
         (1, {"draw": [[0, 0.0], [1, 0.0101]]}, "no thread remains between"),
-        (1, {"draw": [[0, 0.0], [1, -0.0101]]}, "the thread is drawn out"),
+        (1, {"draw": [[0, 0.0], [1, -0.0101]]}, "the thread leaves its hole"),
     ],
 )  # fmt: skip
 def test_refusals(hole: int, change: dict[str, Any], words: str) -> None:

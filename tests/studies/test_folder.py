@@ -154,7 +154,7 @@ def test_a_folder_that_is_no_results_folder_is_refused(tmp_path: Path) -> None:
 
 def test_results_are_not_replaced_by_the_scenario_they_hold(tmp_path: Path) -> None:
     recorded(tmp_path)
-    with pytest.raises(ScenarioError, match=r"it holds .*scenario\.toml, which is read .*; give another folder"):
+    with pytest.raises(ScenarioError, match=r"it holds .*scenario\.toml, which this run reads .*; give another folder"):
         check_folder(tmp_path, file=tmp_path / "scenario.toml", overwrite=True)
     check_folder(tmp_path, file=tmp_path / "scenario.toml", resume=True)
     check_folder(tmp_path / "again", file=tmp_path / "scenario.toml")

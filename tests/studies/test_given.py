@@ -157,7 +157,7 @@ def basis(element: Any = None) -> skfem.Basis:
         (BARE, {"basis": basis(), "mesh": skfem.MeshTet()}, "also has a mesh"),
         (BARE, {"stiffness": csr_matrix((3, 3))}, "three unknowns at each of the 75 nodes"),
         (BARE, {"stiffness": lambda basis: Form()(basis).toarray()}, "a ndarray of shape"),
-        (BARE, {"stiffness": lambda basis: 0.0 * Form()(basis)}, "resists nothing"),
+        (BARE, {"stiffness": lambda basis: 0.0 * Form()(basis)}, "no resistance"),
         (BARE, {"stiffness": lambda basis: np.nan * Form()(basis)}, "numbers that are not finite"),
         (BARE, {"stiffness": lambda basis: csr_matrix(np.triu(Form()(basis).toarray()))}, "not symmetric"),
         (FITTED, {"stiffness": Form()}, "tissue.mesh.accuracy = 0.1 is refused.*set \"given\""),

@@ -278,7 +278,7 @@ def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
     [
         ("running_stitch", "6 piercings, "),
         ("interrupted_stitches", "6 piercings, 3 pieces of thread, "),
-        ("mattress", "4 piercings, 2 tracts of 16 balls in all, 1 tie, "),
+        ("mattress", "4 piercings, 2 tracts of 16 balls in total, 1 tie, "),
     ],
 )
 def test_the_stitched_wounds_can_be_run(name: str, counted: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,4 +61,4 @@ def test_its_page_has_text_code_and_outputs() -> None:
         ]},
     ])  # fmt: skip
     first = "# T\n\n```python\nprint(1)\n```\n\n```\n1\n```\n\n"
-    assert page == first + '<img alt="what the cell draws" src="data:image/png;base64,AA==">\n'
+    assert page == first + '<img alt="figure of the cell" src="data:image/png;base64,AA==">\n'

@@ -95,7 +95,7 @@ def test_a_run_that_would_write_over_a_file_is_refused(tmp_path: Path) -> None:
         check_folder(tmp_path / "out", parse(data), overwrite=True)
     (tmp_path / "out/mesh/organ.msh").unlink()
     check_folder(tmp_path / "out", parse(data), overwrite=True)
-    with pytest.raises(ScenarioError, match=r"it holds .*organ\.msh, which is read and would be replaced"):
+    with pytest.raises(ScenarioError, match=r"it holds .*organ\.msh, which this run reads and replaces"):
         recorded(tmp_path / "out", parse(data))
         data["tissue"]["mesh"]["path"] = str(tmp_path / "out/mesh/organ.msh")
         check_folder(tmp_path / "out", parse(data), overwrite=True)

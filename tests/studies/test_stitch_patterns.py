@@ -97,7 +97,7 @@ def test_what_was_found_is_said() -> None:
         ({"patterns": ("double",)}, "'double' is refused"),
         ({"patterns": ("pulley",)}, "add it"),
         ({"throws": (400.0,)}, "up to 360"),
-        ({"rings": 1}, "two rings"),
+        ({"rings": 1}, "two or more rings"),
     ],
 )
 def test_refusals(given: dict[str, object], words: str) -> None:
