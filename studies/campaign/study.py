@@ -73,7 +73,7 @@ def run(case: Case, quarter: bool = False) -> Row:
 
 
 def apart(one: Result, other: Result, thread: str) -> float:
-    """Return the largest difference of forces or drawn lengths at the same hole, over the largest [-].
+    """Return the largest difference of forces or drawn lengths at a hole, over the largest value [-].
 
     Lengths are compared with the thread's diameter if it is larger.
     """

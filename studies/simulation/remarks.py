@@ -624,7 +624,7 @@ def unheld(scenario: Scenario) -> list[Remark]:
 
 
 def off_path(assembly: Assembly) -> list[Remark]:
-    """Return remarks on holes far from the path that hold the thread at the start."""
+    """Return remarks on holes that hold the thread at the start far from its path."""
     bound = OFF_PATH * assembly.system.thread.section.diameter
     there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
     places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]

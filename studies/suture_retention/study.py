@@ -296,9 +296,9 @@ def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
     """Return in words where the tissue reaches the stretch of broken strips, and the published force."""
     of = TISSUES[name]
     at = where(runs, "stretch", of.broken, "force")
-    words = f"within 10 mm, at {at:.3g} N;" if np.isfinite(at) else "not within 10 mm;"
+    words = f"reached within 10 mm, at {at:.3g} N;" if np.isfinite(at) else "not reached within 10 mm;"
     return (
-        f"{name}, footprint {footprint / MILLI:g} mm: the stretch of broken strips is reached {words} a published "
+        f"{name}, footprint {footprint / MILLI:g} mm: the stretch of broken strips is {words} a published "
         f"loop fails at {of.published} N; nothing TEARS in the model, and the stretch at a hole depends "
         "on its footprint"
     )
