@@ -184,7 +184,7 @@ EVENT: tuple[Column[Event], ...] = (
     Column("work", "J", "work to draw the thread into a beginning hole"),
     Column("loss", "J", "energy lost by the impulse of a beginning hole, or by a cut"),
     Column("gap", "m", "distance of the thread from a beginning hole, or of the strands of a tie"),
-    Column("angle", "rad", "angle of the thread and the direction of a beginning hole"),
+    Column("angle", "rad", "angle between the thread and the direction of a beginning hole"),
     vector("impulse", "N s", "impulse of a beginning hole on the thread, or of a cut"),
     count("control_points", "number after a cut, else empty", lambda event: event.control_points or None),
 )

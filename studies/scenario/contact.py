@@ -1,4 +1,4 @@
-"""Contact: two surfaces of the organ that press on one another where they meet."""
+"""Contact: two surfaces of the organ that press on each other where they meet."""
 
 from typing import Annotated
 
@@ -9,7 +9,7 @@ from studies.scenario.table import NotNegative, ScenarioTable, Text, by_default,
 
 
 class Contact(ScenarioTable):
-    """Contact between two boundaries of the organ: nodes of one, against facets of the other."""
+    """Contact between two boundaries of the organ: nodes of one boundary, facets of the other."""
 
     between: tuple[Text, Text] = Field(
         description="names of the two boundaries",
@@ -18,7 +18,7 @@ class Contact(ScenarioTable):
     friction: Annotated[
         NotNegative,
         one_sentence(
-            "one number, zero or more: two surfaces have one coefficient, to stick by and to slip by, and no grip, for "
+            "one number, zero or more: one coefficient for sticking and slipping, without grip, for "
             "example friction = 0.2"
         ),
     ] = by_default(0.0, "coefficient of Coulomb friction between the surfaces [-]")

@@ -51,7 +51,7 @@ def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None)
             '"exponential", or leave it out'
         )
     if material == "exponential" and stiffening is None:
-        return '.stiffening is missing: material is exponential; soft tissue has about 5.0, or take "neo-hookean"'
+        return '.stiffening is missing: material is exponential; soft tissue has about 5.0, or use "neo-hookean"'
     return None
 
 
@@ -59,7 +59,7 @@ def region_problem(organ: Law, name: str, region: Law | None) -> str | None:
     """Return the fault in the material of a region in an organ of a material, or None."""
     if region is None or (region == "linear") == (organ == "linear"):
         return None
-    remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'take "neo-hookean"'
+    remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'use "neo-hookean"'
     return (
         f".region.{as_key(name)}.material = {as_toml(region)} is refused: the organ's material is {organ}, and small "
         f"and finite strain cannot be combined; {remedy}"

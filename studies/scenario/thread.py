@@ -34,7 +34,7 @@ class _End(ScenarioTable):
 
 
 class FreeEnd(_End):
-    """End on which nothing acts."""
+    """End without a holder and without a load."""
 
     kind: Literal["free"]
 
@@ -42,8 +42,8 @@ class FreeEnd(_End):
 class _HeldEnd(_End):
     turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = optional(
         "rows of t [s], angle [rad] about the thread's tangent, right-handed towards the end of "
-        "the path, 0 at t = 0; needs thread.twist; default: a clamped end does not turn, any "
-        "other turns freely",
+        "the path, 0 at t = 0; needs thread.twist; default: a clamped end does not turn, "
+        "any other end turns freely",
         [[0.0, 0.0], [1.0, 6.28]],
     )
 
@@ -51,7 +51,7 @@ class _HeldEnd(_End):
         rows = self.turn or ()
         check_rising("turn", rows)
         if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
-            raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; let it begin at [0, 0]")
+            raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; begin at [0, 0]")
 
 
 class FixedEnd(_HeldEnd):
@@ -61,7 +61,7 @@ class FixedEnd(_HeldEnd):
 
 
 class ClampedEnd(_HeldEnd):
-    """End whose position and tangent are held, and with twist its section."""
+    """End whose position and tangent are held, and with twist also its rotation."""
 
     kind: Literal["clamped"]
 
@@ -79,11 +79,11 @@ class PulledEnd(_End, Timed):
 
     def _check_ramp(self) -> None:
         if self.course is not None and self.ramp:
-            raise ValueError(f".ramp = {self.ramp} is refused: course says how the load grows; leave one of them out")
+            raise ValueError(f".ramp = {self.ramp} is refused: course also gives the growth; leave out one of them")
 
 
 class DrivenEnd(_HeldEnd):
-    """End that follows waypoints, linearly in between; it rests before the first and after the last."""
+    """End that follows waypoints, linearly in between; it is at rest before the first and after the last."""
 
     kind: Literal["driven"]
     waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
@@ -111,7 +111,7 @@ class Cut(ScenarioTable):
 
 
 def _known(name: str) -> str:
-    """Refuse a suture that the catalogue does not have."""
+    """Return the name of a suture, or refuse one that is not in the catalogue."""
     try:
         suture(name)
     except ThreadError as error:
@@ -119,7 +119,7 @@ def _known(name: str) -> str:
     return name
 
 
-GRADED = "knots now travel with the piercings, and are fine there by themselves; leave it out, or set thread.tolerance"
+GRADED = "knots now travel with the piercings, and are fine at each of them; leave it out, or set thread.tolerance"
 
 
 class Thread(ScenarioTable):
@@ -138,18 +138,18 @@ class Thread(ScenarioTable):
         "Poisson's ratio of the thread [-]; default 0.4", 0.4
     )
     bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = optional(
-        "bending and torsional stiffness over that of a solid rod [-]; default: that of the "
+        "bending and torsional stiffness over a solid rod's stiffness [-]; default: value of the "
         "suture (an assumption for braids), else 1",
         0.05,
     )
     control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = by_default(
         40,
-        "control points of the cubic spline [-]; travelling knots add those at the piercings, "
+        "control points of the cubic spline [-]; travelling knots add points at the piercings, "
         "and at least four spans per strand",
     )
     knots: Literal["travelling", "fixed"] = by_default(
         "travelling",
-        'knots of the spline: "travelling" with the holes, or "fixed" at equal distances as in '
+        'knots of the spline: "travelling" with the holes, or "fixed" at equal distances like in '
         'the paper; default "fixed" with twist, springs, no bending and the paper\'s variants of '
         "solve",
     )
@@ -161,12 +161,12 @@ class Thread(ScenarioTable):
         examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
     )
     cuts: tuple[Positive, ...] = by_default((), "abscissae of the cuts at t = 0 [m], rising", [0.05, 0.1])
-    length: Positive | None = optional("rest length of the thread [m]; default: that of the path", 0.0483)
+    length: Positive | None = optional("rest length of the thread [m]; default: path length", 0.0483)
     damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
     relaxation: Series = by_default(
         (),
         "stress relaxation of the stretch as a Prony series: rows of the share of the tension [-] and its relaxation "
-        "time [s]; youngs_modulus is that of a sudden pull",
+        "time [s]; youngs_modulus is for a sudden load",
         [[0.2, 30.0]],
     )
     bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
@@ -201,8 +201,8 @@ class Thread(ScenarioTable):
         given = [key for key, value in own.items() if value is not None]
         if self.suture is not None and given:
             raise ValueError(
-                f".{given[0]} = {own[given[0]]} is refused: the suture {as_toml(self.suture)} sets it "
-                f"already; leave out either suture or {', '.join(given)}"
+                f".{given[0]} = {own[given[0]]} is refused: the suture {as_toml(self.suture)} also "
+                f"sets it; leave out either suture or {', '.join(given)}"
             )
         missing = [key for key in ("diameter", "youngs_modulus", "density") if key not in given]
         if self.suture is None and missing:
@@ -213,7 +213,7 @@ class Thread(ScenarioTable):
 
     def _check_cuts(self) -> None:
         if any(after <= before for before, after in pairwise(self.cuts)):
-            raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them and drop repeats")
+            raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them, without repeats")
 
     def _check_springs(self) -> None:
         if self.springs is not None and self.energy != "springs":
@@ -222,7 +222,7 @@ class Thread(ScenarioTable):
         if self.springs is not None and self.springs < least:
             raise ValueError(
                 f".springs = {self.springs} is refused: {self.control_points} control points need at least "
-                f"{least}, else the thread could stretch unseen; raise it"
+                f"{least}, otherwise the thread could stretch without force; raise it"
             )
 
     def _check_twist(self) -> None:
@@ -235,7 +235,7 @@ class Thread(ScenarioTable):
             raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
         if self.coil_radius is not None and not self.twist:
             raise ValueError(
-                f".coil_radius = {self.coil_radius} is refused: the side to which a thread coils turns with its "
+                f".coil_radius = {self.coil_radius} is refused: the side of a coil turns with the thread's "
                 "section; set thread.twist = true"
             )
         if self.coil_towards is not None:
@@ -249,15 +249,15 @@ class Thread(ScenarioTable):
         along = np.subtract(self.path[1], self.path[0])
         if np.linalg.norm(np.cross(towards, along)) <= 1e-3 * np.linalg.norm(towards) * np.linalg.norm(along):
             raise ValueError(
-                f".coil_towards = {as_toml(towards)} is refused: it must not lie along the start of the path; give a "
-                "direction across it"
+                f".coil_towards = {as_toml(towards)} is refused: it must not be parallel to the start of the path; "
+                "give a direction across it"
             )
 
     def _check_path(self) -> None:
         for row, (before, after) in enumerate(pairwise(self.path), start=1):
             if before == after:
                 raise ValueError(
-                    f".path.{row} = {as_toml(after)} is refused: it must differ from the one before; drop it"
+                    f".path.{row} = {as_toml(after)} is refused: it must differ from the point before; remove it"
                 )
 
     def _check_driven_ends(self) -> None:
@@ -267,5 +267,5 @@ class Thread(ScenarioTable):
             if away > ALLOWED_START_ERROR * total:
                 raise ValueError(
                     f".{key}.waypoints is refused: at t = 0 it is {away:.3g} m away from the {key} of "
-                    f"thread.path, {as_toml(place)}; let it begin there"
+                    f"thread.path, {as_toml(place)}; begin there"
                 )

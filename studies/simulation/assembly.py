@@ -49,23 +49,25 @@ log = logging.getLogger(__name__)
 Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
 AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
 
-TOLERANCE = 0.01  # relative error of the holes' forces that the packets of thread.packets.FIRST √(EI/T) are made for
-ALONG_ARC = np.array([0.0, 0.5, 1.0])  # where an arc of a path asks for spans that its bend needs
+TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.packets.FIRST √(EI/T)
+ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
-SMALLEST = 5_000  # unknowns of an organ whose Krylov space pays: of a smaller one all of them cost hardly more a step
-LARGEST = 100_000  # and beyond, it takes as long as all else before the first step together
-MOST_PULLS = 60  # sites' variables and loads, to each of which it has eight vectors: six holes
-BEARING_FOOTPRINTS = 2.0  # length on which a hole bears: over so much tissue the model spreads its force
-BEARING_DIAMETERS = 10.0  # of the thread, where there is no footprint, or no bite, to go by
+SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
+LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
+MOST_PULLS = 60  # variables of sites and loads, with eight vectors each: six holes
+BEARING_FOOTPRINTS = 2.0  # bearing length of a hole in footprints: the model spreads its force over this length
+BEARING_DIAMETERS = 10.0  # bearing length in thread diameters, without a footprint or a bite
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scenario made ready: the scenario with every default known, the system, what lays the thread, `recovery`, which
-    makes stress from displacement, None without an organ, `depths`, which tells how deep points lie in it (k,) [m], and
-    what was handed over from Python. `fit` tells how its cells were refined, None if they are as given. `holes` are
-    its piercings and, in between, the balls of its tracts, at the abscissae `s` (p,) [m] on the thread and `at` (p,)
-    [m] on its path, which the resting organ carries along as `laid`."""
+    """A prepared scenario: all defaults, the coupled system, and functions for the output.
+
+    `holes` are the piercings with the balls of tracts in between, at the abscissae `s` (p,) [m] on the thread
+    and `at` (p,) [m] on its path. The resting organ moves this path to `laid`. `recovery` returns stress from
+    displacement, None without an organ. `depths` returns the depth of points in the organ (k,) [m]. `given` are
+    the parts from Python. `fit` is the refinement of cells, None without refinement.
+    """
 
     scenario: Scenario
     holes: tuple[model.Piercing, ...]
@@ -92,7 +94,7 @@ class Assembly:
         return np.where(known, self.s, np.nan)
 
     def start(self) -> State[tissue.OrganState]:
-        """Solve for the consistent start (Φ = 0, thread as near the path as that allows)."""
+        """Return the consistent start: Φ = 0, with the thread as near to its path as possible."""
         thread = self.system.thread
         stretch = self.laid.length / thread.spline.end
         points = self.laid.points(gauss_rule(thread.spline, MASS_POINTS).s * stretch)
@@ -100,10 +102,10 @@ class Assembly:
 
 
 def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTHING) -> Assembly:
-    """Build everything that is known before the first step; mesh, organ and factor come from the `store` if it has
-    them. Parts in `given` replace those of the scenario.
+    """Return the assembly of a scenario, built before the first step.
 
-    Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for input that cannot be run.
+    Mesh, organ and factor come from the `store` if possible. Parts in `given` replace parts of the scenario.
+    Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for refused input.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
@@ -151,7 +153,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
 
 
 def moves_at_rest(organ: AnyOrgan) -> Array:
-    """Return by how much the holes move as the organ comes to rest before the thread is there, `(p, 3)` [m]."""
+    """Return the displacements of the holes while the organ comes to rest without the thread, `(p, 3)` [m]."""
     moved = organ.site_variables(organ.start()) - organ.y0
     return np.asarray(moved.reshape(-1, 9)[:, :3])
 
@@ -159,10 +161,11 @@ def moves_at_rest(organ: AnyOrgan) -> Array:
 def carried(
     scenario: Scenario, holes: Sequence[model.Piercing], laid: LaidPath, at: Array, s: Sequence[float]
 ) -> tuple[Scenario, float, list[float]]:
-    """Return the scenario of a thread that is `laid` on the resting organ, its rest length [m], and the abscissae of
-    its `holes` [m], which are at `s` (p,) [m] of a thread along the path, and there `at` (p,) [m].
+    """Return the scenario of a thread laid on the resting organ, its rest length [m], and the abscissae of its
+    holes [m].
 
-    A length or an abscissa that is given stays. Cuts keep their places on a path whose length is the thread's.
+    `s` (p,) [m] are the abscissae for the original path, and `at` (p,) [m] the places on it. A given length or
+    abscissa is kept. Cuts keep their places on a path with the length of the thread.
     """
     length = length_of(scenario, laid)
     if not laid.moves.any():
@@ -178,10 +181,10 @@ def carried(
 
 
 def is_compiled(solve: model.Solve) -> bool:
-    """Return whether steps are taken by compiled loops: where they are asked for, and unless said otherwise in time.
+    """Return whether steps are taken by compiled loops: if requested, or by default in dynamic runs.
 
-    A run in time has hundreds of steps, one at rest a handful, which take less than to load the loops. Loops that
-    nothing keeps would be compiled for every run.
+    A dynamic run has hundreds of steps. A static run has few steps, which take less time than the loading of
+    the loops. Loops that cannot be cached would be compiled for every run.
     """
     if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
         return solve.newton == "compiled"
@@ -192,7 +195,7 @@ def is_compiled(solve: model.Solve) -> bool:
 
 
 def shareable(store: Store | None, given: Given) -> Store:
-    """Return the store, or one that shares nothing if parts came from Python."""
+    """Return the store, or a store that shares nothing if parts came from Python."""
     return Unshared() if store is None or given.unsaid else store
 
 
@@ -202,15 +205,14 @@ def is_known(hole: model.Piercing) -> bool:
 
 
 def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
-    """Return the rest length of the thread [m]. Raises `ScenarioError` if it would be laid stretched beyond any
-    suture."""
+    """Return the rest length of the thread [m]. Raises `ScenarioError` if it differs too much from the path."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
-        reason = f"the path is {path.length:.4g} m long, and no suture stretches that far; remove it or increase it"
+        reason = f"the path is {path.length:.4g} m long, and no suture stretches so far; remove the key or increase it"
         raise ScenarioError(refusal("thread.length", length, reason))
     if length > STRETCH * path.length:
         reason = (
-            f"the path is {path.length:.4g} m long, which is only {path.length / length:.2g} of it; remove it, or "
+            f"the path is {path.length:.4g} m long, only {path.length / length:.2g} of this length; remove the key, or "
             "lengthen the path by the slack"
         )
         raise ScenarioError(refusal("thread.length", length, reason))
@@ -218,8 +220,8 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
 
 
 def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:
-    """Return the abscissa of every piercing at the start [m]: given, or where the path is nearest after the piercing
-    before it."""
+    """Return the abscissa of every piercing at the start [m]: given, or the nearest pass of the path after the
+    piercing before."""
     s: list[float] = []
     for hole in scenario.piercing:
         s.append(hole.s if hole.s is not None else nearest_pass(path, hole.place, after=s[-1:]) * length / path.length)
@@ -227,8 +229,10 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
 
 
 def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[float]) -> float:
-    """Return the abscissa on the path [m] of its nearest pass by a point; of passes as near, the first `after` an
-    abscissa."""
+    """Return the abscissa on the path [m] of its nearest pass by a point.
+
+    If several passes are equally near, it is the first one `after` an abscissa.
+    """
     places, distances = path.passes(point)
     near = places[distances <= distances.min() + 1e-9 * path.length]
     later = near[near > after[0]] if after else near
@@ -236,8 +240,10 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
 
 
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
-    """Return the spline at the start of a thread whose knots travel: slack, it bends over no length yet, and as its
-    path does."""
+    """Return the spline at the start of a thread with travelling knots.
+
+    The thread is still slack, so its knots follow the bends of the path and not those from tension.
+    """
     table = scenario.thread
     check_stubs(table.cuts, (0.0, length), section_of(table).diameter, "thread.cuts")
     longest = length / (table.control_points - DEGREE)
@@ -264,14 +270,14 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
 
 
 def spline_of(table: model.Thread, length: float) -> Spline:
-    """Return the spline of a thread whose knots stand still."""
+    """Return the spline of a thread with fixed knots."""
     spline = Spline(uniform_knots(length, table.control_points, table.cuts))
     check_spans(table.cuts, spline.piece_ends.tolist(), spline.breaks.tolist())
     return spline
 
 
 def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Thread:
-    """Return the thread."""
+    """Return the thread of a scenario."""
     table = scenario.thread
     travels = table.knots == "travelling"
     return Thread(
@@ -289,7 +295,7 @@ def thread_of(scenario: Scenario, holes: Sequence[model.Piercing], length: float
 
 
 def section_of(table: model.Thread) -> Section:
-    """Return the section named, or the one described."""
+    """Return the section of a named suture, or from the given dimensions."""
     given = (table.diameter, table.density, table.youngs_modulus, table.poisson_ratio)
     section = suture(table.suture) if table.suture else Section(*(value for value in given if value is not None))
     return section if table.bending_factor is None else replace(section, bending_factor=table.bending_factor)
@@ -311,13 +317,15 @@ def end_of(scenario: Scenario, table: model.End, path: RoundedPath, at: float) -
 
 
 def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array | None:
-    """Return the times and angles by which an end is turned, None if none are given."""
+    """Return the prescribed times and angles of an end's rotation, or None."""
     return None if table.turn is None else np.array(table.turn)
 
 
 def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: float) -> Friction | None:
-    """Return the friction of a hole, with that from Python, None for an ideal one. Without a given channel, a rough
-    hole guides the thread over its part of its `bite` [m]."""
+    """Return the friction of a hole, including a law from Python, or None for a hole without friction.
+
+    Without a given channel, a rough hole guides the thread over its part of its `bite` [m].
+    """
     table, own = hole.friction, given.friction.get(hole.name)
     if table is None and own is None:
         return None
@@ -330,9 +338,9 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: fl
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     """Return the length over which the thread bears on the tissue at a hole [m].
 
-    That of its part of a tract, or of its channel, where it is given, else BEARING_FOOTPRINTS footprints in an organ:
-    over so much tissue the force is spread, and no other length of it is known. For a bare point, or without an organ,
-    BEARING_DIAMETERS diameters of the thread.
+    It is the length of a ball of a tract, or of a given channel. Otherwise it is BEARING_FOOTPRINTS footprints
+    in an organ: the force is spread over this length, and no other length is known. For a bare point, or
+    without an organ, it is BEARING_DIAMETERS diameters of the thread.
     """
     if isinstance(hole, Ball):
         return hole.length
@@ -344,7 +352,7 @@ def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
 def piercing_of(
     hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given, bite: float = 0.0
 ) -> Piercing:
-    """Return the constraint of a hole, whose own half of its `bite` is so long [m]."""
+    """Return the constraint of a hole; `bite` is the length of its own half of the bite [m]."""
     organ = scenario.tissue
     return Piercing(
         hole.name,
@@ -362,12 +370,12 @@ def piercing_of(
 
 
 def hand_of(rows: Sequence[Sequence[float]] | None) -> Array | None:
-    """Return the rows of a hand, shape `(k, 2)`, NaN if it lets go; None without one."""
+    """Return the rows of a hand, shape `(k, 2)`, with NaN for letting go; None without a hand."""
     return None if rows is None else np.array([row if len(row) == 2 else (row[0], np.nan) for row in rows])
 
 
 def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
-    """Return a tie between its holes, in the order in which the thread passes them."""
+    """Return a tie between its holes, in the order along the thread."""
     names = [hole.name for hole in holes]
     first, last = sorted(names.index(name) for name in table.between)
     hold = np.inf if table.hold is None else table.hold
@@ -382,7 +390,7 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
 
 
 def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet | None:
-    """Return the organ's unrefined mesh, from the store if it has it; None without an organ."""
+    """Return the organ's unrefined mesh, from the store if possible; None without an organ."""
     if scenario.tissue is None:
         return None
     made: skfem.MeshTet = store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
@@ -392,8 +400,10 @@ def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet
 def stored_body(
     scenario: Scenario, holes: Sequence[model.Piercing], mesh: skfem.MeshTet | None, store: Store, given: Given
 ) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
-    """Return the organ's discrete elasticity, None without an organ, of what the store has of it or as it is handed
-    over, and how its cells were refined, None if they are as given."""
+    """Return the organ's discrete elasticity, from the store if possible, and the refinement of its cells.
+
+    Both are None without an organ; the second is None without refinement.
+    """
     if mesh is None:
         return None, None
     sites = [site_of(hole, scenario) for hole in holes]
@@ -402,8 +412,10 @@ def stored_body(
 
 
 def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequence[model.Piercing]) -> Array | None:
-    """Return the bounds of the exact compliance of holes over that of an organ, `(p, 2)` [-], None if they are not
-    asked for. Raises `TissueError`."""
+    """Return the bounds of the exact compliance of holes over the compliance of an organ, `(p, 2)` [-].
+
+    None if they are not requested. Raises `TissueError`.
+    """
     table = scenario.tissue
     if table is None or body is None or not table.mesh.bound:
         return None
@@ -413,15 +425,17 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
-    """Return the recovery of stress from displacement, from the store if it has it; None without an organ."""
+    """Return the recovery of stress from displacement, from the store if possible; None without an organ."""
     if body is None:
         return None
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
 
 
 def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Store, points: Array) -> Array:
-    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m], from the store if it has it;
-    negative outside, and infinite without an organ."""
+    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m], from the store if possible.
+
+    It is negative outside, and −∞ without an organ.
+    """
     if body is None:
         return np.full(len(points), -np.inf)
     mesh = body.mesh
@@ -437,8 +451,11 @@ def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Sto
 def organ_of(
     scenario: Scenario, holes: Sequence[model.Piercing], body: tissue.Elasticity | None, given: Given, store: Store
 ) -> AnyOrgan:
-    """Return the organ with its holes as the coupling sees it: linear or at finite strain, with inertia or without, in
-    its Krylov space or in a small basis, which is that of the `store` where it has it, or points fixed in space."""
+    """Return the organ with its holes for the coupling.
+
+    It is linear or at finite strain, with or without inertia, in its Krylov space or in a small basis, or
+    consists of points fixed in space. A small basis comes from the `store` if possible.
+    """
     sites = [site_of(hole, scenario) for hole in holes]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
@@ -467,22 +484,21 @@ def organ_of(
 
 
 def still_organ(organ: tissue.QuasiStaticOrgan) -> tissue.QuasiStaticOrgan:
-    """Return an organ whose columns have been solved by all its ranks while they are here: what they do later is their
-    own affair."""
+    """Return an organ whose columns are already solved by all its ranks, because later the ranks can do other work."""
     if organ.ranks is not None:
         organ.operator(0.0, 0.0)
     return organ
 
 
 def floats(scenario: Scenario, table: model.Tissue, body: tissue.Elasticity) -> bool:
-    """Return whether a body of the organ may be held by nothing but thread and contact."""
+    """Return whether a body of the organ can be held only by thread and contact."""
     return scenario.floats and any(motions.size for motions in motions_left(body.mesh, table.clamp, table.roller)[1])
 
 
 def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
-    """Return whether steps of an organ are made in its Krylov space: where they are asked to be, or where that pays.
+    """Return whether steps of an organ use its Krylov space: if requested, or by default if it is faster.
 
-    How long a run is does not count: one that is lengthened goes on as it began.
+    The duration of the run is not considered, so that a longer run continues with the same method.
     """
     if not scenario.has_krylov or scenario.solve.organ == "krylov":
         return scenario.has_krylov
@@ -510,14 +526,18 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
 
 
 def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
-    """Return the course of a load; a ramp is one in time, and in statics a load without a course grows over the load
-    steps."""
+    """Return the course of a load; `ramp` is its growth in time.
+
+    In statics a load without a course grows over the load steps.
+    """
     return table.rows(solve.duration, 0.0 if solve.kind == "static" else ramp)
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between surfaces that press on one another, None if all may cross. Those of a wound's lips are
-    between the nodes that match."""
+    """Return the gaps between surfaces in contact, None without contact.
+
+    The gaps of a wound's lips are between matching nodes.
+    """
     shape = None if scenario.tissue is None else scenario.tissue.mesh
     parts: list[tissue.Part] = []
     friction = {pair.between: pair.friction for pair in scenario.contact}

@@ -107,7 +107,7 @@ class Wound:
 
 
 def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[PiercingObservation]) -> list[list[Wound]]:
-    """Return the surfaces of each of the gaps, pair by pair, with the `holes` of a step nearest to them.
+    """Return the wounds of each set of gaps, pair by pair, with the nearest `holes` of a step.
 
     Balls of tracts are among the holes.
     """

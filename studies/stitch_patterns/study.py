@@ -56,8 +56,8 @@ Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle of
 class Pattern:
     """A stitch.
 
-    It has its published pull and standard deviation [N], the direction of the strand from the throw, and the
-    corners of the loop back to the throw, each with its new direction and its lip.
+    `published` is its pull and `spread` the standard deviation [N]. `first` is the direction of the strand from the
+    throw. `corners` are the corners of the loop back to the throw, each with its new direction and its lip.
     """
 
     published: float

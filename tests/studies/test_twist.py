@@ -36,7 +36,7 @@ REFUSED = [
     ("thread.twist=false", ["thread.end.turn", "thread.twist = true"]),
     ("thread.bending=false", ["thread.twist = true", "bending = true"]),
     ("thread.coil_radius=0", ["thread.coil_radius = 0", "greater than 0", "[m]"]),
-    ("thread.coil_towards=[1, 0, 0]", ["thread.coil_towards", "along the start of the path", "across"]),
+    ("thread.coil_towards=[1, 0, 0]", ["thread.coil_towards", "parallel to the start of the path", "across"]),
     ("thread.springs=40", ["thread.springs = 40", "springs"]),
     ("thread.bending_factor=0", ["thread.bending_factor = 0", "greater than 0"]),
     ("thread.energy=spring", ['thread.energy = "spring"', '"continuous" or "springs"']),
