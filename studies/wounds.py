@@ -175,7 +175,7 @@ class Hands:
 
     @cached_property
     def rim(self) -> tuple[NDArray[np.intp], Array]:
-        """Pairs of the lips on the sheet's upper side in their order along the wound, and their places along it [m]."""
+        """Pairs of lip nodes on the upper side, in order along the wound, and their places along it [m]."""
         assert self.organ.gaps is not None
         at = self.organ.elasticity.points[self.organ.gaps.nodes[:, 0]]
         upper = np.flatnonzero(at[:, 2] >= -1e-9 * THICKNESS)
@@ -189,7 +189,7 @@ class Hands:
 
     @cached_property
     def answers(self) -> tuple[Array, Array]:
-        """Changes of all gaps [-] and forces [N/m] per length drawn at each stitch, while the lips are open."""
+        """Changes of all gaps [-] and forces [N/m] over the length drawn at each stitch, while the lips are open."""
         y, length, straight = self.case.places, 0.01 * self.case.width, self.straight_state
         each = [self.draw(straight, length * unit) for unit in np.eye(len(y))]
         gaps = np.column_stack([self.gaps(state, y) - self.gaps(straight, y) for state in each])

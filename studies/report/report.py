@@ -100,7 +100,7 @@ def read_sweep(folder: Path) -> Rows:
     found = read_json(folder / "verdict.json").get("quantities", ())
     doubted = int(np.count_nonzero(table.columns["unsupported"]))
     said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
-    said += [f"{counted(doubted)} with numbers that are not supported: column remarks"] if doubted else []
+    said += [f"{counted(doubted)} with unsupported numbers: see the column remarks"] if doubted else []
     return Rows(
         folder.resolve().name,
         f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {counted(asked['cases'])}",

@@ -140,8 +140,7 @@ def ramps_of(scenario: Scenario) -> dict[str, float]:
 
 
 def unloaded_rest(key: str, ramp: float) -> list[Remark]:
-    """Return a remark if the dead load on the end `key` grows within a `ramp` [s] and is absent at the start at
-    rest."""
+    """Return a remark if the dead load on the end `key` grows within a `ramp` [s] and is zero at the start."""
     text = (
         f"the dead load on {key} grows within {ramp:.3g} s and is zero at t = 0, so the run starts at rest "
         f"without it; remove {key}.ramp to start under the full load"

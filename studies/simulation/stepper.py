@@ -50,8 +50,8 @@ class Forces:
     """Forces after a step [N].
 
     `hand` (3,) is the force of the thread on the hand. `other` (3,) is its force on the holder of the other
-    end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the thread, zero if it is not
-    in the hole.
+    end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the thread, zero for a hole
+    without thread.
     """
 
     hand: Array

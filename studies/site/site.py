@@ -118,7 +118,7 @@ def with_code_links(text: str, up: str) -> str:
 
 
 def code_link(file: str, name: str) -> str:
-    """Return the link to a function's description; for a member, to its class, or else to its file."""
+    """Return the link to the description of a class or function, else of its file; a member has its class's link."""
     package, module = Path(file).parts[0], module_of(Path(file))
     first = name.partition(".")[0]
     known = {each.name for each in public(ROOT / file)}

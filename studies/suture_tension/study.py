@@ -256,7 +256,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
-    """Return by load the relative error of the linear organ's displacement against another material [-].
+    """Return the relative error of the linear organ's displacement at each load of `runs` [-].
 
     NaN beyond the linear organ's last load.
     """

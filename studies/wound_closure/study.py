@@ -80,12 +80,12 @@ class Row(Wound):
 
     @property
     def over_uniform(self) -> float:
-        """The stitch in the middle over its share of the uniform traction on the same mesh [-]."""
+        """Force of the middle stitch over its share of the uniform traction on the same mesh [-]."""
         return self.middle / (self.uniform * self.theory)
 
     @property
     def over_middle(self) -> float:
-        """The end stitch with the larger force over the stitch in the middle [-]."""
+        """Larger force of the two end stitches over the force of the middle stitch [-]."""
         return max(self.forces[0], self.forces[-1]) / self.middle
 
     @property
