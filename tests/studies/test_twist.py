@@ -68,7 +68,7 @@ def test_a_coil_needs_twist_and_statics_a_held_section(file: Path) -> None:
     free = "thread.end={kind='driven', waypoints=[[0, 0.06, 0, 0]]}"
     with pytest.raises(ScenarioError, match=r"coil_radius .*thread\.twist = true"):
         load(file, ["thread.twist=false", free])
-    with pytest.raises(ScenarioError, match=r"thread\.twist .*spinning"):
+    with pytest.raises(ScenarioError, match=r"thread\.twist .*rotate freely"):
         load(file, ["thread.start={kind='fixed'}", free, "solve.kind=static"])
     assert load(file, [free, "solve.kind=static"]).thread.twist
 
