@@ -59,12 +59,11 @@ def capstan(mu: float, turn: float) -> float:
 
 
 def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
-    """Return the tensions behind each hole [N], shape `(holes,)`, under the pull of the hand, from the tensions
-    before.
+    """Return the tensions behind each hole [N], shape `(holes,)`, after the hand changed its pull.
 
-    `ratios` (holes − 1,) are the ratios at which the holes slip, without the knot. A segment keeps its tension
-    if no hole between it and the hand slips. So its tension lies between the hand's tension divided by, and
-    multiplied by, the product of their ratios.
+    `before` are the tensions before the change. `ratios` (holes − 1,) are the ratios at which the holes slip,
+    without the knot. A segment keeps its tension if no hole between it and the hand slips. So its tension lies
+    between the hand's tension divided by, and multiplied by, the product of their ratios.
     """
     reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
     return np.clip(before, hand / reach, hand * reach)

@@ -65,7 +65,7 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
-    """List the temporary files of a killed run with its known names, and its lock."""
+    """List the temporary files of a killed run with the names `known`, and its lock."""
     names = {MARK, *(Path(name).name for name in known)}
     found = [path for place in (folder, folder / "mesh") for path in files.unfinished(place, names)]
     return [*found, *folder.glob(LOCK)]

@@ -200,7 +200,7 @@ def is_numbered_like(one: skfem.Basis, other: skfem.Basis) -> bool:
 
 
 def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
-    """Yield the reason why a basis has another element than the scenario, with three unknowns at each node."""
+    """Yield the reason why a basis is refused: its element or mesh does not fit the scenario."""
     own = skfem.ElementVector(ELEMENTS[element]())
     if not isinstance(basis.mesh, skfem.MeshTet) or type(basis.elem) is not type(own):
         yield f"basis is refused: it is {basis.elem!r} on a {type(basis.mesh).__name__}; give {own!r} on a MeshTet"

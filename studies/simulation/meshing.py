@@ -246,7 +246,7 @@ def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]
         if held[mesh.facets[:, facets]].all():
-            reason = "all of it is held, so a load on it has no effect; name another boundary, or clamp less"
+            reason = "the whole boundary is held, so a load has no effect; name another boundary, or clamp less"
             raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
         if np.any(mesh.f2t[1, facets] >= 0):
             reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"

@@ -178,7 +178,7 @@ def test_a_surface_under_pressure_that_turns_has_a_remark() -> None:
         ({"boundary": "top"}, r"load\.0\.traction is missing"),
         ({"boundary": "right", "pressure": 1.0}, r'load\.0\.boundary = "right".*is clamped'),
         ({"boundary": "left", "pressure": 1.0}, r'load\.0\.boundary = "left".*a roller holds its normal direction'),
-        ({"boundary": "corner", "traction": [1, 0, 0]}, r'load\.0\.boundary = "corner".*all of it is held'),
+        ({"boundary": "corner", "traction": [1, 0, 0]}, r'load\.0\.boundary = "corner".*the whole boundary is held'),
         ({"boundary": "top", "pressure": 1.0, "ramp": -1.0}, r"load\.0\.ramp = -1\.0"),
         ({"boundary": "top", "pressur": 1.0}, r"nearest is tissue\.load\.0\.pressure"),
     ],
