@@ -1,21 +1,17 @@
 """Optional libraries, and the extra of the project that installs each."""
 
-EXTRAS = {
-    "matplotlib": "pictures",
-    "pyvista": "pictures",
-    "vtkmodules": "pictures",
-    "gmsh": "mesh",
-    "pyamg": "large",
-    "cvxopt": "fast",
-    "pypardiso": "fast",
-    "plotly": "report",
-    "pandas": "tables",
-    "pyarrow": "tables",
-    "distributed": "cluster",
-    "mpi4py": "mpi",
-    "mkdocs": "docs",
-    "latex2mathml": "docs",
+LIBRARIES = {  # by the extra that installs them
+    "pictures": ("matplotlib", "pyvista", "vtkmodules"),
+    "mesh": ("gmsh",),
+    "large": ("pyamg",),
+    "fast": ("cvxopt", "pypardiso"),
+    "report": ("plotly",),
+    "tables": ("pandas", "pyarrow"),
+    "cluster": ("distributed",),
+    "mpi": ("mpi4py",),
+    "docs": ("mkdocs", "latex2mathml"),
 }
+EXTRAS = {library: extra for extra, own in LIBRARIES.items() for library in own}
 
 
 def installation(library: str) -> str:

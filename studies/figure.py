@@ -139,19 +139,17 @@ def unnamed(groups: Mapping[str, Sequence[Any]]) -> dict[str, Sequence[Any]]:
     return {f"_{name}": rows for name, rows in groups.items()}
 
 
-def several(rows: Sequence[Any], x: Value, values: Mapping[str, Value], line: str = "-", **looks: Any) -> Item:
+def several(rows: Sequence[Any], x: Value, values: Mapping[str, Value], **looks: Any) -> Item:
     """Return one curve for each of several values of the same rows."""
     pairs = {label: [(value(x)(row), value(y)(row)) for row in rows] for label, y in values.items()}
-    return series(pairs, 0, 1, line, **looks)
+    return series(pairs, 0, 1, **looks)
 
 
-def laws(
-    functions: Iterable[Callable[[Array], Any]], x: Array, style: str = "-", colours: Sequence[str] = COLOURS
-) -> Item:
+def laws(functions: Iterable[Callable[[Array], Any]], x: Array, style: str = "-") -> Item:
     """Return the curve of each function over x, in the colours of a `series`."""
 
     def drawn(axes: Axes) -> None:
-        for function, colour in zip(functions, cycle(colours)):
+        for function, colour in zip(functions, cycle(COLOURS)):
             axes.plot(x, function(x), style, color=colour)
 
     return drawn

@@ -39,19 +39,7 @@ from studies.workers import Workers, in_order
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NAMES = (
-    "adaptive_refinement",
-    "campaign",
-    "coupling_variants",
-    "friction",
-    "mesh_refinement",
-    "running_suture",
-    "stitch_patterns",
-    "suture_retention",
-    "suture_tension",
-    "taut_skin",
-    "wound_closure",
-)
+NAMES = tuple(sorted(path.parent.name for path in Path(__file__).parent.glob("*/study.toml")))
 R = TypeVar("R")
 K = TypeVar("K")
 PRESETS = ("quick", "full")

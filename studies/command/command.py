@@ -296,7 +296,7 @@ def _draw(simulation: Simulation, recorder: Recorder) -> str:
     target = recorder.folder / "picture.png"
     drawn = draw_picture(recorder.last_frame, simulation.topology, target, simulation.scenario.title)
     if drawn.failure:
-        recorder.remark(remark("no-picture", target.name, f"no picture could be drawn: {drawn.failure}"))
+        recorder.remark(remark("no-picture", target.name, failure=drawn.failure))
     return drawn.line
 
 

@@ -73,12 +73,23 @@ class Version(argparse.Action):
         parser.exit()
 
 
+Options = argparse.ArgumentParser | argparse._MutuallyExclusiveGroup
+
+
+def _flag(options: Options, name: str, text: str) -> None:
+    options.add_argument(name, action="store_true", help=text)
+
+
+def _path(options: Options, name: str, kind: str, text: str, required: bool = False) -> None:
+    options.add_argument(name, metavar=kind, type=Path, required=required, help=text)
+
+
 def _add_nothing(parser: argparse.ArgumentParser) -> None:
     pass
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print only JSON on standard output")
+    _flag(parser, "--json", "print only JSON on standard output")
 
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
@@ -95,24 +106,20 @@ def _add_scenario(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_strict(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--strict", action="store_true", help="exit with 3 if a number is not supported")
+    _flag(parser, "--strict", "exit with 3 if a number is not supported")
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     _add_strict(parser)
     _add_json(parser)
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="results folder, new or empty")
+    _path(parser, "--out", "DIR", "results folder, new or empty", required=True)
     earlier = parser.add_mutually_exclusive_group()
-    earlier.add_argument(
-        "--resume",
-        action="store_true",
-        help="continue from the last checkpoint in DIR, also to a larger solve.duration",
-    )
-    earlier.add_argument("--overwrite", action="store_true", help="replace the run in DIR; keep other files")
-    parser.add_argument("--quiet", action="store_true", help="print only errors and unsupported numbers")
-    parser.add_argument("--no-picture", action="store_true", help="draw no picture of the last frame")
-    parser.add_argument("--no-remedies", action="store_true", help="do not search for a remedy if the run fails")
+    _flag(earlier, "--resume", "continue from the last checkpoint in DIR, also to a larger solve.duration")
+    _flag(earlier, "--overwrite", "replace the run in DIR; keep other files")
+    _flag(parser, "--quiet", "print only errors and unsupported numbers")
+    _flag(parser, "--no-picture", "draw no picture of the last frame")
+    _flag(parser, "--no-remedies", "do not search for a remedy if the run fails")
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
@@ -120,20 +127,13 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
     _add_strict(parser)
     _add_json(parser)
     shown = parser.add_mutually_exclusive_group()
-    shown.add_argument(
-        "--picture",
-        metavar="FILE.png",
-        type=Path,
-        help="draw the start: thread, holes, footprints, organ and held nodes",
-    )
-    shown.add_argument(
-        "--write", action="store_true", help="only print the scenario with path, piercings and ties for its stitches"
-    )
+    _path(shown, "--picture", "FILE.png", "draw the start: thread, holes, footprints, organ and held nodes")
+    _flag(shown, "--write", "only print the scenario with path, piercings and ties for its stitches")
 
 
 def _add_mesh(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
-    parser.add_argument("--out", metavar="ORGAN.vtu", type=Path, required=True, help="mesh file to be written")
+    _path(parser, "--out", "ORGAN.vtu", "mesh file to be written", required=True)
 
 
 def _add_workers(parser: argparse.ArgumentParser, cluster: bool = True) -> None:
@@ -166,13 +166,9 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="values of a key as a list in TOML; several keys give all combinations",
     )
-    parser.add_argument(
-        "--paired", action="store_true", help="combine the first values of all keys, then the second values, and so on"
-    )
-    parser.add_argument(
-        "--table", metavar="FILE.csv", type=Path, help="read cases from a table; each column has a key as its head"
-    )
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier sweep")
+    _flag(parser, "--paired", "combine the first values of all keys, then the second values, and so on")
+    _path(parser, "--table", "FILE.csv", "read cases from a table; each column has a key as its head")
+    _path(parser, "--out", "DIR", "folder, new or of an earlier sweep", required=True)
     parser.add_argument(
         "--plot", metavar=("X", "Y"), nargs="+", action=Columns, help="draw column Y over X [one line per BY]"
     )
@@ -210,16 +206,12 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--over", choices=(*KINDS, "all"), default="all", help="quantity to be refined, default all together"
     )
-    parser.add_argument(
-        "--adaptive", action="store_true", help="refine the cells at the holes by their accuracy, like --over accuracy"
-    )
+    _flag(parser, "--adaptive", "refine the cells at the holes by their accuracy, like --over accuracy")
     parser.add_argument(
         "--ratio", metavar="R", type=float, default=None, help="ratio of levels, default √2, or 2 for accuracies"
     )
-    parser.add_argument(
-        "--out", metavar="DIR", type=Path, required=True, help="folder, new or of an earlier refinement"
-    )
-    parser.add_argument("--strict", action="store_true", help="exit with 3 if a number is not converged")
+    _path(parser, "--out", "DIR", "folder, new or of an earlier refinement", required=True)
+    _flag(parser, "--strict", "exit with 3 if a number is not converged")
     _add_workers(parser)
     _add_json(parser)
 
@@ -230,13 +222,13 @@ def _add_study(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="a study, or list")
     parser.add_argument("--preset", choices=PRESETS, default="quick", help="default: quick, at most two minutes")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], help="set one argument, in TOML")
-    parser.add_argument("--out", metavar="DIR", type=Path, help="folder, default results/NAME")
-    parser.add_argument("--overwrite", action="store_true", help="replace the study in DIR")
+    _path(parser, "--out", "DIR", "folder, default results/NAME")
+    _flag(parser, "--overwrite", "replace the study in DIR")
     _add_workers(parser, cluster=False)
 
 
 def _add_schema(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--table", action="store_true", help="list the keys of each table in Markdown")
+    _flag(parser, "--table", "list the keys of each table in Markdown")
 
 
 def _add_bench(parser: argparse.ArgumentParser) -> None:
@@ -255,30 +247,30 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--element", choices=("P1", "P2"), default="P1", help="element of the organ, for organ")
     parser.add_argument("--solver", choices=SOLVERS, default="auto", help="solver of the organ, for step and finite")
     parser.add_argument("--tensions", metavar="N", type=_count, default=64, help="tensions on one organ, for many")
-    parser.add_argument("--json", metavar="FILE", type=Path, help="write the numbers as JSON")
+    _path(parser, "--json", "FILE", "write the numbers as JSON")
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help="folder of a run, a study or a sweep")
-    parser.add_argument("--out", metavar="FILE.html", type=Path, required=True, help="page to be written")
+    _path(parser, "--out", "FILE.html", "page to be written", required=True)
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
-    parser.add_argument("--out", metavar="FILE", type=Path, help="draw into a .png or .gif file")
+    _path(parser, "--out", "FILE", "draw into a .png or .gif file")
     parser.add_argument("--time", metavar="SECONDS", type=float, help="time of the picture, default the end")
-    parser.add_argument("--macro", metavar="FILE.py", type=Path, help="write a ParaView macro that draws the run")
+    _path(parser, "--macro", "FILE.py", "write a ParaView macro that draws the run")
 
 
 def _add_plot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a run")
     parser.add_argument("columns", metavar="NAME", nargs="+", help="a column, for example piercings.exit.tension_after")
-    parser.add_argument("--out", metavar="FILE", type=Path, help=".png, .svg or .pdf, default DIR/plot.png")
+    _path(parser, "--out", "FILE", ".png, .svg or .pdf, default DIR/plot.png")
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", type=Path, help="name of the new file; .toml is added if missing")
-    parser.add_argument("--stitches", action="store_true", help="write a wound with three tied stitches")
+    _flag(parser, "--stitches", "write a wound with three tied stitches")
 
 
 def _add_completion(parser: argparse.ArgumentParser) -> None:

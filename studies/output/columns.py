@@ -1,66 +1,46 @@
 """The quantities of a results folder, each defined once: name, unit, meaning and source.
 
-A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a
-line of the manual (``python -m studies.output.columns`` updates these lines). To add a quantity, add its field
-to a record of ``studies.output.records`` and one line here.
+A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a line of
+the manual (``python -m studies.output.columns`` writes those lines into it anew). To add a quantity, add its field to a
+record of ``studies.output.records`` and one line to ``columns.toml``, which has name, unit and meaning of each.
 """
 
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coupling.run.events import Event
 from studies.manual import with_blocks
 from studies.output import remarks
-from studies.output.fields import OrganRecord, ThreadRecord
-from studies.output.records import (
-    APART,
-    ContactRecord,
-    EnergyRecord,
-    Extremes,
-    GapRecord,
-    KrylovRecord,
-    LoadRecord,
-    PiercingRecord,
-    ReductionRecord,
-    RunRecord,
-    StepRecord,
-    StitchRecord,
-    TieRecord,
-    TractRecord,
-)
+from studies.output.records import APART, Extremes, ReductionRecord, StepRecord
 from studies.scenario import Piercing, PulledEnd, Thread
 
 Row = TypeVar("Row")
-Item = TypeVar("Item")
 Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
-StepItem = tuple[StepRecord, Item]  # a row of a table: a step, and the item of the step that this row describes
 
-AXES = ("x", "y", "z")
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, which cannot hold text
 TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3, "held": 4}  # codes of the `state` of a tie in the frames
+KINDS = {"whole": "-", "text": ""}  # what the list says in place of a unit, and the unit
 MANUAL = Path(__file__).with_name("README.md")
 
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A quantity of a results folder.
+    """A quantity: `name` (lower_snake_case), `unit` ("-" for a number without unit, empty for text), `meaning` for the
+    manual, and `source`, a function of a row's record that returns the value or None; without it, the field `name`.
 
-    `name` is in lower_snake_case. `unit` is "-" for a number without unit and empty for text. `meaning` is for
-    the manual. `source` is a function of a row's record that returns the value or None; without `source` the
-    value is the field `name`. `kind` is the kind of a value. `parts` are the names of a vector's components in
-    a table; empty for a scalar.
+    `kind` is "number", "whole" or "text". `parts` are the names of a vector's components in a table; none for a scalar.
     """
 
     name: str
     unit: str
     meaning: str
     source: Callable[[Row], Value] | None = None
-    kind: Literal["number", "whole", "text"] = "number"
+    kind: str = "number"
     parts: tuple[str, ...] = ()
 
     def of(self, record: Row) -> Value:
@@ -75,19 +55,22 @@ class Column(Generic[Row]):
         return [name + unit for name in self.parts or (self.name,)]
 
 
-def vector(name: str, unit: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
-    """Make the column of a vector with three components along x, y and z."""
-    return Column(name, unit, meaning, source, parts=tuple(f"{name}_{axis}" for axis in AXES))
+def columns_of(group: str, **sources: Callable[[Any], Value]) -> list[Column[Any]]:
+    """Return the columns of a group of the list, with the sources of those that are no field of their name."""
+    return [column_of(name, told, sources.get(name)) for name, told in LIST[group].items()]
 
 
-def count(name: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
-    """Make the column of a whole number."""
-    return Column(name, "-", meaning, source, kind="whole")
+def column_of(name: str, told: Sequence[Any], source: Callable[[Any], Value] | None) -> Column[Any]:
+    """Make a column of what the list tells of it."""
+    unit, meaning, parts = [*told, ()][:3]
+    kind = unit if unit in KINDS else "number"
+    named = (f"{name}_{axis}" for axis in parts) if parts == "xyz" else parts
+    return Column(name, KINDS.get(unit, unit), meaning.format(**NUMBERS), source, kind, tuple(named))
 
 
-def text(name: str, meaning: str, source: Callable[[Row], Value] | None = None) -> Column[Row]:
-    """Make the column of a word."""
-    return Column(name, "", meaning, source, kind="text")
+def coded(codes: Mapping[str, int]) -> str:
+    """Write the codes of words for the manual."""
+    return ", ".join(f"{code} {word}" for word, code in codes.items())
 
 
 def headings(columns: Iterable[Column[Any]]) -> list[str]:
@@ -103,357 +86,67 @@ def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
 # -- the quantities --------------------------------------------------------------------------------------------------
 
 
-TIME: Column[StepRecord] = Column("time", "s", "time reached")
-STEP: Column[StepRecord] = count("step", "number of the step; 0 is the start")
-
-NAME: Column[PiercingRecord] = text("piercing", "name of the piercing", lambda hole: hole.name)
-PLACE: Column[PiercingRecord] = Column("x", "m", "place of the hole", parts=AXES)
-STATE: Column[PiercingRecord] = text("state", "`stick`, `slip`, `anchored`, or `left` (the thread is not in the hole)")
-HOLE: tuple[Column[PiercingRecord], ...] = (
-    Column("s", "m", "abscissa of the thread in the hole"),
-    Column("slip", "m", "length drawn through towards the end since the piercing began"),
-    PLACE,
-    vector("displacement", "m", "displacement of the hole from the reference shape"),
-    vector("force", "N", "force of the hole on the thread"),
-    Column(
-        "normal_force",
-        "N",
-        "force across the thread; in a channel summed over its two ends, with the couple",
-    ),
-    Column("tangential_force", "N", "part of `force` along `tangent`: friction and the configurational force"),
-    vector("couple", "N m", "couple of the hole on the thread"),
-    Column("tension_before", "N", "axial force of the strand at lower `s`; positive in tension"),
-    Column("tension_after", "N", "axial force of the strand at higher `s`"),
-    STATE,
-    vector("tangent", "-", "unit tangent of the thread in the hole, towards rising `s`"),
-    Column("cone_residual", "N", "violation of Coulomb's law"),
-    Column(
-        "mean_strain",
-        "-",
-        "largest principal strain across the hole in magnitude, averaged over the footprint",
-    ),
-    Column("turn", "rad", "rotation of the tissue at the hole"),
-    Column(
-        "bearing_pressure",
-        "Pa",
-        "`force` over thread diameter and bearing length: channel, else two footprints, else ten diameters",
-    ),
-)
-CHANNEL: Column[PiercingRecord] = Column("channel", "m", "length of the channel; null without friction or direction")
-HOLE_SUMMARY = (*HOLE, CHANNEL)
-MOVED: Column[Piercing] = Column("moved", "m", "distance from `piercing.near` to the place found")
-ACCURACY: tuple[Column[Mapping[str, Any]], ...] = (
-    Column(
-        "compliance_error",
-        "-",
-        "estimated relative error of the compliance",
-        lambda known: known.get("errors"),
-    ),
-    Column(
-        "bounds",
-        "-",
-        "bounds of the exact over the run's compliance, to forces along x, y and z; with `tissue.mesh.bound`",
-        lambda known: known.get("bounds"),
-        parts=("bounds_lower", "bounds_upper"),
-    ),
-)
-HOLE_ARRAYS: tuple[Column[PiercingRecord], ...] = (
-    count(
-        "state", ", ".join(f"{code} {word}" for word, code in STATE_CODES.items()), lambda hole: STATE_CODES[hole.state]
-    ),
-    vector("u", "-", "first vector across the hole, moving with the tissue"),
-    vector("v", "-", "second vector across the hole"),
-)
-PIERCING_ARRAYS = (*(column for column in HOLE if column not in (PLACE, STATE)), *HOLE_ARRAYS)
-
-EVENT: tuple[Column[Event], ...] = (
-    text(
-        "event",
-        "piercing: `begins`, `ends`, `leaves`, `slips`, `sticks`, `tears`; strand: `taut`, "
-        "`slack`; tie: `closes`, `tied`, `slips`, `sticks`, `unties`; contact, tract: `slips`, "
-        "`sticks`; thread: `cut`; step: `halved`; `snaps`: jump to a distant equilibrium; "
-        "`branch`: equilibrium by arc length",
-        lambda event: event.kind,
-    ),
-    text(
-        "piercing",
-        "name of the piercing, tie, tract, pair of surfaces, or strand (`start-entry`); else empty",
-    ),
-    Column("s", "m", "abscissa of the hole, the cut, or the middle of the strand"),
-    Column("energy", "J", "change of kinetic and elastic energy: `work` minus `loss`"),
-    Column("work", "J", "work to draw the thread into a beginning hole"),
-    Column("loss", "J", "energy lost by the impulse of a beginning hole, or by a cut"),
-    Column("gap", "m", "distance of the thread from a beginning hole, or of the strands of a tie"),
-    Column("angle", "rad", "angle between the thread and the direction of a beginning hole"),
-    vector("impulse", "N s", "impulse of a beginning hole on the thread, or of a cut"),
-    count("control_points", "number after a cut, else empty", lambda event: event.control_points or None),
-)
-
-ENERGY: tuple[Column[EnergyRecord], ...] = (
-    Column("kinetic", "J", "kinetic energy of thread and organ"),
-    Column("elastic_thread", "J", "elastic energy of the thread; in row 0 of its bent path"),
-    Column("elastic_tissue", "J", "elastic energy of the organ"),
-    Column("prestretch", "J", "part of `elastic_tissue` that `tissue.prestretch` stored"),
-    Column("external_work", "J", "work of loads, gravity, holders and hands"),
-    Column("friction_dissipation", "J", "dissipated by friction in holes and contacts"),
-    Column("viscous_dissipation", "J", "dissipated by damping, and work of stress that relaxes"),
-    Column(
-        "numerical_dissipation",
-        "J",
-        "dissipated by the integrator and contact; negative: created",
-    ),
-    Column("balance_error", "J", "external work minus dissipation and change of energy: round-off"),
-)
-
-MAX_STRAIN: Column[StepRecord] = Column("max_strain", "-", "largest axial strain of the thread")
-SPAN_RATIO: Column[StepRecord] = Column(
-    "span_ratio", "-", "longest span at a hole over √(EI/T); ⅓ is fine, above ½ is too coarse"
-)
-SPANS_BETWEEN: Column[StepRecord] = Column(
-    "spans_between",
-    "-",
-    "fewest spans between neighbouring holes, null with fewer than two; 3 is fine, below 2 is too coarse",
-)
-ENDS: dict[str, tuple[Column[StepRecord], Column[StepRecord]]] = {
-    "start": (
-        vector("start_reaction", "N", "force of the holder on the start of the thread"),
-        Column(
-            "start_torque",
-            "N m",
-            "torque of the holder about the tangent; with `thread.twist`",
-            lambda step: step.torques and step.torques[0],
-        ),
-    ),
-    "end": (
-        vector("end_reaction", "N", "force of the holder on the end of the thread"),
-        Column(
-            "end_torque",
-            "N m",
-            "torque of the holder about the tangent; with `thread.twist`",
-            lambda step: step.torques and step.torques[1],
-        ),
-    ),
+LIST = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+NUMBERS = {
+    "APART": APART,
+    "SMALL_STRAIN": remarks.SMALL_STRAIN,
+    "SMALL_ROTATION": remarks.SMALL_ROTATION,
+    "STATE_CODES": coded(STATE_CODES),
+    "TIE_CODES": coded(TIE_CODES),
 }
-GROWS: Column[PulledEnd] = Column(
-    "grows_within", "s", "ramp of the dead load on a pulled end, 0: at once", lambda end: end.ramp
-)
-SOLVED: tuple[Column[StepRecord], ...] = (
-    count("newton_iterations", "Newton iterations of this step"),
-    Column("constraint_max", "m", "largest distance between a hole and its thread"),
-    MAX_STRAIN,
-    Column("slide_speed", "m/s", "largest speed of the thread in a hole"),
-    *(reaction for reaction, _ in ENDS.values()),
-    *(torque for _, torque in ENDS.values()),
-    Column("seconds", "s", "wall-clock time without compilation; the mean of steps made in one call"),
-)
 
-PAIR: Column[ContactRecord] = text("pair", "names of the two surfaces")
-CONTACT: tuple[Column[ContactRecord], ...] = (
-    count("pairs", "number of node pairs"),
-    count("pressed", "pairs under a force"),
-    Column("smallest_gap", "m", "smallest gap along the normal; for wound lips along the wound plane's normal"),
-    Column("largest_gap", "m", "largest gap of pairs that face each other, else zero"),
-    Column("open_area", "m²", f"area of facing pairs more than {APART:g} m apart"),
-    Column("gap_volume", "m³", "volume between the surfaces"),
-    Column("slide", "m", "largest sliding distance of a pair"),
-    Column("largest_pressure", "Pa", "largest pressure of a pair"),
-    Column("area", "m²", "area under pressure"),
-    Column("force", "N", "sum of the contact forces' magnitudes"),
-    Column("complementarity", "J", "largest force times gap in magnitude"),
-    count("slipping", "pressed pairs that slip"),
-    Column("friction", "N", "magnitude of the friction resultant"),
-    Column("approximation", "-", f"share of the area with a gap below {APART:g} m in magnitude"),
-    Column("closure_force", "N", "force of the thread that closes the wound: mean of both sides"),
-    Column(
-        "eversion",
-        "rad",
-        "mean angle by which the edges at the stitches turn outwards, both sides together; empty without edges",
-    ),
+TIME, STEP = columns_of("step")
+NAME, *HOLE = columns_of("hole", piercing=lambda hole: hole.name)
+CHANNEL, MOVED = columns_of("place")
+HOLE_SUMMARY = (*HOLE, CHANNEL)
+ACCURACY = columns_of("accuracy")
+HOLE_ARRAYS = columns_of("hole_arrays", state=lambda hole: STATE_CODES[hole.state])
+PIERCING_ARRAYS = (*(column for column in HOLE if column.name not in ("x", "state")), *HOLE_ARRAYS)
+EVENT_TIME, *EVENT = columns_of(
+    "event", event=lambda event: event.kind, control_points=lambda event: event.control_points or None
 )
-
-STITCH_NAME: Column[StitchRecord] = text("stitch", "name of the tie, the tract or the single hole")
-STITCH_PAIR: Column[StitchRecord] = text("pair", "names of the two surfaces")
-STITCH: tuple[Column[StitchRecord], ...] = (
-    Column("left_force", "N", "closing force on one side, across the undeformed surfaces"),
-    Column("right_force", "N", "the same on the other side"),
-    Column("load_share", "-", "share of the force of all stitches; empty if that is zero"),
+ENERGY = columns_of("energy")
+SOLVED = columns_of(
+    "solved",
+    start_torque=lambda step: step.torques and step.torques[0],
+    end_torque=lambda step: step.torques and step.torques[1],
 )
-
-GAP_PROFILE: tuple[Column[GapRecord], ...] = (
-    text("pair", "names of the two surfaces"),
-    Column("way", "m", "length along the rim in the reference shape"),
-    Column("x", "m", "place on the rim", parts=AXES),
-    Column("edge_gap", "m", "gap at the rim; empty if the rim faces nothing"),
-    Column("largest_gap", "m", "largest gap below this place; empty if nothing faces it"),
-    Column("largest_pressure", "Pa", "largest pressure there"),
+MAX_STRAIN = next(column for column in SOLVED if column.name == "max_strain")
+THREAD = (MAX_STRAIN, *columns_of("spans"))
+(GROWS,) = columns_of("growth", grows_within=lambda end: end.ramp)
+PAIR, *CONTACT = columns_of("contact")
+STITCH_NAME, STITCH_PAIR, *STITCH = columns_of("stitch")
+GAP_PROFILE = columns_of("gap_profile")
+TRACT_NAME, *TRACT = columns_of(
+    "tract",
+    balls=lambda tract: len(tract.balls),
+    tension_before=lambda tract: tract.balls[0].tension_before,
+    tension_after=lambda tract: tract.balls[-1].tension_after,
 )
-
-TRACT_NAME: Column[TractRecord] = text("tract", "names of its two holes")
-TRACT: tuple[Column[TractRecord], ...] = (
-    count("balls", "number of tissue balls", lambda tract: len(tract.balls)),
-    Column("length", "m", "length of path on which the thread bears"),
-    Column("spacing", "m", "largest distance between balls"),
-    vector("force", "N", "total force of the tissue on the thread"),
-    Column("normal_force", "N", "sum of the forces across the thread"),
-    Column("friction", "N", "sum of the forces along the thread, towards rising `s`"),
-    Column("bearing", "N/m", "largest force across the thread per length"),
-    Column("bearing_pressure", "Pa", "largest force on a ball over diameter and ball length"),
-    Column("displacement", "m", "largest displacement of a ball"),
-    Column("tension_before", "N", "tension before the first ball", lambda tract: tract.balls[0].tension_before),
-    Column("tension_after", "N", "tension after the last ball", lambda tract: tract.balls[-1].tension_after),
-    count("slipping", "balls at which the thread slips"),
-)
-
-LOAD: tuple[Column[LoadRecord], ...] = (
-    text("boundary", "name of the loaded boundary"),
-    Column("share", "-", "share of the load that acts"),
-    Column("area", "m²", "area of the boundary in the reference shape"),
-    vector("force", "N", "total force on the organ"),
-)
-
-TIE_NAME: Column[TieRecord] = text("tie", "name of the tie", lambda tie: tie.name)
-TIE_PLACE: Column[TieRecord] = Column("x", "m", "place of the tie", parts=AXES)
-TIE_STATE: Column[TieRecord] = text(
-    "state",
-    "`open`: not closed, or undone; `held` in statics before `drawn`; `tied`; `slips`: above `hold`",
-)
-TIE_NUMBERS: tuple[Column[TieRecord], ...] = (
-    Column("force", "N", "tension of the strands at the tie"),
-    Column("length", "m", "unstrained length of the loop; empty if it is cut"),
-    Column("gap", "m", "distance of the strands"),
-    Column("work", "J", "work of the hands"),
-    Column("s_first", "m", "abscissa of the strand at lower `s`"),
-    Column("s_second", "m", "abscissa of the other strand"),
-)
-TIE: tuple[Column[TieRecord], ...] = (TIE_STATE, *TIE_NUMBERS, TIE_PLACE)
-TIE_ARRAYS: tuple[Column[TieRecord], ...] = (
-    count("state", ", ".join(f"{code} {word}" for word, code in TIE_CODES.items()), lambda tie: TIE_CODES[tie.state]),
-    *TIE_NUMBERS,
-)
-
-ORGAN_ARRAYS: tuple[Column[OrganRecord], ...] = (
-    vector("displacement", "m", "displacement from the reference shape"),
-    Column(
-        "stress",
-        "Pa",
-        "stress at the nodes: xx, yy, zz, xy, yz, xz",
-        parts=tuple(f"stress_{pair}" for pair in ("xx", "yy", "zz", "xy", "yz", "xz")),
-    ),
-    Column("von_mises", "Pa", "von Mises stress"),
-    Column(
-        "principal_stress",
-        "Pa",
-        "principal stresses in falling order; compression is negative",
-        parts=("stress_first", "stress_second", "stress_third"),
-    ),
-    vector("first_direction", "-", "direction of the first principal stress, of either sign"),
-    vector("third_direction", "-", "direction of the third principal stress, of either sign"),
-    Column("nodal_volume_ratio", "-", "J averaged at the vertices"),
-    Column("contact_pressure", "Pa", "pressure on contact surfaces, else zero"),
-    Column("lip_gap", "m", "gap of contact surfaces, else not a number"),
-)
-ORGAN_CELLS: tuple[Column[OrganRecord], ...] = (
-    Column("strain", "-", "largest principal strain of the cell, in magnitude"),
-    Column("rotation", "rad", "largest rotation: half the length of curl U; at finite strain the angle of R"),
-    Column("energy_density", "Pa", "mean strain energy per volume"),
-    Column("volume_ratio", "-", "J: volume over that in the reference shape"),
-    Column(
-        "principal_stretch",
-        "-",
-        "mean principal stretches in falling order; at finite strain",
-        parts=("stretch_first", "stretch_second", "stretch_third"),
-    ),
-    vector("first_stretch", "-", "direction of the first stretch in the deformed shape"),
-    vector("third_stretch", "-", "direction of the third stretch in the deformed shape"),
-)
-THREAD_ARRAYS: tuple[Column[ThreadRecord], ...] = (
-    Column("s", "m", "abscissa: rest arc length from the start of the path"),
-    Column("tension", "N", "axial force; compression is negative"),
-    Column("curvature", "1/m", "curvature of the axis"),
-    Column(
-        "radius",
-        "m",
-        "radius of the thread, for the Tube filter",
-        lambda thread: np.full(len(thread.points), thread.radius),
-    ),
-    Column("torque", "N m", "torque about the tangent, right-handed"),
-    vector("bearing", "N/m", "force of tracts on the thread per length, else zero"),
-)
+LOAD = columns_of("load")
+TIE_NAME, *TIE = columns_of("tie", tie=lambda tie: tie.name)
+TIE_ARRAYS = (*columns_of("tie_arrays", state=lambda tie: TIE_CODES[tie.state]), *TIE[1:-1])  # but state and place
+ORGAN_ARRAYS, ORGAN_CELLS = columns_of("organ_arrays"), columns_of("organ_cells")
+THREAD_ARRAYS = columns_of("thread_arrays", radius=lambda thread: np.full(len(thread.points), thread.radius))
 ARRAYS: tuple[Column[Any], ...] = (*ORGAN_ARRAYS, *ORGAN_CELLS, *THREAD_ARRAYS, *PIERCING_ARRAYS, *TIE_ARRAYS)
 UNITS = {column.name: column.unit for column in ARRAYS}  # of the arrays of a frame
 
-RANGE: tuple[Column[Extremes], ...] = (
-    Column("largest_strain", "-", "largest `strain` of a cell of the organ, over all frames", lambda met: met.strain),
-    Column("largest_rotation", "rad", "largest `rotation` of a cell, over all frames", lambda met: met.rotation),
-    Column(
-        "strained_share",
-        "-",
-        f"largest share of strain energy in cells strained above {remarks.SMALL_STRAIN:g}",
-        lambda met: met.strained,
-    ),
-    Column(
-        "rotated_share",
-        "-",
-        f"the same for cells rotated above {remarks.SMALL_ROTATION:g} rad",
-        lambda met: met.rotated,
-    ),
-    Column("pressed_turn", "rad", "largest turn of a pressed surface"),
+RANGE = columns_of(
+    "range",
+    largest_strain=lambda met: met.strain,
+    largest_rotation=lambda met: met.rotation,
+    strained_share=lambda met: met.strained,
+    rotated_share=lambda met: met.rotated,
 )
-HOLE_RANGE: tuple[Column[Sequence[float]], ...] = (
-    Column("mean_strain", "-", "largest `mean_strain`, over all steps", lambda met: met[0]),
-    Column("turn", "rad", "largest `turn`, over all steps", lambda met: met[1]),
-    Column("bearing_pressure", "Pa", "largest `bearing_pressure`, over all steps", lambda met: met[2]),
-    Column(
-        "cell_strain",
-        "-",
-        "largest `strain` of the cells at the hole, over all frames",
-        lambda met: met[3],
-    ),
-    Column("cell_energy", "Pa", "largest `energy_density` of these cells, over all frames", lambda met: met[4]),
-)
-
-REDUCTION: Column[ReductionRecord] = count("vectors", "vectors of the basis")
-HOLE_REDUCTION: tuple[Column[tuple[float, float, float]], ...] = (
-    Column(
-        "difference",
-        "m",
-        "largest distance of the hole from its place with one block more",
-        lambda small: small[0],
-    ),
-    Column("bound", "m", "largest bound of the distance from its place in the whole organ", lambda small: small[1]),
-    Column(
-        "force_difference",
-        "N",
-        "`difference` times the hole's largest static stiffness",
-        lambda small: small[0] * small[2],
-    ),
-    Column("force_bound", "N", "`bound` times that stiffness", lambda small: small[1] * small[2]),
-)
-
-KRYLOV: tuple[Column[tuple[int, float]], ...] = (
-    count("vectors", "vectors of the Krylov space; 0 once all unknowns are solved", lambda known: known[0]),
-    Column(
-        "residual",
-        "-",
-        "largest residual over the largest tissue force",
-        lambda known: known[1],
-    ),
-)
-
-RUN: tuple[Column[RunRecord], ...] = (
-    text("status", "`completed`, `failed` or `interrupted`"),
-    text("error", "reason if not completed, else empty"),
-    Column("time", "s", "time reached", lambda run: run.last.time if run.last else 0.0),
-    count("steps", "steps taken", lambda run: run.last.step if run.last else 0),
-    count("newton_iterations", "Newton iterations of all steps"),
-    Column("constraint_max", "m", "largest distance between a hole and its thread, over all steps"),
-    Column(
-        "seconds_per_step",
-        "s",
-        "mean wall-clock time without compilation; null before the first step",
-        lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
-    ),
-    count("tissue_dofs", "free unknowns of the organ"),
+HOLE_RANGE = columns_of("hole_range")
+(REDUCTION,) = columns_of("reduction")
+HOLE_REDUCTION = columns_of("hole_reduction")
+KRYLOV = columns_of("krylov")
+RUN = columns_of(
+    "run",
+    time=lambda run: run.last.time if run.last else 0.0,
+    steps=lambda run: run.last.step if run.last else 0,
+    seconds_per_step=lambda run: run.seconds / run.last.step if run.last and run.last.step else None,
 )
 
 
@@ -473,40 +166,27 @@ class Layout(Generic[Row]):
     every_step: bool = True
 
 
-def step_columns(*columns: Column[StepRecord]) -> tuple[Column[StepItem[Any]], ...]:
-    """Make columns of a row from columns of its step."""
-    return tuple(_part_column(0, column) for column in columns)
-
-
-def item_columns(*columns: Column[Item]) -> tuple[Column[StepItem[Item]], ...]:
-    """Make columns of a row from columns of its item."""
-    return tuple(_part_column(1, column) for column in columns)
-
-
-def _part_column(place: int, column: Column[Any]) -> Column[Any]:
-    """Return the column of a pair whose value comes from one of the two."""
+def of_pair(place: int, column: Column[Any]) -> Column[Any]:
+    """Return the column of a pair, of a step and an item of it, that takes its value from one of the two."""
     return replace(column, source=lambda pair: column.of(pair[place]))
 
 
+AT_STEP = of_pair(0, TIME)
+
+
 def listed(
-    name: str, columns: Iterable[Column[Item]], items: Callable[[StepRecord], Iterable[Item]]
-) -> Layout[StepItem[Item]]:
+    name: str,
+    columns: Iterable[Column[Any]],
+    items: Callable[[StepRecord], Iterable[Any]],
+    time: Column[Any] = AT_STEP,
+) -> Layout[tuple[StepRecord, Any]]:
     """Return the layout of a table with a row for each item of a step."""
-    return Layout(
-        name,
-        (*step_columns(TIME, STEP), *item_columns(*columns)),
-        lambda step: [(step, item) for item in items(step)],
-        every_step=False,
-    )
+    whole = (time, of_pair(0, STEP), *(of_pair(1, column) for column in columns))
+    return Layout(name, whole, lambda step: [(step, item) for item in items(step)], every_step=False)
 
-
-EVENT_TIME: Column[Event] = Column("time", "s", "time of the event, or the end of its step")
 
 PIERCINGS = listed("piercings", (NAME, *HOLE), lambda step: step.piercings)
-EVENTS: Layout[StepItem[Event]] = replace(
-    listed("events", EVENT, lambda step: step.events),
-    columns=(*item_columns(EVENT_TIME), *step_columns(STEP), *item_columns(*EVENT)),
-)
+EVENTS = listed("events", EVENT, lambda step: step.events, of_pair(1, EVENT_TIME))
 ENERGIES = replace(listed("energy", ENERGY, lambda step: [step.energy]), every_step=True)
 STEPS: Layout[StepRecord] = Layout("steps", (TIME, STEP, *SOLVED), lambda step: [step])
 CONTACTS = listed("contact", (PAIR, *CONTACT), lambda step: step.contact)
@@ -530,68 +210,59 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thre
 
     The scenario's `holes` give the distances moved to the surface, and its `thread` the ramps.
     """
-    found = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
-    contact = {"contact": {pair.pair: _contact_summary(pair) for pair in step.contact}} if step.contact else {}
-    ties = {"ties": {tie.name: values(TIE, tie) for tie in step.ties}} if step.ties else {}
-    loads = {"loads": [values(LOAD, load) for load in step.loads]} if step.loads else {}
-    tracts = {"tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts}} if step.tracts else {}
+    moved = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     ends = {end: _end_summary(end, step) | _growth_summary(getattr(thread, end, None)) for end in ENDS}
-    return (
-        {
-            "energy": values(ENERGY, step.energy),
-            "thread": ends | values((MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN), step),
-            "piercings": {hole.name: values(HOLE_SUMMARY, hole) | found.get(hole.name, {}) for hole in step.piercings},
-        }
-        | contact
-        | ties
-        | loads
-        | tracts
-    )
-
-
-def _contact_summary(pair: ContactRecord) -> dict[str, Any]:
-    """Return the quantities of two surfaces from their record, and by name the shares of their stitches."""
-    return {**values(CONTACT, pair), "stitches": {one.stitch: values(STITCH, one) for one in pair.stitches}}
+    always = {
+        "energy": values(ENERGY, step.energy),
+        "thread": ends | values(THREAD, step),
+        "piercings": {hole.name: values(HOLE_SUMMARY, hole) | moved.get(hole.name, {}) for hole in step.piercings},
+    }
+    others: dict[str, Any] = {
+        "contact": {
+            pair.pair: {**values(CONTACT, pair), "stitches": {one.stitch: values(STITCH, one) for one in pair.stitches}}
+            for pair in step.contact
+        },
+        "ties": {tie.name: values(TIE, tie) for tie in step.ties},
+        "loads": [values(LOAD, load) for load in step.loads],
+        "tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts},
+    }
+    return always | {key: told for key, told in others.items() if told}
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     """Return the largest strains and rotations of the tissue for ``summary.json``."""
-    steps = extremes.mean_strain, extremes.turn, extremes.bearing_pressure
-    frames = extremes.cell_strain, extremes.cell_energy
-    each = zip(names, zip(*(of_holes.tolist() for of_holes in (*steps, *frames)), strict=True), strict=True)
-    holes = {name: values(HOLE_RANGE, largest) for name, largest in each}
+    holes = {
+        name: {column.name: float(getattr(extremes, column.name)[k]) for column in HOLE_RANGE}
+        for k, name in enumerate(names)
+    }
     return {**values(RANGE, extremes), "piercings": holes}
 
 
 def reduction_summary(names: Iterable[str], extremes: Extremes, small: ReductionRecord) -> dict[str, Any]:
     """Return the error estimates of a small basis for ``summary.json``."""
-    numbers = zip(*(each.tolist() for each in (extremes.difference, extremes.bound, small.stiffness)), strict=True)
-    holes = {name: values(HOLE_REDUCTION, three) for name, three in zip(names, numbers, strict=True)}
+    each = (of_holes.tolist() for of_holes in (extremes.difference, extremes.bound, small.stiffness))
+    holes = {
+        name: {"difference": off, "bound": most, "force_difference": off * k, "force_bound": most * k}
+        for name, off, most, k in zip(names, *each, strict=True)
+    }
     return {**values([REDUCTION], small), "piercings": holes}
 
 
-def krylov_summary(extremes: Extremes, now: KrylovRecord) -> dict[str, Value]:
-    """Return the size and residual of the organ's Krylov space for ``summary.json``."""
-    return values(KRYLOV, (now.vectors, extremes.residual))
+def of_end(end: str, column: Column[Any]) -> Column[Any]:
+    """Return a column of an end of the thread by the name that the summary gives it."""
+    name, *parts = (each.removeprefix(f"{end}_") for each in (column.name, *column.parts))
+    return replace(column, name=name, parts=tuple(parts), source=column.of)
 
 
-def end_columns(end: str) -> tuple[Column[Any], ...]:
-    """Return the columns of an end of the thread with the names of the summary."""
-    start = f"{end}_"
-    return *(
-        replace(
-            column, name=column.name.removeprefix(start), parts=tuple(part.removeprefix(start) for part in column.parts)
-        )
-        for column in ENDS[end]
-    ), GROWS
-
-
+ENDS = {
+    end: [of_end(end, column) for column in SOLVED if column.name.startswith(f"{end}_")] for end in ("start", "end")
+}
 ANY = "*"  # for the name of a piercing, a pair, a tie …
-SUMMARY: dict[tuple[str, ...], tuple[Column[Any], ...]] = {  # by the place in ``summary.json``
+SUMMARY: dict[tuple[str, ...], Sequence[Column[Any]]] = {  # by the place in ``summary.json``
     (): RUN,
     ("energy",): ENERGY,
-    **{("thread", end): end_columns(end) for end in ENDS},
-    ("thread",): (MAX_STRAIN, SPAN_RATIO, SPANS_BETWEEN),
+    **{("thread", end): (*columns, GROWS) for end, columns in ENDS.items()},
+    ("thread",): THREAD,
     ("piercings", ANY): (*HOLE_SUMMARY, MOVED, *ACCURACY),
     ("contact", ANY): CONTACT,
     ("contact", ANY, "stitches", ANY): STITCH,
@@ -607,8 +278,7 @@ SUMMARY: dict[tuple[str, ...], tuple[Column[Any], ...]] = {  # by the place in `
 
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Return the reaction at an end of the thread from a step, and the torque if there is one."""
-    found = values(ENDS[end], step)
-    return {name.removeprefix(f"{end}_"): value for name, value in found.items() if value is not None}
+    return {name: value for name, value in values(ENDS[end], step).items() if value is not None}
 
 
 def _growth_summary(end: object) -> dict[str, Value]:

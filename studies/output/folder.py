@@ -14,8 +14,6 @@ Files are written under a temporary name and renamed, so a killed run leaves eve
 """
 
 import hashlib
-import json
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -24,8 +22,8 @@ from typing import Any, Self
 from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
 from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.fields import OrganTopology
-from studies.output.files import write_bytes, write_json, write_text
-from studies.output.lock import LOCK
+from studies.output.files import read_json, write_bytes, write_json, write_text
+from studies.output.lock import LOCK, refused
 from studies.output.manifest import (
     MARK,
     PROFILE,
@@ -88,8 +86,7 @@ class Recorder:
         self._series = Series(self.folder, topology, before=max(self._recorded, 0))
         if self._series.missing:
             gone = ", ".join(self._series.missing[:SHOWN]) + ", …" * (len(self._series.missing) > SHOWN)
-            text = f"{len(self._series.missing)} files of earlier frames are missing ({gone}) and left out"
-            self.remark(remark("frames-missing", "results.pvd", text))
+            self.remark(remark("frames-missing", "results.pvd", count=len(self._series.missing), gone=gone))
         self._tables = [
             (layout, CsvFile(self.folder / f"{layout.name}.csv", layout.columns, self._recorded))
             for layout in tables_of(scenario)
@@ -111,24 +108,16 @@ class Recorder:
     def record(self, step: StepRecord, frame: Callable[[], Snapshot]) -> None:
         """Write the rows of an accepted step, and its frame and a checkpoint if they are due."""
         if step.step > self._recorded:
-            self._write_rows(step)
+            for layout, table in self._tables:
+                table.append(layout.rows(step))
+            self._tally.count(step)
+            self._recorded = step.step
         self._tally.last_step = step
         self._pending = frame
         if step.step % self._every == 0:
             self._write_frame()
-            self._write_checkpoint(step)
-
-    def _write_rows(self, step: StepRecord) -> None:
-        for layout, table in self._tables:
-            table.append(layout.rows(step))
-        self._tally.count(step)
-        self._recorded = step.step
-
-    def _write_checkpoint(self, step: StepRecord) -> None:
-        memory = step.memory
-        if memory is None:
-            return
-        write_checkpoint(self.folder, {**memory, **self._tally.memory()})
+            if (memory := step.memory) is not None:
+                write_checkpoint(self.folder, {**memory, **self._tally.memory()})
 
     def finish(self, status: Status, error: str = "") -> None:
         """Write the last frame and the summary."""
@@ -140,12 +129,8 @@ class Recorder:
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
             write_json(self.folder / MARK, self._origin())
-            self._write_profile()
-
-    def _write_profile(self) -> None:
-        """Write the gaps of wounds along their rims at the last recorded step."""
-        if self._wounds and self.last_step is not None:
-            write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
+            if self._wounds and self.last_step is not None:
+                write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
 
     @property
     def last_step(self) -> StepRecord | None:
@@ -245,11 +230,8 @@ def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tupl
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
     """Read the summary of a completed run; None if the run is not completed or the scenario is longer now."""
-    try:
-        summary = json.loads((Path(folder) / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):  # missing or damaged: the run that continues writes it at its end
-        return None
-    ended = isinstance(summary, dict) and summary.get("status") == "completed"
+    summary = read_json(Path(folder) / "summary.json")  # one that is torn is written anew at the end of the run
+    ended = summary.get("status") == "completed"
     return summary if ended and not _changes(Path(folder), scenario) else None
 
 
@@ -277,17 +259,14 @@ def check_folder(
     resume: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Refuse a folder that a run must not use.
+    """Refuse a folder that holds anything but earlier results, or those and no leave to replace or continue them. One
+    that cannot be written is refused by `studies.output.lock.locked`.
 
-    Refused are a folder that cannot be written, a folder with other files than earlier results, and a folder
-    with results without permission to replace or continue them. Earlier results are replaced after the new run
-    has been prepared. The `file` of the scenario must lie in another folder, because it would be replaced;
-    `scenario` is its content. For a resumed run, a key with another value is refused before the preparation.
+    Earlier results are replaced, but not before the new run has been prepared. The `file` that is run must lie
+    elsewhere, since it would be replaced with them; `scenario` is what it says. A key that it gives another value than
+    the run that it is to go on with is refused before anything is prepared.
     """
     folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"--out {folder} is refused: it is a file; give a folder")
-    _check_writable(folder)
     if manifest(folder) is None:
         _refuse_others(folder)
     if holds_run(folder) and not resume:
@@ -301,38 +280,21 @@ def check_folder(
 
 def _refuse_others(folder: Path) -> None:
     """Refuse a folder that holds files but no manifest of this code."""
-    others = sorted(path.name for path in set(folder.iterdir()) - set(unfinished(folder)))
+    there = folder.iterdir() if folder.is_dir() else ()
+    others = sorted(path.name for path in set(there) - set(unfinished(folder)))
     if others:
         torn = f", and {MARK} is damaged or not from a run" if MARK in others else ""
-        raise ScenarioError(
-            f"--out {folder} is refused: it holds files that no run wrote ({others[0]}{torn}); give a new or empty "
-            "folder"
-        )
+        raise refused(folder, f"it holds files that no run wrote ({others[0]}{torn}); give a new or empty folder")
 
 
 def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite: bool) -> None:
     """Refuse to replace a run without permission, or to replace the scenario or mesh that the run reads."""
     if not overwrite:
-        raise ScenarioError(
-            f"--out {folder} is refused: it already holds a run; add --overwrite to replace it, --resume to continue "
-            "it, or give another folder"
-        )
+        remedy = "add --overwrite to replace it, --resume to continue it, or give another folder"
+        raise refused(folder, f"it already holds a run; {remedy}")
     inside = [path for path in read if path is not None and folder.resolve() in Path(path).resolve().parents]
     if inside:
-        raise ScenarioError(
-            f"--out {folder} is refused: it holds {inside[0]}, which this run reads and replaces; give another folder"
-        )
-
-
-def _check_writable(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise ScenarioError(
-            f"--out {folder} is refused: it cannot be written ({error.strerror}); give another folder"
-        ) from None
+        raise refused(folder, f"it holds {inside[0]}, which this run reads and replaces; give another folder")
 
 
 def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str | None]) -> dict[str, Any]:

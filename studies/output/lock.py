@@ -20,6 +20,11 @@ def folder_of(given: object) -> Path:
     return Path(given)
 
 
+def refused(folder: Path, reason: str) -> ScenarioError:
+    """Return the refusal of a folder that ``--out`` names."""
+    return ScenarioError(f"--out {folder} is refused: {reason}")
+
+
 @contextmanager
 def locked(folder: Path | str) -> Iterator[None]:
     """Lock a folder for a run; a missing folder is made.
@@ -30,15 +35,14 @@ def locked(folder: Path | str) -> Iterator[None]:
     lock = FileLock(folder / LOCK, timeout=AGAIN)
     try:
         if folder.exists() and not folder.is_dir():
-            raise ScenarioError(f"--out {folder} is refused: it is a file; give a folder")
+            raise refused(folder, "it is a file; give a folder")
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        reason = "another run uses it; wait until this run ends, or give another folder"
-        raise ScenarioError(f"--out {folder} is refused: {reason}") from None
+        raise refused(folder, "another run uses it; wait until this run ends, or give another folder") from None
     except (OSError, RuntimeError) as error:  # a RuntimeError if links form a circle
-        reason = f"it cannot be written ({getattr(error, 'strerror', None) or error}); give another folder"
-        raise ScenarioError(f"--out {folder} is refused: {reason}") from None
+        cause = getattr(error, "strerror", None) or error
+        raise refused(folder, f"it cannot be written ({cause}); give another folder") from None
     try:
         yield
     finally:

@@ -13,11 +13,11 @@ from typing import Any
 from studies.output import files
 from studies.output.columns import TABLES
 from studies.output.files import read_json
-from studies.output.lock import LOCK
+from studies.output.lock import LOCK, refused
 from studies.output.log import LOG
 from studies.output.series import frame_files
 from studies.output.tables import tables_of
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario
 from studies.scenario.toml import mesh_file
 
 MARK = "provenance.json"  # the first file written
@@ -77,20 +77,16 @@ def refuse_foreign(folder: Path, scenario: Scenario) -> None:
     own = set(own_files(folder))
     lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
     if lost:
-        raise ScenarioError(
-            f"--out {folder} is refused: a run would overwrite {', '.join(lost)}, which no run wrote; move your "
-            "files, or give a new or empty folder"
-        )
+        remedy = "move your files, or give a new or empty folder"
+        raise refused(folder, f"a run would overwrite {', '.join(lost)}, which no run wrote; {remedy}")
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
     """Raise `ScenarioError` if a folder inside is a link, because its target does not belong to the run."""
     for name in names:
         if (folder / name).is_symlink():
-            raise ScenarioError(
-                f"--out {folder} is refused: {name} in it is a link to another folder; replace the link by that "
-                "folder, or give a new or empty folder"
-            )
+            remedy = "replace the link by that folder, or give a new or empty folder"
+            raise refused(folder, f"{name} in it is a link to another folder; {remedy}")
 
 
 def clear(folder: Path) -> None:

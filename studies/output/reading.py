@@ -251,19 +251,15 @@ def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
     Raises `ResultsError` like `FrameFiles.read`.
     """
     with refused_if_torn(f"the frame at {frame.time:g} s"):
-        return _snapshot(frame, names)
-
-
-def _snapshot(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
-    thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
-    data = {name: np.asarray(values, dtype=np.float64) for name, values in thread.point_data.items()}
-    lengths = tuple(len(piece) for piece in pieces(thread))
-    record = ThreadRecord(
-        np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
-        float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
-    )  # fmt: skip
-    marks = () if holes is None else tuple(hole_of(holes, k, name) for k, name in enumerate(names))
-    return Snapshot(frame.time, record, marks, None if organ is None else organ_of(organ))
+        thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
+        data = {name: np.asarray(values, dtype=np.float64) for name, values in thread.point_data.items()}
+        lengths = tuple(len(piece) for piece in pieces(thread))
+        record = ThreadRecord(
+            np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
+            float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
+        )  # fmt: skip
+        marks = () if holes is None else tuple(hole_of(holes, k, name) for k, name in enumerate(names))
+        return Snapshot(frame.time, record, marks, None if organ is None else organ_of(organ))
 
 
 def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:

@@ -40,7 +40,7 @@ from studies.output.columns import (
 )
 from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import UNFINISHED, write_bytes, write_text
-from studies.output.records import PiercingRecord, Snapshot, TieRecord
+from studies.output.records import Snapshot
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -138,10 +138,10 @@ class Series:
         """Write the files of a frame, then the index that names them."""
         parts = {f"thread_{step:06d}.vtp": thread_file(frame.thread)}
         if frame.piercings:
-            parts[f"piercings_{step:06d}.vtp"] = piercings_file(frame.piercings)
+            parts[f"piercings_{step:06d}.vtp"] = _vertices(frame.piercings, PIERCING_ARRAYS, 'Vectors="force"')
         closed = [tie for tie in frame.ties if tie.state != "open"]
         if closed:
-            parts[f"ties_{step:06d}.vtp"] = ties_file(closed)
+            parts[f"ties_{step:06d}.vtp"] = _vertices(closed, TIE_ARRAYS, 'Scalars="force"')
         if frame.organ is not None and self._mesh is not None:
             parts = {f"organ_{step:06d}.vtu": organ_file(self._mesh, frame.organ)} | parts
         for name, data in parts.items():
@@ -214,18 +214,8 @@ def thread_file(thread: ThreadRecord) -> bytes:
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data, as_differences)
 
 
-def piercings_file(piercings: Sequence[PiercingRecord]) -> bytes:
-    """Return the piercings of one frame as vertices in a ``.vtp`` file."""
-    return _vertices(piercings, PIERCING_ARRAYS, 'Vectors="force"')
-
-
-def ties_file(ties: Sequence[TieRecord]) -> bytes:
-    """Return the ties of one frame as vertices in a ``.vtp`` file."""
-    return _vertices(ties, TIE_ARRAYS, 'Scalars="force"')
-
-
 def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str) -> bytes:
-    """Return items with a place as vertices."""
+    """Write piercings or ties of one frame, which have a place each, as vertices in ``.vtp``."""
     arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
     points = np.array([item.x for item in items])
     return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active, by_zlib), by_zlib)

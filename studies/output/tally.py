@@ -6,21 +6,14 @@ from typing import Any, Literal
 import numpy as np
 
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
-from studies.output.columns import (
-    ACCURACY,
-    RUN,
-    krylov_summary,
-    range_summary,
-    reduction_summary,
-    state_summary,
-    values,
-)
+from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
 from studies.output.fields import OrganRecord
 from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario, ScenarioError
 
 NEVER = -1  # step
+NOTHING = {"newton_iterations": 0, "constraint_max": 0.0, "seconds": 0.0, "whole_from": NEVER}  # before the start
 Status = Literal["completed", "failed", "interrupted"]
 Judge = Callable[[Ending | None], Sequence[Remark]]  # returns remarks at the end of a run; None: before its start
 
@@ -45,19 +38,14 @@ class Tally:
         refinement: Mapping[str, Any] | None = None,
     ) -> None:
         self._judge = judge
-        self._holes = scenario.piercing
-        self._thread = scenario.thread
+        self._scenario = scenario
         self._names = [hole.name for hole in scenario.piercing]
-        self._has_organ = scenario.tissue is not None
         self._tissue_dofs = tissue_dofs
         self.own: list[Remark] = []
         self.last_step: StepRecord | None = None
         self.refinement = refinement or {}
-        counters = memory or {}
-        self._newton_iterations = int(counters.get("newton_iterations", 0))
-        self._constraint_max = float(counters.get("constraint_max", 0.0))
-        self._seconds = float(counters.get("seconds", 0.0))
-        self._whole_from = int(counters.get("whole_from", NEVER))
+        known: Arrays = memory or {}
+        self._totals: dict[str, Any] = {key: type(none)(known.get(key, none)) for key, none in NOTHING.items()}
         self._extremes = nothing_met(len(self._names), len(scenario.tie))
         if memory is not None:
             try:
@@ -67,17 +55,19 @@ class Tally:
 
     def count(self, step: StepRecord) -> None:
         """Add an accepted step."""
-        self._newton_iterations += step.newton_iterations
-        self._constraint_max = max(self._constraint_max, step.constraint_max)
-        self._seconds += step.seconds if step.step else 0.0
-        if self._whole_from == NEVER and step.krylov is not None and not step.krylov.vectors:
-            self._whole_from = step.step
+        now = self._totals
+        now["newton_iterations"] += step.newton_iterations
+        now["constraint_max"] = max(now["constraint_max"], step.constraint_max)
+        now["seconds"] += step.seconds if step.step else 0.0
+        if now["whole_from"] == NEVER and step.krylov is not None and not step.krylov.vectors:
+            now["whole_from"] = step.step
         self._extremes = self._extremes.after_step(step)
 
     @property
     def whole_from(self) -> int | None:
         """The first step with all unknowns of an organ instead of its Krylov space, None if there was none."""
-        return None if self._whole_from == NEVER else self._whole_from
+        number: int = self._totals["whole_from"]
+        return None if number == NEVER else number
 
     def see(self, organ: OrganRecord | None) -> None:
         """Add the organ of a frame, None without an organ."""
@@ -85,13 +75,7 @@ class Tally:
 
     def memory(self) -> dict[str, Any]:
         """Return the content for a checkpoint, as arrays."""
-        counters = {
-            "newton_iterations": np.array(self._newton_iterations),
-            "constraint_max": np.array(self._constraint_max),
-            "seconds": np.array(self._seconds),
-            "whole_from": np.array(self._whole_from),
-        }
-        return {**counters, **pack(self._extremes, "extremes")}
+        return {key: np.array(value) for key, value in self._totals.items()} | pack(self._extremes, "extremes")
 
     @property
     def remarks(self) -> list[Remark]:
@@ -102,19 +86,20 @@ class Tally:
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Return the contents of ``summary.json`` after the last step, without the provenance."""
         step = self.last_step
-        totals = self._newton_iterations, self._constraint_max, self._seconds
-        head = values(RUN, RunRecord(status, error, step, *totals, self._tissue_dofs))
+        totals = {key: self._totals[key] for key in ("newton_iterations", "constraint_max", "seconds")}
+        head = values(RUN, RunRecord(status, error, step, tissue_dofs=self._tissue_dofs, **totals))
         said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
-        if self._has_organ:
+        if self._scenario.tissue is not None:
             said["range"] = range_summary(self._names, self._extremes)
         if step is not None and step.reduction is not None:
             said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
-            said["krylov"] = krylov_summary(self._extremes, step.krylov)
+            said["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
         if "rounds" in self.refinement:
             said["mesh"] = {"rounds": self.refinement["rounds"]}
-        state = state_summary(step, self._holes, self._thread) if step else {}
+        state = state_summary(step, self._scenario.piercing, self._scenario.thread) if step else {}
+        told = {"compliance_error": "errors", "bounds": "bounds"}
         for name, hole in state.get("piercings", {}).items():
-            known = {key: self.refinement[key].get(name) for key in ("errors", "bounds") if key in self.refinement}
-            hole.update({key: value for key, value in values(ACCURACY, known).items() if value is not None})
+            known = {key: self.refinement.get(of, {}).get(name) for key, of in told.items()}
+            hole.update({key: value for key, value in known.items() if value is not None})
         return head | said | state

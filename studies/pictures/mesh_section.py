@@ -27,9 +27,7 @@ def draw_section(scene: MeshScene, path: Path) -> None:
     axes.triplot(x, z, triangles, color="#55453c", linewidth=0.4)
     axes.plot(*(scene.sites[:, [0, 2]] / MILLI).T, "o", color=MARKER, markersize=8)
     figure.colorbar(filled, ax=axes, label="edge length [mm]", shrink=0.8)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("z [mm]")
+    axes.set(aspect="equal", xlabel="x [mm]", ylabel="z [mm]")
     axes.set_title(f"{literal(scene.title) or 'mesh'}, y = {y / MILLI:.3g} mm", fontsize=11)
     figure.savefig(path, dpi=DPI)
 

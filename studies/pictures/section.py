@@ -150,11 +150,9 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
     tips = scale.tips(frame)
     low, high = np.min([scale.low, *tips], axis=0), np.max([scale.high, *tips], axis=0)
     margin = 0.08 * scale.width
-    axes.set_xlim((low[0] - margin) / MILLI, (high[0] + margin) / MILLI)
-    axes.set_ylim((low[2] - margin) / MILLI, (high[2] + margin) / MILLI)
+    ends = np.array([low - margin, high + margin]) / MILLI
+    axes.set(xlim=ends[:, 0], ylim=ends[:, 2], xlabel="x [mm]", ylabel="z [mm]")
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("z [mm]")
     axes.set_title(f"{literal(caption(frame, title))}\n{legend(scale, frame)}".strip(), fontsize=10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

@@ -4,7 +4,7 @@ VTK's modules are loaded one by one. pyvista is not used, because its loading ta
 """
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,12 +102,8 @@ def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: 
 
 def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
     """Draw a frame on a stage into a PNG file. Raises `RuntimeError` if the renderer draws nothing."""
-    window, renderer = vtkRenderWindow(), vtkRenderer()
-    window.SetOffScreenRendering(True)
-    window.SetSize(*SIZE)
-    window.SetMultiSamples(SAMPLES)
-    window.SetNumberOfLayers(2)
-    renderer.SetBackground(1.0, 1.0, 1.0)
+    window = made(vtkRenderWindow, OffScreenRendering=True, Size=SIZE, MultiSamples=SAMPLES, NumberOfLayers=2)
+    renderer = made(vtkRenderer, Background=(1.0, 1.0, 1.0))
     vtkLightKit().AddLightsToRenderer(renderer)
     for prop in props_of(frame, stage):
         renderer.AddViewProp(prop)
@@ -130,35 +126,37 @@ def _pixels(window: Any) -> NDArray[np.uint8]:
     return np.asarray(vtk_to_numpy(values).reshape(height, width, 3)[::-1])
 
 
+def put(thing: Any, **settings: Any) -> Any:
+    """Set properties of an object of VTK, each by its name there, and return it."""
+    for name, value in settings.items():
+        getattr(thing, f"Set{name}")(value)
+    return thing
+
+
+def made(kind: Callable[[], Any], **settings: Any) -> Any:
+    """Make an object of VTK with some properties."""
+    return put(kind(), **settings)
+
+
 def place_camera(renderer: Any, camera: Camera) -> None:
     """Place the camera of a renderer, without perspective."""
     eye, view = camera.focus + 2.0 * camera.half_height * camera.towards, renderer.GetActiveCamera()
-    view.SetParallelProjection(True)
-    view.SetPosition(*eye)
-    view.SetFocalPoint(*camera.focus)
-    view.SetViewUp(*camera.up)
+    put(view, ParallelProjection=True, Position=eye, FocalPoint=camera.focus, ViewUp=camera.up)
     view.SetParallelScale(camera.half_height)
     renderer.ResetCameraClippingRange()
 
 
 def _axes(camera: Camera) -> Any:
     """Return the renderer of the directions of x, y and z in a corner, as the camera sees them."""
-    axes, renderer = vtkAxesActor(), vtkRenderer()
+    axes, renderer = vtkAxesActor(), made(vtkRenderer, Viewport=CORNER, Layer=1)
     for axis, colour in zip("XYZ", AXES, strict=True):
         for part in ("Shaft", "Tip"):
-            getattr(axes, f"Get{axis}Axis{part}Property")().SetColor(*rgb(colour))
-            getattr(axes, f"Get{axis}Axis{part}Property")().SetLineWidth(3.0)
+            put(getattr(axes, f"Get{axis}Axis{part}Property")(), Color=rgb(colour), LineWidth=3.0)
         letter = getattr(axes, f"Get{axis}AxisCaptionActor2D")().GetCaptionTextProperty()
-        letter.SetColor(*BLACK)
-        letter.SetShadow(False)
+        put(letter, Color=BLACK, Shadow=False)
     renderer.AddViewProp(axes)
-    renderer.SetViewport(*CORNER)
-    renderer.SetLayer(1)
-    view = renderer.GetActiveCamera()
-    view.SetParallelProjection(True)
-    view.SetPosition(*camera.towards)
-    view.SetFocalPoint(0.0, 0.0, 0.0)
-    view.SetViewUp(*camera.up)
+    view = put(renderer.GetActiveCamera(), ParallelProjection=True, Position=camera.towards)
+    put(view, FocalPoint=(0.0, 0.0, 0.0), ViewUp=camera.up)
     renderer.ResetCamera()
     return renderer
 
@@ -174,24 +172,16 @@ def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
     """Return the organ's surface coloured by its stress, its edges, and the colour bar."""
     if frame.organ is None:
         return []
-    skin, clean, smooth = vtkPolyData(), vtkCleanPolyData(), vtkPolyDataNormals()
-    skin.SetPoints(_points(topology.points + frame.organ.displacement))
-    skin.SetPolys(_cells(surface(topology)))
+    points = _points(topology.points + frame.organ.displacement)
+    skin = made(vtkPolyData, Points=points, Polys=_cells(surface(topology)))
     skin.GetPointData().SetScalars(_array(frame.organ.von_mises / KILO))
-    clean.SetInputData(skin)
-    smooth.SetInputConnection(clean.GetOutputPort())
-    smooth.SetFeatureAngle(SHARP)
-    smooth.SplittingOn()
+    clean = made(vtkCleanPolyData, InputData=skin)
+    smooth = made(vtkPolyDataNormals, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP, Splitting=True)
     table = _table(colours(), [value / KILO for value in scale.stress])
     actor = _coloured(smooth, table, ambient=0.45)
-    actor.GetProperty().SetOpacity(0.6)
-    actor.GetProperty().BackfaceCullingOn()
-    actor.GetProperty().SetSpecular(0.1)
-    edges = vtkFeatureEdges()
-    edges.SetInputConnection(clean.GetOutputPort())
-    edges.SetFeatureAngle(SHARP)
-    edges.BoundaryEdgesOff()
-    edges.ColoringOff()
+    put(actor.GetProperty(), Opacity=0.6, BackfaceCulling=True, Specular=0.1)
+    edges = made(vtkFeatureEdges, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP)
+    put(edges, BoundaryEdges=False, Coloring=False)
     return [actor, _plain(edges, "#8a6d5c", line_width=1.5), _bar(table, stress_words(frame), 0.34)]
 
 
@@ -209,13 +199,9 @@ def _thread(frame: Frame, scale: Scale) -> list[Any]:
 
 def _tube(points: Array, values: Array, radius: float) -> Any:
     """Return the source of a tube along points `(k, 3)` [m] with their values `(k,)`."""
-    line, tube = _line(points), vtkTubeFilter()
+    line = _line(points)
     line.GetPointData().SetScalars(_array(values))
-    tube.SetInputData(line)
-    tube.SetRadius(radius)
-    tube.SetNumberOfSides(24)
-    tube.CappingOn()
-    return tube
+    return made(vtkTubeFilter, InputData=line, Radius=radius, NumberOfSides=24, Capping=True)
 
 
 def _piercings(frame: Frame, scale: Scale) -> list[Any]:
@@ -237,35 +223,24 @@ def _piercings(frame: Frame, scale: Scale) -> list[Any]:
 
 def _ball(place: Array, radius: float) -> Any:
     """Return the source of a ball around a place (3,) [m]."""
-    ball = vtkSphereSource()
-    ball.SetRadius(radius)
-    ball.SetCenter(*place)
-    ball.SetThetaResolution(30)
-    ball.SetPhiResolution(30)
-    return ball
+    return made(vtkSphereSource, Radius=radius, Center=place, ThetaResolution=30, PhiResolution=30)
 
 
 def _held(frame: Frame) -> list[Any]:
     """Return the held nodes as dots."""
     if frame.held is None:
         return []
-    places, dots = vtkPolyData(), vtkVertexGlyphFilter()
-    places.SetPoints(_points(frame.held))
-    dots.SetInputData(places)
-    actor = _plain(dots, THREAD)
-    actor.GetProperty().SetPointSize(7.0)
-    actor.GetProperty().RenderPointsAsSpheresOn()
+    places = made(vtkPolyData, Points=_points(frame.held))
+    actor = _plain(made(vtkVertexGlyphFilter, InputData=places), THREAD)
+    put(actor.GetProperty(), PointSize=7.0, RenderPointsAsSpheres=True)
     return [actor]
 
 
 def _arrow(start: Array, way: Array) -> Any:
     """Return an arrow from the place `start` along `way`, `(3,)` each [m]."""
-    source, placed = vtkArrowSource(), np.eye(4)
-    source.SetShaftRadius(0.018)
-    source.SetTipRadius(0.05)
-    source.SetTipLength(0.2)
-    source.SetShaftResolution(20)
-    source.SetTipResolution(20)
+    source = made(vtkArrowSource, ShaftRadius=0.018, TipRadius=0.05, TipLength=0.2)
+    put(source, ShaftResolution=20, TipResolution=20)
+    placed = np.eye(4)
     length = float(np.linalg.norm(way))
     across = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
     across *= length / np.linalg.norm(across)
@@ -315,12 +290,9 @@ def _words(frame: Frame, stage: Stage) -> list[Any]:
 def _coloured(source: Any, table: Any, ambient: float) -> Any:
     """Return the actor of a source, coloured by its values."""
     actor, mapper = _actor(source)
-    mapper.SetLookupTable(table)
-    mapper.UseLookupTableScalarRangeOn()
-    mapper.InterpolateScalarsBeforeMappingOn()
+    put(mapper, LookupTable=table, UseLookupTableScalarRange=True, InterpolateScalarsBeforeMapping=True)
     actor.GetProperty().SetInterpolationToPhong()
-    actor.GetProperty().SetAmbient(ambient)
-    actor.GetProperty().SetDiffuse(0.65)
+    put(actor.GetProperty(), Ambient=ambient, Diffuse=0.65)
     return actor
 
 
@@ -328,31 +300,21 @@ def _plain(source: Any, colour: str, line_width: float = 1.0) -> Any:
     """Return the actor of a source in one colour."""
     actor, mapper = _actor(source)
     mapper.ScalarVisibilityOff()
-    actor.GetProperty().SetColor(*rgb(colour))
-    actor.GetProperty().SetLineWidth(line_width)
+    put(actor.GetProperty(), Color=rgb(colour), LineWidth=line_width)
     return actor
 
 
 def _actor(source: Any) -> tuple[Any, Any]:
-    actor, mapper = vtkActor(), vtkPolyDataMapper()
-    mapper.SetInputConnection(source.GetOutputPort())
-    actor.SetMapper(mapper)
-    return actor, mapper
+    mapper = made(vtkPolyDataMapper, InputConnection=source.GetOutputPort())
+    return made(vtkActor, Mapper=mapper), mapper
 
 
 def _bar(table: Any, title: str, left: float) -> Any:
     """Return a colour bar under its title; `left` is its left end as a share of the picture's width."""
-    bar = vtkScalarBarActor()
-    bar.SetLookupTable(table)
-    bar.SetMaximumNumberOfColors(table.GetNumberOfTableValues())
+    bar = made(vtkScalarBarActor, LookupTable=table, MaximumNumberOfColors=table.GetNumberOfTableValues())
     bar.SetOrientationToHorizontal()
-    bar.SetPosition(left, BARS[1])
-    bar.SetWidth(0.29)
-    bar.SetHeight(BARS[3] - BARS[1])
-    bar.SetCustomLabels(_array(ticks(*table.GetRange())))
-    bar.UseCustomLabelsOn()
-    bar.SetLabelFormat("%.3g")
-    bar.SetTitle(f"{title}\n")
+    put(bar, Position=(left, BARS[1]), Width=0.29, Height=BARS[3] - BARS[1], Title=f"{title}\n")
+    put(bar, CustomLabels=_array(ticks(*table.GetRange())), UseCustomLabels=True, LabelFormat="%.3g")
     bar.UnconstrainedFontSizeOn()
     _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
     _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
@@ -362,44 +324,31 @@ def _bar(table: Any, title: str, left: float) -> Any:
 
 def _text(words: str, corner: Iterable[float], size: int) -> Any:
     """Return a text with its lower left corner at a pixel."""
-    text = vtkTextActor()
-    text.SetInput(words)
-    text.SetPosition(*corner)
+    text = made(vtkTextActor, Input=words, Position=tuple(corner))
     _write_in_black(text.GetTextProperty(), size)
     return text
 
 
 def _write_in_black(letters: Any, size: int) -> None:
     letters.SetFontFamilyToArial()
-    letters.SetFontSize(size)
-    letters.SetColor(*BLACK)
-    letters.SetBold(False)
-    letters.SetItalic(False)
-    letters.SetShadow(False)
+    put(letters, FontSize=size, Color=BLACK, Bold=False, Italic=False, Shadow=False)
 
 
 def _pixel_line(places: Array, width: float) -> Any:
     """Return a line through pixels `(n, 2)`."""
-    mapper, actor = vtkPolyDataMapper2D(), vtkActor2D()
-    mapper.SetInputData(_line(np.column_stack([places, np.zeros(len(places))])))
-    actor.SetMapper(mapper)
-    actor.GetProperty().SetColor(*BLACK)
-    actor.GetProperty().SetLineWidth(width)
+    line = _line(np.column_stack([places, np.zeros(len(places))]))
+    actor = made(vtkActor2D, Mapper=made(vtkPolyDataMapper2D, InputData=line))
+    put(actor.GetProperty(), Color=BLACK, LineWidth=width)
     return actor
 
 
 def _line(points: Array) -> Any:
     """Return a line through points `(n, 3)`."""
-    line = vtkPolyData()
-    line.SetPoints(_points(points))
-    line.SetLines(_cells(np.arange(len(points))[None]))
-    return line
+    return made(vtkPolyData, Points=_points(points), Lines=_cells(np.arange(len(points))[None]))
 
 
 def _points(places: Array) -> Any:
-    points = vtkPoints()
-    points.SetData(_array(places))
-    return points
+    return made(vtkPoints, Data=_array(places))
 
 
 def _cells(corners: Indices) -> Any:
@@ -414,11 +363,8 @@ def _array(values: Array) -> Any:
 
 def _table(shades: Array, ends: Sequence[float]) -> Any:
     """Return the colour table `(n, 3)` between two values."""
-    table, opaque = vtkLookupTable(), np.ones(len(shades))
-    whole = np.rint(255.0 * np.column_stack([shades, opaque])).astype(np.uint8)
-    table.SetTable(numpy_to_vtk(whole, deep=True))
-    table.SetRange(*ends)
-    return table
+    whole = np.rint(255.0 * np.column_stack([shades, np.ones(len(shades))])).astype(np.uint8)
+    return made(vtkLookupTable, Table=numpy_to_vtk(whole, deep=True), Range=tuple(ends))
 
 
 if __name__ == "__main__":

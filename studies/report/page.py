@@ -121,15 +121,4 @@ def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = 
 
 def view_controls() -> str:
     """Return the place of the view in space with its controls."""
-    return "\n".join(
-        [
-            '<div class="controls">',
-            selection("which", "run"),
-            '<label>time <input type="range" id="time" min="0" value="0" step="1"></label>',
-            '<span id="moment"></span><button id="play" type="button">play</button>',
-            selection("field", "organ coloured by"),
-            '<label>cut open up to y <input type="range" id="front" step="any"></label>',
-            "</div>",
-            '<div class="view" id="view"></div>',
-        ]
-    )
+    return (HERE / "view.html").read_text(encoding="utf-8")

@@ -44,23 +44,17 @@ class Skin:
 def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
     """Return a run's view for the page; without an organ only the thread. Raises `ResultsError`."""
     with refused_if_torn(run.folder / "frames"):
-        return _view_record(run, name, budget)
-
-
-def _view_record(run: RunResults, name: str, budget: float) -> dict[str, Any]:
-    frames = [run.frames[int(k)] for k in chosen_frames(len(run.frames))]
-    threads = [thread_record(frame.read("thread")) for frame in frames]
-    holes = [holes_record(frame, run.piercings) for frame in frames]
-    record: dict[str, Any] = {
-        "name": name,
-        "times": plain(np.array([frame.time for frame in frames])),
-        "thread": threads,
-        "holes": holes,
-        "piercings": run.piercings,
-    }
-    if any("organ" in frame.parts for frame in frames):
-        record["organ"] = organ_record(frames, budget)
-    return record
+        frames = [run.frames[int(k)] for k in chosen_frames(len(run.frames))]
+        record: dict[str, Any] = {
+            "name": name,
+            "times": plain(np.array([frame.time for frame in frames])),
+            "thread": [thread_record(frame.read("thread")) for frame in frames],
+            "holes": [holes_record(frame, run.piercings) for frame in frames],
+            "piercings": run.piercings,
+        }
+        if any("organ" in frame.parts for frame in frames):
+            record["organ"] = organ_record(frames, budget)
+        return record
 
 
 def chosen_frames(count: int) -> NDArray[np.int64]:

@@ -16,6 +16,7 @@ from studies.scenario.table import (
     Positive,
     ScenarioTable,
     Turn,
+    beginning,
     by_default,
     check_ending,
     check_rising,
@@ -105,7 +106,7 @@ class Timed(ScenarioTable):
         [[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]],
         {"kind": "cough", "at": 0.3},
     )
-    from_: NotNegative = Field(default=0.0, alias="from", description="time before which the load is zero [s]")
+    from_: NotNegative = beginning("time before which the load is zero [s]")
     until: Positive | None = optional("time after which the load is zero [s]; default: never", 0.5)
 
     def _check_course(self) -> None:

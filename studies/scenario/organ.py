@@ -5,15 +5,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from studies.scenario.loads import Load
 from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
     GROWTH,
+    Flag,
     Growth,
     NotNegative,
+    PoissonRatio,
     Positive,
     ScenarioError,
     ScenarioTable,
@@ -57,9 +59,7 @@ class _Mesh(ScenarioTable):
         'them; "given": no refinement',
         "given",
     )
-    bound: Annotated[bool, Field(strict=True)] = by_default(
-        False, "whether bounds of the holes' compliance are computed, for a linear organ", True
-    )
+    bound: Flag = by_default(False, "whether bounds of the holes' compliance are computed, for a linear organ", True)
 
 
 class _Sized(_Mesh):
@@ -98,12 +98,10 @@ class _Block(_Sized):
     def longest(self) -> float:
         return max(self.size)
 
-    @model_validator(mode="before")
     @classmethod
-    def _choose_generator(cls, data: Any) -> Any:
-        if isinstance(data, Mapping) and "generator" not in data and data.get("h_site") is not None:
-            return {**data, "generator": "gmsh"}
-        return data
+    def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        graded = data.get("h_site") is not None or data.get("shape") == "ellipse"
+        return {"generator": "gmsh"} if graded else {}
 
 
 class BlockMesh(_Block):
@@ -125,13 +123,6 @@ class WoundMesh(_Block):
     length: Positive = Field(description="length of the wound [m]", examples=[0.02])
     width: NotNegative = by_default(0.0, "widest opening of an ellipse [m]; 0 for a slit")
     depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
-
-    @model_validator(mode="before")
-    @classmethod
-    def _choose_gmsh(cls, data: Any) -> Any:
-        if isinstance(data, Mapping) and "generator" not in data and data.get("shape") == "ellipse":
-            return {**data, "generator": "gmsh"}
-        return data
 
     def _check_shape(self) -> None:
         if self.shape == "slit" and self.width:
@@ -237,6 +228,13 @@ class GivenMesh(_Mesh):
 Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
 
 
+def check_box(box: tuple[Vector, Vector]) -> None:
+    """Refuse a box without a volume."""
+    if any(low == high for low, high in zip(*box, strict=True)):
+        reason = "its corners must differ in x, y and z; give two opposite corners"
+        raise ValueError(f".box = {as_toml(box)} is refused: {reason}")
+
+
 class Boundary(ScenarioTable):
     """Named set of the surface facets whose centre lies in a box."""
 
@@ -247,11 +245,7 @@ class Boundary(ScenarioTable):
     )
 
     def _check_box(self) -> None:
-        if any(low == high for low, high in zip(*self.box, strict=True)):
-            raise ValueError(
-                f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
-                "give two opposite corners"
-            )
+        check_box(self.box)
 
 
 class Region(MaterialKeys):
@@ -266,9 +260,7 @@ class Region(MaterialKeys):
         "layer of a block or wound, from and to, below its top [m]", [0.0, 2.0e-3]
     )
     youngs_modulus: Positive | None = optional("Young's modulus [Pa]; default the organ's")
-    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] | None = optional(
-        "Poisson's ratio [-]; default the organ's"
-    )
+    poisson_ratio: PoissonRatio | None = optional("Poisson's ratio [-]; default the organ's")
     density: Positive | None = optional("density [kg/m³]; default the organ's")
     strength: Positive | None = optional(f"{STRENGTH}; default the organ's", 2.0e6)
     material: Law | None = optional("law of the region, as for the organ; default the organ's")
@@ -281,11 +273,8 @@ class Region(MaterialKeys):
             raise ValueError(".depth is refused: box also places the region; leave out one of them")
         if self.depth is not None and self.depth[0] >= self.depth[1]:
             raise ValueError(f".depth = {as_toml(self.depth)} is refused: write for example [0, 2e-3]")
-        if self.box is not None and any(low == high for low, high in zip(*self.box, strict=True)):
-            raise ValueError(
-                f".box = {as_toml(self.box)} is refused: its corners must differ in x, y and z; "
-                "give two opposite corners"
-            )
+        if self.box is not None:
+            check_box(self.box)
 
 
 class Reduction(ScenarioTable):
@@ -306,9 +295,7 @@ class Tissue(MaterialKeys):
     """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
 
     youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
-    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)] = Field(
-        description="Poisson's ratio of the tissue [-]", examples=[0.45]
-    )
+    poisson_ratio: PoissonRatio = Field(description="Poisson's ratio of the tissue [-]", examples=[0.45])
     density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
     strength: Positive | None = optional(f"{STRENGTH}; default: none", 2.0e6)
     material: Law = by_default(
@@ -329,9 +316,7 @@ class Tissue(MaterialKeys):
         "auto",
         'dilatation per "cell", which locks near ν = 0.5, or "nodal"; "auto": nodal above ν = 0.45',
     )
-    inertia: Annotated[bool, Field(strict=True)] = by_default(
-        True, "whether the organ has inertia; false: quasi-static"
-    )
+    inertia: Flag = by_default(True, "whether the organ has inertia; false: quasi-static")
     solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = by_default(
         "auto",
         'solver of the organ; "auto" chooses by size, memory and installed packages; "cholmod" '
@@ -350,9 +335,7 @@ class Tissue(MaterialKeys):
         "names of plane boundaries, normal to x, y or z, that are held in their normal direction",
         ["bottom"],
     )
-    contact: Annotated[bool, Field(strict=True)] = by_default(
-        False, "whether the lips of a wound press on each other; otherwise they overlap"
-    )
+    contact: Flag = by_default(False, "whether the lips of a wound press on each other; otherwise they overlap")
     mesh: Mesh = Field(
         description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
     )
@@ -360,12 +343,10 @@ class Tissue(MaterialKeys):
     region: tuple[Region, ...] = by_default((), "parts with another material", [])
     load: tuple[Load, ...] = by_default((), "loads on boundaries", [])
 
-    @model_validator(mode="before")
     @classmethod
-    def _choose_element(cls, data: Any) -> Any:
-        mesh = data.get("mesh") if isinstance(data, Mapping) else None
-        is_given = isinstance(mesh, Mapping) and mesh.get("accuracy") == "given"
-        return {**data, "element": "P1"} if is_given and "element" not in data else data
+    def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        mesh = data.get("mesh")
+        return {"element": "P1"} if isinstance(mesh, Mapping) and mesh.get("accuracy") == "given" else {}
 
     def _check_boundaries(self) -> None:
         own = [boundary.name for boundary in self.boundary]

@@ -1,6 +1,7 @@
 """The table of a piercing, `[[piercing]]`, and of its friction."""
 
 from collections.abc import Sequence
+from itertools import product
 from math import dist, hypot
 from typing import Annotated, Literal
 
@@ -16,6 +17,7 @@ from studies.scenario.table import (
     Text,
     Turn,
     Vector,
+    beginning,
     by_default,
     check_ending,
     check_rising,
@@ -121,11 +123,7 @@ class Piercing(ScenarioTable):
         "direction: see the guide",
         2.0e-3,
     )
-    from_: NotNegative = Field(
-        default=0.0,
-        alias="from",
-        description="time at which the piercing begins [s]",
-    )
+    from_: NotNegative = beginning("time at which the piercing begins [s]")
     until: Positive | None = optional("time at which the piercing ends [s]; default: never", 0.5)
 
     def _check_effect(self) -> None:
@@ -182,7 +180,8 @@ class Piercing(ScenarioTable):
     def _require_hand(self) -> None:
         """Refuse a hand that prescribes length and force at once, that draws for no time, or that lets go twice."""
         draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
-        for key, rows in (("draw", draw or ()), ("pull", pull or ())):
+        hands = {"draw": draw or (), "pull": pull or ()}
+        for key, rows in hands.items():
             self._require_letting_go(key, rows)
         if draw is not None and pull is not None:
             if not slides:
@@ -190,14 +189,13 @@ class Piercing(ScenarioTable):
                     ".pull is refused: a hand always holds an anchored thread, by length or by force; leave out "
                     'draw or pull, or set kind = "sliding" to use them in turn'
                 )
-            both = ((one, other) for one in grips(draw) for other in grips(pull))
-            for one, other in both:
+            for one, other in product(grips(draw), grips(pull)):
                 if max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0]):
                     raise ValueError(
                         f".pull = {as_toml(pull)} is refused: draw holds the thread from {one[0][0]} to {one[-1][0]} "
                         "s, and a hand prescribes length or force, not both; end one before the other begins"
                     )
-        for key, rows in (("draw", draw or ()), ("pull", pull or ())):
+        for key, rows in hands.items():
             single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
             if single is not None:
                 raise ValueError(

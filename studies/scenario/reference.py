@@ -63,14 +63,11 @@ def reference() -> dict[str, str]:
         keys = tuple(replace(key, name=key.name.removeprefix(prefix)) for key in table_keys(name, tables, whole))
         equal.setdefault(keys, []).append(prefix)
     return {
-        prefixes[0].removesuffix(".") or "scenario": markdown(with_prefixes(key, prefixes) for key in keys)
+        prefixes[0].removesuffix(".") or "scenario": markdown(
+            replace(key, name="`, `".join(prefix + key.name for prefix in prefixes)) for key in keys
+        )
         for keys, prefixes in equal.items()
     }
-
-
-def with_prefixes(key: Key, prefixes: Iterable[str]) -> Key:
-    """Return the key with its full names in several tables."""
-    return replace(key, name="`, `".join(prefix + key.name for prefix in prefixes))
 
 
 def unit_of(key: str) -> str:

@@ -56,24 +56,18 @@ class Scenario(ScenarioTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _choose_knots(cls, table: Any) -> Any:
-        if not isinstance(table, dict) or "thread" not in table:
-            return table
-        given = {key: table.get(key, {}) for key in ("thread", "solve")}
-        if not all(isinstance(value, dict) for value in given.values()):
-            return table
-        knots = "travelling" if travels_as_given(given) else "fixed"
-        return table | {"thread": {"knots": knots} | given["thread"]}
-
-    @model_validator(mode="before")
-    @classmethod
-    def _write_stitches(cls, table: Any) -> Any:
+    def _write_out(cls, table: Any) -> Any:
         if not isinstance(table, dict) or not isinstance(thread := table.get("thread", {}), dict):
             return table
         try:
-            return long_form(table)
+            table = long_form(table)
         except (ValidationError, TypeError):  # the fields report the fault, and a missing path is no fault
-            return table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
+            table = table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
+        given = {key: table.get(key, {}) for key in ("thread", "solve")}
+        if "thread" not in table or not isinstance(given["solve"], dict):
+            return table
+        knots = "travelling" if travels_as_given(given) else "fixed"
+        return table | {"thread": {"knots": knots} | given["thread"]}
 
     def _check_piercings(self) -> None:
         if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
@@ -83,15 +77,11 @@ class Scenario(ScenarioTable):
         )
         if self.thread.knots == "fixed":
             check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
-        loose = next((piercing.name for piercing in self.piercing if piercing.direction == "normal"), None)
-        sought = next((piercing.name for piercing in self.piercing if piercing.at == "surface"), None)
-        if self.tissue is None and sought is not None:
-            reason = "without [tissue] there is no surface; give [x, y, z], or add [tissue]"
-            raise ValueError(refusal(dotted_key(["piercing", sought, "at"]), "surface", reason))
-        if self.tissue is None and loose is not None:
-            key = dotted_key(["piercing", loose, "direction"])
-            reason = 'without [tissue] there is no surface; use "free" or [x, y, z], or add [tissue]'
-            raise ValueError(refusal(key, "normal", reason))
+        remedies = {"at": ("surface", "give [x, y, z]"), "direction": ("normal", 'use "free" or [x, y, z]')}
+        for key, (word, remedy) in remedies.items() if self.tissue is None else ():
+            if lost := next((hole.name for hole in self.piercing if getattr(hole, key) == word), None):
+                reason = f"without [tissue] there is no surface; {remedy}, or add [tissue]"
+                raise ValueError(refusal(dotted_key(["piercing", lost, key]), word, reason))
 
     def _check_frames(self) -> None:
         frames = self.solve.steps // self.output.every
@@ -203,22 +193,15 @@ class Scenario(ScenarioTable):
     def _check_material(self) -> None:
         if self.tissue is None or self.tissue.material == "linear":
             return
-        if other := self._other(ONE_SYSTEM):
-            key, value, needed = other
-            reason = (
-                f"tissue.material is {self.tissue.material}, and the paper's variants need a linear organ; use "
-                f'{as_toml(needed)}, or material = "linear"'
-            )
-            raise ValueError(refusal(key, value, reason))
+        why = f"tissue.material is {self.tissue.material}, and the paper's variants need a linear organ; use "
+        self._require(ONE_SYSTEM, why, ', or material = "linear"')
 
-    def _other(self, needed: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
-        """Return the first key with another value than the `needed` one, with both values, or None."""
-        given = {"solve": self.solve, "thread": self.thread}
+    def _require(self, needed: Mapping[str, Any], why: str, otherwise: str) -> None:
+        """Refuse the first key that has not the value that is `needed`, which the reason names in the middle."""
         for key, value in needed.items():
             table, name = key.split(".")
-            if (found := getattr(given[table], name)) != value:
-                return key, found, value
-        return None
+            if (found := getattr(getattr(self, table), name)) != value:
+                raise ValueError(refusal(key, found, f"{why}{as_toml(value)}{otherwise}"))
 
     def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
@@ -226,16 +209,12 @@ class Scenario(ScenarioTable):
                 reason = "thread.knots is fixed, and only travelling knots have a tolerance; leave it out"
                 raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
             return
-        if other := self._other(TRAVELLING):
-            key, value, needed = other
-            reason = "thread.knots is travelling, which needs another value; set it to "
-            raise ValueError(refusal(key, value, f'{reason}{as_toml(needed)}, or knots = "fixed"'))
+        why = "thread.knots is travelling, which needs another value; set it to "
+        self._require(TRAVELLING, why, ', or knots = "fixed"')
 
     def _check_relaxation(self) -> None:
-        if self.thread.relaxation and (other := self._other(RELAXING)):
-            key, value, needed = other
-            reason = f"a thread cannot relax with it; set it to {as_toml(needed)}, or leave out thread.relaxation"
-            raise ValueError(refusal(key, value, reason))
+        if self.thread.relaxation:
+            self._require(RELAXING, "a thread cannot relax with it; set it to ", ", or leave out thread.relaxation")
 
     def _check_linear(self) -> None:
         hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
@@ -257,10 +236,8 @@ class Scenario(ScenarioTable):
     def _check_ties(self) -> None:
         if problem := tie_fault(self.tie, self.piercing):
             raise ValueError(problem)
-        if self.tie and (other := self._other(TIED)):
-            key, value, needed = other
-            reason = f"a thread cannot be tied with it; set it to {as_toml(needed)}, or leave out [[tie]]"
-            raise ValueError(refusal(key, value, reason))
+        if self.tie:
+            self._require(TIED, "a thread cannot be tied with it; set it to ", ", or leave out [[tie]]")
         hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
         if hasty is not None:
             reason = "the loop is closed and locked in the same step, without drawing; take shorter steps, or "

@@ -1,9 +1,8 @@
 """The tables `[solve]` and `[output]`."""
 
+from collections.abc import Mapping
 from math import ceil
 from typing import Any, Literal
-
-from pydantic import model_validator
 
 from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, by_default, optional
 
@@ -52,12 +51,10 @@ class Solve(ScenarioTable):
     epsilon: NotNegative = by_default(0.0, "inertia of an abscissa ε (eq. 7) [kg]")
     gravity: Vector = by_default((0.0, 0.0, 0.0), "gravity on thread and organ [m/s²]")
 
-    @model_validator(mode="before")
     @classmethod
-    def _choose_integrator(cls, table: Any) -> Any:
-        if isinstance(table, dict) and (table.get("scheme") == "linear" or table.get("friction") == "two-pass"):
-            return {"integrator": "euler"} | table
-        return table
+    def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        first_order = data.get("scheme") == "linear" or data.get("friction") == "two-pass"
+        return {"integrator": "euler"} if first_order else {}
 
     def _check_step(self) -> None:
         if self.kind == "dynamic" and self.dt > self.duration:

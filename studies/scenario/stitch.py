@@ -25,6 +25,7 @@ from studies.scenario.table import (
     ScenarioTable,
     Text,
     Vector,
+    beginning,
     by_default,
     check_ending,
     one_sentence,
@@ -83,7 +84,7 @@ class Stitch(ScenarioTable):
         6, "bites [-] of a running stitch or a purse-string"
     )
     force: Positive = Field(description="force of the hands on the stitch [N]", examples=[1.0])
-    from_: NotNegative = Field(default=0.0, alias="from", description="time at which the hands begin to draw [s]")
+    from_: NotNegative = beginning("time at which the hands begin to draw [s]")
     until: Positive | None = optional("time at which the stitch is locked [s]; default: ¾ of the run", 0.25)
     hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
     footprint: Positive = by_default(1.0e-3, "radius of the averaging disc of its holes [m]")
@@ -241,8 +242,7 @@ class Laid:
         `at_surface`: their places are found on the surface. `direction`: normal to the surface, else along the
         thread.
         """
-        stitch, out = self.stitch, self.frame[2]
-        friction = {} if stitch.friction is None else {"friction": stitch.friction.model_dump(exclude_unset=True)}
+        stitch, out, friction = self.stitch, self.frame[2], self.friction()
         for bite in self.bites:
             for name, where, down in zip(bite.names, (bite.first, bite.last), (-1.0, 1.0), strict=True):
                 place = rounded(self.place(where))
@@ -251,6 +251,11 @@ class Laid:
                 table = {"name": f"{stitch.name}.{name}", **found, **way, "footprint": stitch.footprint}
                 held = self.hand(name, solve) if stitch.kind == "running" else {}
                 yield table | held | ({} if held.get("kind") == "anchored" else friction)
+
+    def friction(self, *without: str) -> dict[str, Any]:
+        """Return the key of its friction, none if it has none."""
+        given = self.stitch.friction
+        return {} if given is None else {"friction": given.model_dump(exclude_unset=True, exclude=set(without))}
 
     def hand(self, name: str, solve: Solve) -> dict[str, Any]:
         """Return the keys that hold a running stitch at a hole.
@@ -270,12 +275,7 @@ class Laid:
         stitch = self.stitch
         if stitch.tract is False:
             return []
-        friction = (
-            {}
-            if stitch.friction is None
-            else {"friction": stitch.friction.model_dump(exclude_unset=True, exclude={"grip"})}
-        )
-        own = {"radius": stitch.tract or stitch.footprint} | friction
+        own = {"radius": stitch.tract or stitch.footprint} | self.friction("grip")
         return [{"between": [f"{stitch.name}.{name}" for name in bite.names]} | own for bite in self.bites]
 
     def ties(self, solve: Solve) -> list[dict[str, Any]]:

@@ -18,6 +18,8 @@ Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Whole = Annotated[int, Field(strict=True, ge=1)]
+Flag = Annotated[bool, Field(strict=True)]
+PoissonRatio = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
 GROWTH = "ratio of the sizes of neighbouring elements [-]"
@@ -90,11 +92,18 @@ class ScenarioTable(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _refuse_former(cls, data: Any) -> Any:
+    def _prepare(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
         for key, reason in cls.FORMER.items():
-            if isinstance(data, Mapping) and key in data:
+            if key in data:
                 raise ValueError(f".{key} = {as_toml(data[key])} is refused: {reason}")
-        return data
+        return {**cls.chosen(data), **data}
+
+    @classmethod
+    def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the defaults that depend on other keys of the table, of which `data` are those given."""
+        return {}
 
     @model_validator(mode="after")
     def _refuse(self) -> Self:
@@ -116,6 +125,11 @@ def by_default(default: Any, description: str, *examples: Any) -> Any:
 
 
 optional = partial(by_default, None)  # a key that is None if left out
+
+
+def beginning(description: str) -> Any:
+    """Declare the key `from`, a time [s] that is zero by default."""
+    return Field(default=0.0, alias="from", description=description)
 
 
 def check_ending(begins: float, until: float | None) -> None:

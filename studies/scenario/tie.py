@@ -11,6 +11,7 @@ from studies.scenario.table import (
     Positive,
     ScenarioTable,
     Text,
+    beginning,
     by_default,
     check_ending,
     optional,
@@ -27,11 +28,7 @@ class Tie(ScenarioTable):
         examples=[["left1", "right1"]],
     )
     force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
-    from_: NotNegative = Field(
-        default=0.0,
-        alias="from",
-        description="time at which the loop is closed and drawn [s]",
-    )
+    from_: NotNegative = beginning("time at which the loop is closed and drawn [s]")
     until: Positive = Field(description="time at which the loop is locked [s]", examples=[0.25])
     ramp: NotNegative | None = optional(
         "time in which the force grows from zero [s]; default: half of the time from `from` to `until`",

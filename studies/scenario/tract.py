@@ -43,27 +43,31 @@ def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: b
     """
     names = [hole.name for hole in holes]
     for k, tract in enumerate(tracts):
-        key, between = f"tract.{k}.between", tract.between
+        reason = ""
         if not in_organ:
-            raise ScenarioError(refusal(key, between, "without [tissue] the thread bears on nothing; add [tissue]"))
-        if scheme == "linear":
+            reason = "without [tissue] the thread bears on nothing; add [tissue]"
+        elif scheme == "linear":
             reason = 'the paper\'s linear step has no tracts; use solve.scheme = "newton"'
-            raise ScenarioError(refusal(key, between, reason))
-        if lost := next((name for name in between if name not in names), None):
-            known = ", ".join(map(repr, names)) or "none"
-            raise ScenarioError(refusal(key, between, f"there is no piercing {lost!r}; the piercings are {known}"))
-        first, second = (names.index(name) for name in between)
-        if second != first + 1:
-            follows = f"; after {names[first]!r} it passes {names[first + 1]!r}" if first + 1 < len(names) else ""
-            reason = f"the thread does not pass {between[1]!r} right after {between[0]!r}{follows}; name neighbours"
-            raise ScenarioError(refusal(key, between, reason))
-        if any(tract.between == other.between for other in tracts[:k]):
-            raise ScenarioError(refusal(key, between, "there are two tracts between them; leave out one"))
-        ends = holes[first : second + 1]
-        passing = next((hole for hole in ends if hole.from_ > 0.0 or hole.until is not None), None)
-        if passing is not None:
-            reason = f"{dotted_key(['piercing', passing.name])} begins later or ends, but a tract stays; leave it out"
-            raise ScenarioError(refusal(key, between, reason))
-        if tract.radius is None and not min(hole.footprint for hole in ends):
-            reason = f"one of the footprints is 0, and a tract's balls need a radius; give tract.{k}.radius"
-            raise ScenarioError(refusal(key, between, reason))
+        elif lost := next((name for name in tract.between if name not in names), None):
+            reason = f"there is no piercing {lost!r}; the piercings are {', '.join(map(repr, names)) or 'none'}"
+        elif any(tract.between == other.between for other in tracts[:k]):
+            reason = "there are two tracts between them; leave out one"
+        else:
+            reason = misplaced(tract, k, holes, *(names.index(name) for name in tract.between))
+        if reason:
+            raise ScenarioError(refusal(f"tract.{k}.between", tract.between, reason))
+
+
+def misplaced(tract: Tract, number: int, holes: Sequence[Piercing], first: int, second: int) -> str:
+    """Return why a tract cannot lie between the `first` and the `second` hole, empty if it can."""
+    if second != first + 1:
+        one, other = tract.between
+        follows = f"; after {one!r} it passes {holes[first + 1].name!r}" if first + 1 < len(holes) else ""
+        return f"the thread does not pass {other!r} right after {one!r}{follows}; name neighbours"
+    ends = holes[first : second + 1]
+    passing = next((hole for hole in ends if hole.from_ > 0.0 or hole.until is not None), None)
+    if passing is not None:
+        return f"{dotted_key(['piercing', passing.name])} begins later or ends, but a tract stays; leave it out"
+    if tract.radius is None and not min(hole.footprint for hole in ends):
+        return f"one of the footprints is 0, and a tract's balls need a radius; give tract.{number}.radius"
+    return ""

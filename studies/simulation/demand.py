@@ -16,7 +16,7 @@ import numpy as np
 import tissue
 from studies import scenario as model
 from studies.arrays import Array
-from studies.output.remarks import EARLY, SMALL_ROTATION, SMALL_STRAIN, THREAD_STRAIN, Remark, remark
+from studies.output.remarks import EARLY_ROTATION, EARLY_STRAIN, THREAD_STRAIN, Remark, judged, remark
 from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
 from thread.path import RoundedPath
@@ -27,7 +27,6 @@ MOVES = (
 # and under a uniform weight by a fifth less
 TURNS = 0.75  # of (1 − ν²) M/(E a³): turn of a rigid disc on a half-space (Johnson, Contact Mechanics, 1985)
 HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: reach of one node's share of a force
-ESTIMATED = f"an estimate, reported from {EARLY:.0%} of this limit"
 BENT = 2.0  # times EI θ/ℓ: couple of a slack strand of length ℓ, an arc turned by θ at both ends
 STRAIGHT = 1e-9  # sine of an angle, above the round-off of directions, 1e-16
 MILLI = 1e-3
@@ -186,8 +185,7 @@ def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark
         what = f"its linear law is valid up to {THREAD_STRAIN * EA:.3g} N (strain {THREAD_STRAIN:.0%})"
     else:
         return []
-    text = f"the thread is loaded by {tension:.3g} N, but {what}; use a stronger suture, or a smaller load"
-    return [remark("pull-strength", "thread", text)]
+    return [remark("pull-strength", "thread", tension=tension, what=what)]
 
 
 def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Array) -> list[Remark]:
@@ -196,17 +194,13 @@ def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Arra
     The holes bear within `radii` (p,) [m]; the worst hole is named.
     """
     demands = (ways / radii).tolist()
-    beyond = [k for k, demand in enumerate(demands) if demand > EARLY * SMALL_STRAIN]
+    beyond = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
     if not beyond:
         return []
     worst = max(beyond, key=demands.__getitem__)
     also = f", and {len(beyond) - 1} other holes too much" if len(beyond) > 1 else ""
-    text = (
-        f"the load of {forces[worst]:.2g} N would move the hole {holes[worst].name!r} by about "
-        f"{ways[worst] / MILLI:.2g} mm{also}: a strain of about {demands[worst]:.2g}, but linear elasticity "
-        f"is valid to about {SMALL_STRAIN:g} ({ESTIMATED}); use a smaller load, stiffer tissue or a wider footprint"
-    )
-    return [remark("demand", holes[worst].name, text)]
+    given = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
+    return [remark("demand", holes[worst].name, **given)]
 
 
 def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
@@ -247,12 +241,5 @@ def across(ways: Array) -> Array:
 
 def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
     """Return a remark on holes that the couple of the thread `turns` (p,) [rad]; the worst hole is named."""
-    if not turns.max(initial=0.0) > EARLY * SMALL_ROTATION:
-        return []
     worst = int(np.argmax(turns))
-    text = (
-        f"the thread is too stiff for this tissue: its couple would turn the hole {holes[worst].name!r} by "
-        f"about {turns[worst]:.2g} rad, but linear elasticity is valid to about {SMALL_ROTATION:g} ({ESTIMATED}); use "
-        "a thinner or softer suture, stiffer tissue or a wider footprint"
-    )
-    return [remark("stiff-thread", holes[worst].name, text)]
+    return judged(turns[worst] > EARLY_ROTATION, "stiff-thread", holes[worst].name, turn=turns[worst])

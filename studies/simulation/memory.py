@@ -7,8 +7,7 @@ import numpy as np
 
 import tissue
 from coupling.run.run import Run
-from coupling.system import Solved, System
-from studies.arrays import Array
+from coupling.system import Solved
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
 from thread.relaxation import Memory
@@ -18,11 +17,6 @@ OrganRun = Run[tissue.OrganState]
 
 NONE = np.zeros(0)
 REMADE = ("state.organ.MU", "state.before.organ.MU")  # an organ computes these from its displacement, to the same bits
-
-
-def on_knots(system: System, knots: Array) -> System:
-    """Return the system with its thread on other knots."""
-    return replace(system, thread=system.thread.with_spline(Spline(knots)))
 
 
 def memory_of(now: OrganRun) -> Arrays:
@@ -46,8 +40,10 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         if first.spline is not None:
             nested["solved"] = Solved(first.spline, first.q, first.v)
         state = unpack(first, memory, "state", nested)
-        fixed = state.spline is None
-        system = (on_knots(beginning.system, memory["knots"]) if fixed else beginning.system).at(state)
+        system = beginning.system
+        if state.spline is None:
+            system = replace(system, thread=system.thread.with_spline(Spline(memory["knots"])))
+        system = system.at(state)
         energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
         taut = memory["taut"]
         tie_works = memory["tie_works"] if system.ties else beginning.tie_works

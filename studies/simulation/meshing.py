@@ -6,6 +6,7 @@ Impossible meshes are refused before they are made.
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import psutil
@@ -335,22 +336,27 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
 
 def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
     """Return the strength of the tissue at a point, from the nearest cell [Pa]; infinite without a value."""
-    if table.strength is None and all(region.strength is None for region in table.region):
+    owner, every = owned(table, mesh, "strength")
+    if not any(every):
         return np.inf
     near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
-    own = [region.strength for region in table.region if near in mesh.subdomains[region.name]]
-    return next((value for value in (*own[::-1], table.strength) if value is not None), np.inf)
+    return every[owner[near]] or np.inf
+
+
+def owned(table: model.Tissue, mesh: skfem.MeshTet, key: str) -> tuple[Cells, list[Any]]:
+    """Return the number of the value of a key that each cell has, shape `(cells,)`, and these values: the organ's, then
+    those of the regions that have their own."""
+    owner, every = np.zeros(mesh.nelements, dtype=np.intp), [getattr(table, key)]
+    for region in table.region:
+        if (own := getattr(region, key)) is not None:
+            owner[mesh.subdomains[region.name]] = len(every)
+            every.append(own)
+    return owner, every
 
 
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
     """Return the organ's material: numbers, or one per cell if regions differ."""
-    values = (table.youngs_modulus, table.poisson_ratio, table.density)
+    keys = ("youngs_modulus", "poisson_ratio", "density")
     if not table.region:
-        return tissue.Material(*values)
-    E, nu, rho = (np.full(mesh.nelements, value) for value in values)
-    for region in table.region:
-        cells = mesh.subdomains[region.name]
-        for field, own in ((E, region.youngs_modulus), (nu, region.poisson_ratio), (rho, region.density)):
-            if own is not None:
-                field[cells] = own
-    return tissue.Material(E, nu, rho)
+        return tissue.Material(*(getattr(table, key) for key in keys))
+    return tissue.Material(*(np.array(every)[owner] for owner, every in (owned(table, mesh, key) for key in keys)))

@@ -32,12 +32,14 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
     if spline.pieces == 1:
         return
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
+    ends = ((0, scenario.thread.start), (spline.pieces - 1, scenario.thread.end))
+    held_by_end = {k for k, end in ends if end.kind != "free"}
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the thread's piece from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
             reason = f"{where} has {points}, but needs {least} for {holes} piercings; raise it"
             raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
-        if scenario.solve.kind == "static" and not holes and not is_held_at_end(scenario.thread, k, spline.pieces):
+        if scenario.solve.kind == "static" and not holes and k not in held_by_end:
             reason = f"solve.kind is static and {where} is in no hole; remove one of its cuts, or add a piercing"
             raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
 
@@ -70,12 +72,6 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
             )
             raise ScenarioError(refusal("cut.s", table.s, reason)) from None
     check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
-
-
-def is_held_at_end(thread: model.Thread, piece: int, pieces: int) -> bool:
-    """Return whether a piece has an end of the thread with a holder or a load."""
-    ends = ((0, thread.start), (pieces - 1, thread.end))
-    return any(piece == k and end.kind != "free" for k, end in ends)
 
 
 def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[float]) -> None:

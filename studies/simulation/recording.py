@@ -44,7 +44,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         constraint_max=seen.gap,
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
-        torques=end_torques(state) if system.thread.twist else None,
+        torques=tuple(state.reaction[:, 3].tolist()) if system.thread.twist else None,
         max_strain=float(np.sqrt(1.0 + 2.0 * seen.strain) - 1.0),
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
@@ -185,12 +185,6 @@ def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] 
     both = organ.gaps.nodes[:, ::-1]  # a right node can face several left nodes: the last is shown
     pressure[both], gap[both] = organ.gaps.pressure(lips.force)[:, None], lips.gap[:, None]
     return pressure, gap
-
-
-def end_torques(state: State) -> tuple[float, float]:
-    """Return the torque of the holders of start and end about the thread's tangent [N m]."""
-    start, end = state.reaction[:, 3]
-    return float(start), float(end)
 
 
 def thread_record(now: OrganRun) -> ThreadRecord:

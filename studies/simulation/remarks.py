@@ -16,9 +16,8 @@ from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
+from studies.output import remarks as bounds
 from studies.output.records import (
-    SEEN,
-    SWITCHES,
     Ending,
     EnergyRecord,
     Extremes,
@@ -26,36 +25,7 @@ from studies.output.records import (
     StepRecord,
     TractRecord,
 )
-from studies.output.remarks import (
-    BARE,
-    COARSE,
-    CREATED,
-    CROSSED,
-    DISSIPATED,
-    FALLEN,
-    IN_TISSUE,
-    KINKED,
-    LOCKED,
-    MOVED,
-    NEAR,
-    OFF_PATH,
-    OUTDONE,
-    REDUCED,
-    RULES,
-    SHARE,
-    SLID,
-    SLIGHT,
-    SMALL_ROTATION,
-    SMALL_STRAIN,
-    STEEP,
-    STIFF,
-    SWUNG,
-    THREAD_STRAIN,
-    UNSURE,
-    Remark,
-    judged,
-    remark,
-)
+from studies.output.remarks import Remark, judged, remark
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
@@ -69,22 +39,16 @@ from thread.vectors import curvature
 
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
-PRESSURES, LENGTHS = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}
-UNITS = {  # SI unit of a key, and other units that the user possibly meant
-    "size": ("m", LENGTHS),
-    "length": ("m", LENGTHS),
-    "diameter": ("m", LENGTHS),
-    "youngs_modulus": ("Pa", PRESSURES),
-    "density": ("kg/m³", {"g/cm³": 1e3}),
-}
-PLAUSIBLE = {  # ranges of organs and sutures, with a margin
-    "size": (1e-3, 2.0),  # m
-    "tissue.youngs_modulus": (3e2, 1e10),  # Pa: brain to tendon
-    "tissue.density": (3e2, 5e3),  # kg/m³
-    "thread.length": (1e-3, 1e1),  # m
-    "thread.diameter": (5e-6, 3e-3),  # m
-    "thread.youngs_modulus": (1e5, 1e12),  # Pa
-    "thread.density": (3e2, 2.5e4),  # kg/m³: to tungsten
+PRESSURES, LENGTHS, DENSITIES = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}, {"g/cm³": 1e3}
+# What organs and sutures have, with room to spare, in its unit, and others in which it may have been given.
+PLAUSIBLE = {
+    "size": (1e-3, 2.0, "m", LENGTHS),
+    "tissue.youngs_modulus": (3e2, 1e10, "Pa", PRESSURES),  # brain to tendon
+    "tissue.density": (3e2, 5e3, "kg/m³", DENSITIES),
+    "thread.length": (1e-3, 1e1, "m", LENGTHS),
+    "thread.diameter": (5e-6, 3e-3, "m", LENGTHS),
+    "thread.youngs_modulus": (1e5, 1e12, "Pa", PRESSURES),
+    "thread.density": (3e2, 2.5e4, "kg/m³", DENSITIES),  # to tungsten
 }
 
 
@@ -141,41 +105,25 @@ def ramps_of(scenario: Scenario) -> dict[str, float]:
 
 def unloaded_rest(key: str, ramp: float) -> list[Remark]:
     """Return a remark if the dead load on the end `key` grows within a `ramp` [s] and is zero at the start."""
-    text = (
-        f"the dead load on {key} grows within {ramp:.3g} s and is zero at t = 0, so the run starts at rest "
-        f"without it; remove {key}.ramp to start under the full load"
-    )
-    return judged(ramp != 0.0, "rest-unloaded", key, text)
+    return judged(ramp != 0.0, "rest-unloaded", key, ramp=ramp)
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
     """Return remarks on events after the end of a run of a `duration` [s]."""
-    return [
-        remark(
-            "after-end",
-            key,
-            f"{key} = {time:.6g} s is after the end of the run at {duration:.6g} s, so it does not happen; raise "
-            "solve.duration, or remove it",
-        )
-        for key, time in times.items()
-        if time > duration
-    ]
+    late = {key: time for key, time in times.items() if time > duration}
+    return [remark("after-end", key, time=time, duration=duration) for key, time in late.items()]
 
 
 def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     """Return remarks on parts of the run that came from Python."""
     if not given.unsaid:
         return []
-    text = f"{', '.join(given.unsaid)} came from Python and is not in the scenario of the folder"
-    mu = 0.0 if body is None else float(np.max(body.material.lame_mu))
+    mu, moduli = 0.0 if body is None else float(np.max(body.material.lame_mu)), ""
     if (density := given.distortion(mu)) is not None:
         least, largest = shear_moduli(density)
-        text += f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, E and ν give {mu:.4g} Pa"
-    out = [remark("handed-over", "prepare", text)]
-    if given.stiffness is not None:
-        text = "stress and energy of cells are computed with E and ν, not with the given stiffness"
-        out.append(remark("stress-of-e-nu", "tissue", text))
-    return out
+        moduli = f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, E and ν give {mu:.4g} Pa"
+    out = [remark("handed-over", "prepare", unsaid=", ".join(given.unsaid), moduli=moduli)]
+    return out + judged(given.stiffness is not None, "stress-of-e-nu", "tissue")
 
 
 def met(assembly: Assembly, ending: Ending) -> list[Remark]:
@@ -221,54 +169,29 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     """Return remarks on strain and turn of the tissue at the holes."""
     out = []
     for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
-        strained = (
-            f"the tissue strain at {name!r} is {strain:.2g}, above the limit of linear elasticity (about "
-            f"{SMALL_STRAIN:g}); use a smaller load, stiffer tissue or a wider footprint"
-        )
-        turned = (
-            f"the hole {name!r} turned by {turn:.2g} rad, above the limit of linear elasticity (about "
-            f"{SMALL_ROTATION:g}); use a smaller load, a softer suture, stiffer tissue or a wider footprint"
-        )
-        out += judged(strain > SMALL_STRAIN, "hole-strain", name, strained)
-        out += judged(turn > SMALL_ROTATION, "hole-rotation", name, turned)
+        out += judged(strain > bounds.SMALL_STRAIN, "hole-strain", name, strain=strain)
+        out += judged(turn > bounds.SMALL_ROTATION, "hole-rotation", name, turn=turn)
     return out
 
 
 def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     """Return remarks on strain and rotation of the organ's cells."""
-    wide = extremes.strained > SHARE
-    code = "tissue-strain" if wide else "local-strain"
-    which = "affect the forces" if wide else "do not affect the forces; local stress there is not supported"
-    strained = (
-        f"the largest tissue strain is {extremes.strain:.2g}, above the limit of linear elasticity (about "
-        f"{SMALL_STRAIN:g}); the cells above it have {extremes.strained:.1%} of the strain energy and {which}"
-    )
-    turned = (
-        f"the largest tissue rotation is {extremes.rotation:.2g} rad, above the limit of linear elasticity "
-        f"(about {SMALL_ROTATION:g}); the cells above it have {extremes.rotated:.1%} of the strain energy"
-    )
-    turns = extremes.rotation > SMALL_ROTATION and extremes.rotated > SHARE
+    strain, rotation = extremes.strain, extremes.rotation
+    code = "tissue-strain" if extremes.strained > bounds.SHARE else "local-strain"
+    turns = rotation > bounds.SMALL_ROTATION and extremes.rotated > bounds.SHARE
     return [
-        *judged(extremes.strain > SMALL_STRAIN, code, "tissue", strained),
-        *judged(turns, "tissue-rotation", "tissue", turned),
+        *judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=extremes.strained),
+        *judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=extremes.rotated),
     ]
 
 
 def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     """Return remarks on the error of the organ's small basis at its holes; none without a basis."""
-    limit = REDUCED * float(extremes.way.max(initial=0.0))
+    limit = bounds.REDUCED * float(extremes.way.max(initial=0.0))
     out = []
     for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
-        if max(difference, bound) <= limit:
-            continue
-        off = difference > limit
-        code, how = ("reduction", "is") if off else ("reduction-bound", "can be up to")
-        text = (
-            f"{name!r} {how} {(difference if off else bound) / MILLI:.2g} mm from its place in the whole organ "
-            f"(limit {limit / MILLI:.2g} mm, {REDUCED:.0%} of the largest displacement of a hole); raise "
-            "tissue.reduction.blocks, or remove tissue.reduction"
-        )
-        out.append(remark(code, name, text))
+        code, distance = ("reduction", difference) if difference > limit else ("reduction-bound", bound)
+        out += judged(distance > limit, code, name, distance=distance / MILLI, limit=limit / MILLI)
     return out
 
 
@@ -276,12 +199,7 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
     """Return remarks on the pressure at holes above the tissue's strength [Pa], which is infinite if unknown."""
     numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
     return [
-        remark(
-            "tears",
-            name,
-            f"the pressure on the tissue at {name!r} is {pressure:.3g} Pa, above its strength of {strength:.3g} "
-            "Pa; use a smaller load, a thicker suture or a longer bite",
-        )
+        remark("tears", name, pressure=pressure, strength=strength)
         for name, pressure, strength in numbers
         if pressure > strength
     ]
@@ -296,99 +214,61 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRe
         across = float(np.linalg.norm(seen.force - seen.tangential_force * seen.tangent))
         half, twice = 2.0 * seen.normal_force, max(across, 0.5 * seen.normal_force)
         taken = hole.friction.kinetic * np.array([half, seen.normal_force, twice])
-        if seen.normal_force > RULES * across and taken[0] - taken[2] > UNSURE * max(seen.tension_before, 0.0):
+        if seen.normal_force > bounds.RULES * across and taken[0] - taken[2] > bounds.UNSURE * max(
+            seen.tension_before, 0.0
+        ):
             losses.append((taken.tolist(), seen.channel, seen.name))
     if not losses:
         return []
     (half, now, twice), channel, name = max(losses)
-    text = (
-        f"friction at {name!r} depends on an assumed channel of {channel / MILLI:.2g} mm: it is up to "
-        f"{now:.2g} N, but {half:.2g} N with half the channel and {twice:.2g} N with twice; set "
-        f"{dotted_key(['piercing', name, 'channel'])}, the length over which tissue guides the thread"
-    )
-    return [remark("channel", name, text)]
+    key = dotted_key(["piercing", name, "channel"])
+    return [remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)]
 
 
 def turned_pressure(extremes: Extremes) -> list[Remark]:
     """Return a remark on the turn of pressed surfaces."""
-    text = (
-        f"a surface under pressure turned by up to {extremes.pressed_turn:.2g} rad, but the pressure keeps its "
-        f"direction (limit about {SMALL_ROTATION:g} rad); use a smaller pressure, or stiffer tissue"
-    )
-    return judged(extremes.pressed_turn > SMALL_ROTATION, "pressure-turn", "tissue.load", text)
+    turn = extremes.pressed_turn
+    return judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn)
 
 
 def crossed_lips(extremes: Extremes) -> list[Remark]:
     """Return a remark on the overlap of lips without contact."""
-    text = (
-        f"the lips of the wound overlap by {extremes.crossed:.2g} of their extent, because contact is off; set "
-        "tissue.contact = true"
-    )
-    return judged(extremes.crossed > CROSSED, "lips-cross", "tissue.mesh", text)
+    return judged(extremes.crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=extremes.crossed)
 
 
 def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
     """Return remarks on the thread's strength [N], None if unknown, and on its strain."""
-    allowed = np.inf if strength is None else strength
-    pulled = (
-        f"the largest tension of the thread is {extremes.tension:.3g} N, above its knot-pull strength of "
-        f"{allowed:.3g} N (minimum average); use a stronger suture, or a smaller load"
-    )
-    stretched = (
-        f"the largest strain of the thread is {extremes.thread_strain:.2g}, above the limit of its linear law "
-        f"(about {THREAD_STRAIN:g}); use a stiffer suture, more control points, or a smaller load"
-    )
+    tension, strain, breaks = extremes.tension, extremes.thread_strain, np.inf if strength is None else strength
     return [
-        *judged(extremes.tension > allowed, "thread-strength", "thread", pulled),
-        *judged(extremes.thread_strain > THREAD_STRAIN, "thread-strain", "thread", stretched),
+        *judged(tension > breaks, "thread-strength", "thread", tension=tension, strength=breaks),
+        *judged(strain > bounds.THREAD_STRAIN, "thread-strain", "thread", strain=strain),
     ]
 
 
 def coarse_spans(ratio: float) -> list[Remark]:
     """Return a remark if spans are too long for the bends at the holes; `ratio` is a step's `span_ratio`."""
-    text = (
-        f"the spans at the holes are {ratio:.2g} of the bending length of the thread (limit {RESOLVED:g}); "
-        'remove thread.knots = "fixed", or raise thread.control_points'
-    )
-    return judged(ratio > RESOLVED, "spans", "thread.control_points", text)
+    return judged(ratio > RESOLVED, "spans", "thread.control_points", ratio=ratio, limit=RESOLVED)
 
 
 def few_spans(number: float | None) -> list[Remark]:
     """Return a remark if the spline cannot bend between two holes; `number` is a step's `spans_between`."""
-    if number is None or number >= BETWEEN:
-        return []
-    text = (
-        f"two holes are only {number:.2g} spans apart along the thread, which needs {BETWEEN:g} to bend "
-        'between them; remove thread.knots = "fixed", or raise thread.control_points'
-    )
-    return [remark("spans-between", "thread.control_points", text)]
+    few = number is not None and number < BETWEEN
+    return judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
 
 
 def followed(branches: float) -> list[Remark]:
     """Return a remark on the number of load steps that followed a branch by arc length."""
-    text = (
-        f"{branches:.0f} load steps failed and were continued along the branch by arc length, without a check "
-        "of stability; raise solve.load_steps to resolve the branch"
-    )
-    return judged(branches >= 1.0, "branch", "solve", text)
+    return judged(branches >= 1.0, "branch", "solve", branches=branches)
 
 
 def past_limit(fallen: float) -> list[Remark]:
     """Return a remark if the loads have `fallen` along a branch, as a share of the full loads."""
-    text = (
-        f"the loads fell along a branch by {fallen:.2g} of the full loads: under rising loads thread or tissue "
-        'would jump there, perhaps to another branch; use solve.kind = "dynamic" to follow the jump'
-    )
-    return judged(fallen > FALLEN, "limit-point", "solve", text)
+    return judged(fallen > bounds.FALLEN, "limit-point", "solve", fallen=fallen)
 
 
 def unstable(would_stay: bool) -> list[Remark]:
     """Return a remark on an unstable equilibrium of the thread."""
-    text = (
-        "this equilibrium of the thread is unstable (it would buckle, snap or roll over), and no stable one "
-        'was found; use solve.kind = "dynamic", or lay the path out of its plane'
-    )
-    return judged(not would_stay, "would-not-stay", "solve", text)
+    return judged(not would_stay, "would-not-stay", "solve")
 
 
 def rubs(assembly: Assembly) -> bool:
@@ -400,7 +280,7 @@ def has_slid(assembly: Assembly, step: StepRecord) -> bool:
     """Return whether a thread with friction was drawn through a hole by more than its diameter."""
     diameter = section_of(assembly.scenario.thread).diameter
     drawn = (abs(hole.slip) for hole in step.piercings)
-    return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > SLID * diameter
+    return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > bounds.SLID * diameter
 
 
 def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
@@ -408,27 +288,21 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
 
     `rough`: the run has friction. `slid`: the thread slid far.
     """
-    out, scale, numerical = [], extremes.energy, energy.numerical_dissipation
-    if extremes.created > CREATED * scale:
-        text = (
-            f"the time steps created {extremes.created:.2g} J, {extremes.created / scale:.2g} of the run's energy "
-            f"({scale:.2g} J); use a smaller solve.dt"
+    scale, created, dissipated = extremes.energy, extremes.created, energy.numerical_dissipation
+    out, effect = [], ""
+    if created > bounds.CREATED * scale:
+        out.append(remark("energy-created", "solve", created=created, share=created / scale, energy=scale))
+    if dissipated > bounds.DISSIPATED * scale and (rough or extremes.swing > bounds.SWUNG):
+        effect = (
+            f"{dissipated / scale:.0%} of the run's largest energy ({scale:.2g} J), and damped its oscillations; use a "
+            "smaller solve.dt if they matter"
         )
-        out.append(remark("energy-created", "solve", text))
-    if numerical > DISSIPATED * scale and (rough or extremes.swing > SWUNG):
-        text = (
-            f"the time steps dissipated {numerical:.2g} J, {numerical / scale:.0%} of the run's largest energy "
-            f"({scale:.2g} J), and damped its oscillations; use a smaller solve.dt if they matter"
+    elif slid and dissipated > bounds.OUTDONE * energy.friction_dissipation:
+        effect = (
+            f"friction only {energy.friction_dissipation:.2g} J, so the length that the thread slid depends on the "
+            "steps; compare with a smaller solve.dt, or set solve.tolerance"
         )
-        out.append(remark("numerical-dissipation", "solve.dt", text))
-    elif slid and numerical > OUTDONE * energy.friction_dissipation:
-        text = (
-            f"the time steps dissipated {numerical:.2g} J, friction only {energy.friction_dissipation:.2g} J, so "
-            "the length that the thread slid depends on the steps; compare with a smaller solve.dt, or set "
-            "solve.tolerance"
-        )
-        out.append(remark("numerical-dissipation", "solve.dt", text))
-    return out
+    return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 
 
 def moves(energy: EnergyRecord) -> bool:
@@ -442,13 +316,10 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
     The criteria are its kinetic energy and the length `slide` [m] that a thread of `diameter` [m] slides in
     another run of the same duration.
     """
-    share = unrest(energy.kinetic, energy.of_deformation)
-    text = (
-        f"not at rest at the end: the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g}), "
-        f"and at its final speed the thread would slide by {slide / MILLI:.2g} mm in another such run "
-        f"(limit {SLID * diameter / MILLI:.2g} mm)"
-    )
-    return judged(moves(energy) or slide > SLID * diameter, "not-at-rest", "solve.duration", text)
+    share, limit = unrest(energy.kinetic, energy.of_deformation), bounds.SLID * diameter
+    ways = {"slide": slide / MILLI, "limit": limit / MILLI}
+    unrested = moves(energy) or slide > limit
+    return judged(unrested, "not-at-rest", "solve.duration", share=share, settled=SETTLED, **ways)
 
 
 def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark]:
@@ -459,11 +330,8 @@ def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark
         for found, (begins, ends) in zip(step.piercings, times, strict=True)
         if found.state == "left" and begins < step.time < ends
     ]
-    text = (
-        f"the thread has left the hole{'s' * (len(left) > 1)} {', '.join(map(repr, left))} by t = {step.time:.4g} s; "
-        "lengthen the thread, hold its end, or end the hole by until"
-    )
-    return judged(bool(left), "hole-left", left[0] if left else "", text)
+    words = f"hole{'s' * (len(left) > 1)} {', '.join(map(repr, left))}"
+    return judged(bool(left), "hole-left", left[0] if left else "", holes=words, time=step.time)
 
 
 def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
@@ -473,12 +341,8 @@ def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
     out = []
     for tie, found in zip(scenario.tie, step.ties, strict=True):
         first, last = sorted(at[name] for name in tie.between)
-        text = (
-            f"the tie {tie.name!r} is open at t = {step.time:.4g} s, because the thread ran out of its loop "
-            "before the hands drew hard enough; let their force grow faster (ramp), or leave longer ends"
-        )
         lost = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
-        out += judged(lost, "tie-undone", tie.name, text)
+        out += judged(lost, "tie-undone", tie.name, time=step.time)
     return out
 
 
@@ -486,22 +350,14 @@ def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
     """Return remarks on ties locked below their force; `forces` (t,) [N] are NaN for a tie that was not locked."""
     out = []
     for tie, force in zip(ties, forces.tolist(), strict=True):
-        text = (
-            f"the tie {tie.name!r} was locked under {force:.2g} N instead of {tie.force:.2g} N: its hands were still "
-            f"taking up slack at t = {tie.until:.4g} s; raise its speed ({tie.speed:g} m/s), or until"
-        )
-        out += judged(force < LOCKED * tie.force, "tie-slack", tie.name, text)
+        out += judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
     return out
 
 
 def swinging(swing: float) -> list[Remark]:
     """Return a remark if a hole's force deviates from a straight line over the last steps, as a share of the
     largest force."""
-    text = (
-        f"the force of a hole oscillates over the last {SEEN} steps by {swing:.2g} of the largest (limit "
-        f"{SWUNG:g}): use a smaller solve.dt, or a longer run"
-    )
-    return judged(swing > SWUNG, "forces-swing", "solve.dt", text)
+    return judged(swing > bounds.SWUNG, "forces-swing", "solve.dt", swing=swing)
 
 
 def chattering(names: Sequence[str], times: Array) -> list[Remark]:
@@ -514,12 +370,7 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
         return []
     first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
     also = f", and {others} other{'s' * (others > 1)} later" if others else ""
-    text = (
-        f"{names[first]!r} changed between stick and slip {SWITCHES} times within {SEEN} steps until t = "
-        f"{times[first]:.4g} s{also}: the steps do not resolve these times; use a smaller solve.dt if they "
-        "matter"
-    )
-    return [remark("chatter", names[first], text)]
+    return [remark("chatter", names[first], time=times[first], also=also)]
 
 
 def inaccurate_cells(assembly: Assembly) -> list[Remark]:
@@ -533,44 +384,28 @@ def inaccurate_cells(assembly: Assembly) -> list[Remark]:
 
 def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> list[Remark]:
     """Return remarks on errors of the holes' compliance above the requested `accuracy`."""
+    percent = {name: 100.0 * error for name, error in errors.items() if error > accuracy}
     return [
-        remark(
-            "accuracy",
-            name,
-            f"the compliance of {name!r} has an estimated error of {100.0 * error:.2g} %, above the requested "
-            f'{100.0 * accuracy:.2g} %: the refinement ended at {unknowns} unknowns; set tissue.element = "P2", or '
-            "a larger tissue.mesh.accuracy",
-        )
-        for name, error in errors.items()
-        if error > accuracy
+        remark("accuracy", name, error=error, accuracy=100.0 * accuracy, unknowns=unknowns)
+        for name, error in percent.items()
     ]
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
     """Return a remark on coarse cells [m] at a hole, unless they were `refined` to an accuracy."""
-    key = dotted_key(["piercing", hole.name, "footprint"])
     if hole.footprint == 0.0:
-        text = f"{hole.name!r} is a bare point, whose displacement depends on the cell size; set {key}"
-        return [remark("bare-point", hole.name, text)]
-    bound = COARSE[element] * hole.footprint
-    text = (
-        f"the cells at {hole.name!r} are {size / MILLI:.2g} mm, too coarse for the footprint (limit "
-        f"{bound / MILLI:.2g} mm, {element}); use a smaller tissue.mesh.h_site, or remove tissue.mesh.accuracy"
-    )
-    return judged(not refined and size > bound, "cells", hole.name, text)
+        return [remark("bare-point", hole.name, key=dotted_key(["piercing", hole.name, "footprint"]))]
+    limit = bounds.COARSE[element] * hole.footprint
+    sizes = {"size": size / MILLI, "limit": limit / MILLI}
+    return judged(not refined and size > limit, "cells", hole.name, element=element, **sizes)
 
 
 def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
     """Return remarks on holes that were moved far to the surface."""
     return [
-        remark(
-            "moved",
-            hole.name,
-            f"{hole.name!r} is {hole.moved / MILLI:.3g} mm from its key near, more than {MOVED:g} times its "
-            f"footprint of {hole.footprint / MILLI:.3g} mm; check that it is on the intended surface",
-        )
+        remark("moved", hole.name, moved=hole.moved / MILLI, footprint=hole.footprint / MILLI)
         for hole in holes
-        if hole.moved is not None and hole.moved > MOVED * hole.footprint
+        if hole.moved is not None and hole.moved > bounds.MOVED * hole.footprint
     ]
 
 
@@ -578,65 +413,40 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
     """Return remarks on neighbouring holes; two holes at the same place are one hole at two times."""
     out = []
     for one, other in combinations(holes, 2):
-        apart, reach = dist(one.place, other.place), NEAR * (one.footprint + other.footprint)
-        if 0.0 < apart < reach:
-            text = (
-                f"{one.name!r} and {other.name!r} are {apart / MILLI:.2g} mm apart, less than {NEAR:g} times the sum "
-                f"of their footprints ({reach / MILLI:.2g} mm), so each moves the other"
-            )
-            out.append(remark("holes-near", one.name, text))
+        apart, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
+        ways = {"apart": apart / MILLI, "reach": reach / MILLI}
+        out += judged(0.0 < apart < reach, "holes-near", one.name, other=other.name, **ways)
     return out
 
 
 def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
     """Return remarks on contacts with a large coefficient of friction."""
-    return [
-        remark(
-            "contact-rough",
-            " - ".join(pair.between),
-            f"the friction of {pair.between[0]!r} and {pair.between[1]!r} is {pair.friction:.3g}, above {STEEP:g}: "
-            "several solutions can exist; compare with smaller steps",
-        )
-        for pair in contacts
-        if pair.friction > STEEP
-    ]
+    steep = [pair for pair in contacts if pair.friction > bounds.STEEP]
+    return [remark("contact-rough", " - ".join(pair.between), pair=pair) for pair in steep]
 
 
 def undetermined_slip(free: bool) -> list[Remark]:
     """Return a remark if the slip is undetermined, because the thread is `free` to slide as a whole."""
-    text = (
-        "nothing holds the thread in its axial direction, so the slip of each hole depends on the load steps (forces, "
-        "places and differences of slips do not); hold an end, anchor a hole, or set friction"
-    )
-    return judged(free, "slides-freely", "piercing", text)
+    return judged(free, "slides-freely", "piercing")
 
 
 def unheld(scenario: Scenario) -> list[Remark]:
     """Return a remark if nothing holds the organ of a dynamic run."""
     organ = scenario.tissue
     free = not (organ is None or organ.clamp or organ.roller or scenario.touching)
-    text = (
-        "nothing holds the organ, so thread and loads move it as a whole; set a boundary, for example clamp = "
-        '["bottom"], unless it is meant to be free'
-    )
-    return judged(free, "not-held", "tissue.clamp", text)
+    return judged(free, "not-held", "tissue.clamp")
 
 
 def off_path(assembly: Assembly) -> list[Remark]:
     """Return remarks on holes that hold the thread at the start far from its path."""
-    bound = OFF_PATH * assembly.system.thread.section.diameter
+    limit = bounds.OFF_PATH * assembly.system.thread.section.diameter
     there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
     places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
     away = np.linalg.norm(there - places, axis=1)
     return [
-        remark(
-            "off-path",
-            hole.name,
-            f"{hole.name!r} is {gap / MILLI:.2g} mm from thread.path, more than {OFF_PATH:g} diameters "
-            f"({bound / MILLI:.2g} mm): the thread is bent to it before the first step; move the path",
-        )
+        remark("off-path", hole.name, gap=gap / MILLI, limit=limit / MILLI)
         for hole, gap in zip(assembly.holes, away, strict=True)
-        if hole.from_ == 0.0 and gap > bound and not isinstance(hole, Ball)
+        if hole.from_ == 0.0 and gap > limit and not isinstance(hole, Ball)
     ]
 
 
@@ -654,12 +464,8 @@ def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
 
 def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
     """Return a remark on a bend `radius` [m] below the thread's `diameter` [m], at the abscissa `at` [m]."""
-    text = (
-        f"the path bends the thread to a radius of {radius / MILLI:.2g} mm at s = {at:.4g} m, below its "
-        f"diameter of {diameter / MILLI:.2g} mm: its fibres are strained by {0.5 * diameter / radius:.0%}, and "
-        "it springs back; use a wider bend"
-    )
-    return judged(radius < KINKED * diameter, "kinked", "thread.path", text)
+    sizes = {"radius": radius / MILLI, "diameter": diameter / MILLI, "strain": 0.5 * diameter / radius}
+    return judged(radius < bounds.KINKED * diameter, "kinked", "thread.path", at=at, **sizes)
 
 
 def along_path(assembly: Assembly) -> list[Remark]:
@@ -678,7 +484,7 @@ def along_path(assembly: Assembly) -> list[Remark]:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
             found = assembly.depths(path.position(at))
             depths[one.name, other.name] = float(found.max())
-            crosses = bool(found.min() < -IN_TISSUE * diameter)
+            crosses = bool(found.min() < -bounds.IN_TISSUE * diameter)
             out += (
                 unpierced(f"between {one.name!r} and {other.name!r}", one.name, float(found.max()), diameter) * crosses
             )
@@ -710,28 +516,18 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
     """Return a remark on a strand that lies `depth` [m] deep in tissue and crosses the surface without a hole."""
-    text = (
-        f"{strand} the thread lies up to {depth / MILLI:.2g} mm deep in the tissue and crosses its surface "
-        "without a hole, so it has no resistance there; add a [[tract]] if the strand is a bite through a wound, "
-        "else a [[piercing]], or move thread.path around the organ"
-    )
-    return judged(depth > IN_TISSUE * diameter, "no-hole", hole, text)
+    return judged(depth > bounds.IN_TISSUE * diameter, "no-hole", hole, strand=strand, depth=depth / MILLI)
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
     """Return a remark on the depth [m] of the thread in tissue between two holes without a tract, by the names
     of the holes."""
-    deep = {holes: depth for holes, depth in depths.items() if depth > IN_TISSUE * diameter}
+    deep = {holes: depth for holes, depth in depths.items() if depth > bounds.IN_TISSUE * diameter}
     if not deep:
         return []
     (one, other), others = next(iter(deep)), len(deep) - 1
     also = f", and between {others} other pair{'s' * (others > 1)} of holes," if others else ""
-    text = (
-        f"between {one!r} and {other!r}{also} the thread lies up to {max(deep.values()) / MILLI:.2g} mm deep "
-        f'in the tissue, but bears on it at the holes only; add [[tract]] between = ["{one}", "{other}"] if '
-        "the depth of the bite matters"
-    )
-    return [remark("no-tract", one, text)]
+    return [remark("no-tract", one, other=other, also=also, depth=max(deep.values()) / MILLI)]
 
 
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
@@ -740,12 +536,8 @@ def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Rem
     This length of the whole `length` [m] has no room for balls of a `radius` [m]. Passages across a wound are
     excluded.
     """
-    text = (
-        f"{bare / MILLI:.3g} mm of the {length / MILLI:.3g} mm of the tract {name!r} lie outside the organ or "
-        f"within its radius of {radius / MILLI:.2g} mm of a surface, so the thread does not bear on tissue "
-        "there; move the path deeper or use a smaller radius"
-    )
-    return judged(bare > BARE * radius, "tract-bare", name, text)
+    ways = {"bare": bare / MILLI, "length": length / MILLI, "radius": radius / MILLI}
+    return judged(bare > bounds.BARE * radius, "tract-bare", name, **ways)
 
 
 def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
@@ -760,13 +552,9 @@ def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spaci
 
     The thread makes a `turn` [rad] from one ball of a tract to the next, at a distance `spacing` [m].
     """
-    text = (
-        f"along the tract {name!r} the stiffness of the thread presses on each ball with {push:.2g} N (turn "
-        f"{turn:.2g} rad) under a tension of {tension:.2g} N, so results depend on the spacing of "
-        f"{spacing / MILLI:.2g} mm by more than 2 %; use a thread.path with a wider bend, or a thinner or "
-        "softer suture, or compare half the spacing"
-    )
-    return judged(turn > SLIGHT and push > STIFF * tension, "tract-stiff", name, text)
+    stiff = turn > bounds.SLIGHT and push > bounds.STIFF * tension
+    given = {"push": push, "turn": turn, "tension": tension, "spacing": spacing / MILLI}
+    return judged(stiff, "tract-stiff", name, **given)
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:
@@ -788,9 +576,9 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
 def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
     """Return remarks on values [SI] outside the range of organs and sutures, by their key."""
     return [
-        remark("units", key, unlike_text(key, odd))
+        remark("units", key, **in_other_units(key, odd))
         for key, found in values.items()
-        for odd in odd_values(found, *PLAUSIBLE[key])
+        for odd in odd_values(found, *PLAUSIBLE[key][:2])
     ]
 
 
@@ -799,11 +587,11 @@ def odd_values(values: Array, low: float, high: float) -> Iterable[float]:
     return values[(values < low) | (values > high)][:1].tolist()
 
 
-def unlike_text(key: str, value: float) -> str:
-    """Return the text on a value outside the range of organs and sutures, with the likely units."""
-    low, high = PLAUSIBLE[key]
-    unit, others = UNITS[key.rpartition(".")[2]]
+def in_other_units(key: str, value: float) -> dict[str, object]:
+    """Return what to say of a value that is unlike an organ or a suture, with other units in which it would be like
+    one."""
+    low, high, unit, others = PLAUSIBLE[key]
     likely = [other for other, factor in others.items() if low <= factor * value <= high]
     which = f"is it in {' or '.join(likely)}?" if likely else "is it in another unit than SI?"
     named = "the organ is" if key == "size" else f"{key} ="
-    return f"{named} {value:.3g} {unit}; organs and sutures have {low:g} to {high:g}: {which}"
+    return {"named": named, "value": value, "unit": unit, "low": low, "high": high, "which": which}

@@ -119,9 +119,9 @@ def remark_of(trials: Sequence[Trial], time: float) -> Remark:
     other = [f"no help: {vain}"] * bool(vain) + [f"stopped after {MOST} corrections: {slow}"] * bool(slow)
     if not trials[-1].helps:
         text = f"no remedy helped on a copy of the run; {', '.join(other)}" if other else "no copy could be prepared"
-        return remark("remedy", "solve", text)
+        return remark("remedy", "solve", text=text)
     reached = f"gets past t = {time:.4g} s; it was computed to {trials[-1].time:.4g} s"
     ways = {"ends": "reaches its end", "past": reached}
     before = f" (tried before, {', '.join(other)})" if other else ""
     text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{before}"
-    return remark("remedy", "solve", text)
+    return remark("remedy", "solve", text=text)

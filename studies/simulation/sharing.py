@@ -18,17 +18,9 @@ Made = TypeVar("Made")
 
 NOT_OF_ORGAN = ("title", "thread", "cut", "tie", "output")
 OF_STEPS = (
-    "start",
-    "dt",
-    "duration",
-    "load_steps",
-    "scheme",
-    "newton",
-    "integrator",
-    "coupling",
-    "friction",
-    "epsilon",
-)
+    "start", "dt", "duration", "load_steps", "scheme", "newton", "integrator", "coupling",
+    "friction", "epsilon",
+)  # fmt: skip
 OF_THREAD = ("kind", "s", "friction", "from", "until", "draw", "pull", "channel")  # of a piercing
 # keys of the organ that do not affect its mesh and stiffness
 OF_MOTION = ("inertia", "rayleigh", "solver", "contact", "load", "reduction")

@@ -284,78 +284,72 @@ class Simulation:
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
-        organ = self._organ_record(state)
-        if organ is None:
-            return None
-        strain, energy = (
-            np.array([field[cells].max(initial=0.0) for cells in self._cells_at_holes])
-            for field in (organ.strain, organ.energy_density)
-        )
-        return replace(organ, hole_strain=strain, hole_energy=energy)
-
-    def _organ_record(self, state: State) -> OrganRecord | None:
-        """Return the state of the organ without the values at its holes."""
         body, organ = self.assembly.body, self.assembly.organ
-        if body is not None and isinstance(organ, tissue.FiniteOrgan):
-            U = organ.displacement(state.organ)
-            crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-            return finite_record(organ, state.organ, crossed, lip_fields(self.assembly.system, state, len(body.points)))
-        if body is None or self.recovery is None or isinstance(organ, tissue.FixedSites):
+        if body is None or isinstance(organ, tissue.FixedSites):
             return None
         U = organ.displacement(state.organ)
+        if isinstance(organ, tissue.FiniteOrgan):
+            stress, fields = finite_fields(organ, state.organ)
+        else:
+            stress, fields = self._linear_fields(body, state.organ)
+        values, directions = tissue.principal(stress)
+        pressure, gap = lip_fields(self.assembly.system, state, len(body.points))
+        hole_strain, hole_energy = (
+            np.array([fields[name][cells].max(initial=0.0) for cells in self._cells_at_holes])
+            for name in ("strain", "energy_density")
+        )
+        return OrganRecord(
+            displacement=body.nodal(U),
+            stress=stress,
+            von_mises=tissue.von_mises(stress),
+            principal_stress=values,
+            first_direction=directions[:, 0],
+            third_direction=directions[:, 2],
+            volume_ratio=tissue.volume_ratio(body, U),
+            contact_pressure=pressure,
+            lip_gap=gap,
+            crossed=0.0 if self.open_lips is None else self.open_lips.crossed(U),
+            hole_strain=hole_strain,
+            hole_energy=hole_energy,
+            **fields,
+        )
+
+    def _linear_fields(self, body: tissue.Elasticity, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
+        """Return the stress of a linear organ at the nodes, and its other fields by their names in the record."""
+        organ: Any = self.assembly.organ
+        assert self.recovery is not None
+        U = organ.displacement(state)
         stress = self.recovery.stress(U)
         if isinstance(organ, tissue.RelaxingOrgan):
-            stress = stress - organ.relaxed_stress(state.organ)
-        lips = lip_fields(self.assembly.system, state, len(body.points))
+            stress = stress - organ.relaxed_stress(state)
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
-        beyond = strain > SMALL_STRAIN, rotation > SMALL_ROTATION
-        strained, rotated = (tissue.energy_share(body, strain, cells) for cells in beyond)
-        values, directions = tissue.principal(stress)
-        at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-        numbers = *at_nodes, strain, rotation, energy
-        shares = tissue.volume_ratio(body, U), nodal_ratio, strained, rotated
-        turns = organ.surface.turns(body.nodal(U))
-        crossed = 0.0 if self.open_lips is None else self.open_lips.crossed(U)
-        surfaces = float(turns.max(initial=0.0)), *lips, crossed
-        return OrganRecord(body.nodal(U), *numbers, *shares, *surfaces)
+        return stress, {
+            "strain": strain,
+            "rotation": rotation,
+            "energy_density": energy,
+            "nodal_volume_ratio": nodal_ratio,
+            "strained": tissue.energy_share(body, strain, strain > SMALL_STRAIN),
+            "rotated": tissue.energy_share(body, strain, rotation > SMALL_ROTATION),
+            "pressed_turn": float(organ.surface.turns(body.nodal(U)).max(initial=0.0)),
+        }
 
 
-def finite_record(
-    organ: tissue.FiniteOrgan,
-    state: tissue.OrganState,
-    crossed: float,
-    lips: tuple[Array, Array] | tuple[None, None],
-) -> OrganRecord:
-    """Return the fields of an organ at finite strain: Cauchy stress, stretch minus one, and rotation.
-
-    `crossed` is the overlap of lips over their extent, and `lips` are their pressure and gap. No share of
-    energy is outside the model.
-    """
+def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
+    """Return the Cauchy stress of an organ at finite strain at the nodes, and its other fields by their names in the
+    record: stretch less one, rotation, directions of the stretches. Nothing is beyond what its model holds for."""
     hyper, U = organ.law, organ.displacement(state)
-    stress = tissue.cauchy_stress(hyper, U, organ.stressed(state))
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
-    strain = np.abs(stretch - 1.0).max(axis=1)
-    values, directions = tissue.principal(stress)
-    at_nodes = stress, tissue.von_mises(stress), values, directions[:, 0], directions[:, 2]
-    energy = tissue.cell_energy(hyper, U, organ.lasting)
-    pressure, gap = lips
-    return OrganRecord(
-        hyper.body.nodal(U),
-        *at_nodes,
-        strain,
-        rotation,
-        energy,
-        tissue.volume_ratio(hyper.body, U),
-        tissue.nodal_volume_ratio(hyper.body, U),
-        strained=0.0,
-        rotated=0.0,
-        contact_pressure=pressure,
-        lip_gap=gap,
-        crossed=crossed,
-        principal_stretch=stretch,
-        first_stretch=along[:, 0],
-        third_stretch=along[:, 2],
-    )
+    return tissue.cauchy_stress(hyper, U, organ.stressed(state)), {
+        "strain": np.abs(stretch - 1.0).max(axis=1),
+        "rotation": rotation,
+        "energy_density": tissue.cell_energy(hyper, U, organ.lasting),
+        "nodal_volume_ratio": tissue.nodal_volume_ratio(hyper.body, U),
+        "strained": 0.0,
+        "rotated": 0.0,
+        "principal_stretch": stretch,
+        "first_stretch": along[:, 0],
+        "third_stretch": along[:, 2],
+    }
 
 
 def method(solve: Solve) -> Take:

@@ -28,6 +28,7 @@ REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps temporary
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
 MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # used by the code in those folders
+LISTS = ("studies/output/columns.toml", "studies/output/remarks.toml")  # of the names and words of a summary
 PACKAGES = (  # packages that influence numbers
     "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
 )  # fmt: skip
@@ -156,7 +157,7 @@ def case_digest(scenario: Scenario) -> str:
 def code_version() -> tuple[str, dict[str, str]]:
     """Return the digest of the source code of a run, and the versions of its packages."""
     text = hashlib.sha256()
-    for path in source_files():
+    for path in [*source_files(), *(ROOT / name for name in LISTS)]:
         text.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return text.hexdigest(), {name: version for name in PACKAGES if (version := installed_version(name)) is not None}
 

@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from studies.output.files import as_json, read_json, unfinished, write_json
-from studies.output.lock import LOCK, folder_of, locked
+from studies.output.lock import LOCK, folder_of, locked, refused
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
@@ -143,9 +143,7 @@ def check_folder(folder: Path, kind: str = "sweep") -> None:
     begun = {LOCK, *(path.name for path in unfinished(folder, OWN))}
     others = [name for name in there if name not in begun and (name not in OWN or not holds_sweep(folder, kind))]
     if others:
-        raise ScenarioError(
-            f"--out {folder} is refused: it holds files that no {kind} wrote ({others[0]}); give a new or empty folder"
-        )
+        raise refused(folder, f"it holds files that no {kind} wrote ({others[0]}); give a new or empty folder")
 
 
 def holds_sweep(folder: Path, kind: str = "sweep") -> bool:

@@ -27,7 +27,7 @@ from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
 from studies.output import budget
 from studies.output.budget import size_text
-from studies.output.remarks import remark
+from studies.output.remarks import Remark
 from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
@@ -104,8 +104,9 @@ def test_a_quiet_run_says_which_numbers_are_not_supported(
 ) -> None:
     """Independent check: remarks of severity "unsupported" are one line on standard error, in a quiet run and in one
     that was completed before; notes are none."""
-    found = [remark("after-end", "cut.0.time", "late"), remark("thread-strength", "thread", "it would break")]
-    found.append(remark("hole-strain", "exit", "drawn far"))
+    found = [Remark("after-end", "note", "late", "cut.0.time")]
+    found.append(Remark("thread-strength", "unsupported", "it would break", "thread"))
+    found.append(Remark("hole-strain", "unsupported", "drawn far", "exit"))
     monkeypatch.setattr(Stub, "remarks", lambda self, ending=None: found)
     arguments = ["run", contract, "--out", str(tmp_path / "out"), "--quiet", "--no-picture"]
     for more in ([], ["--resume"]):

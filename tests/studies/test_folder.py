@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from studies.output.columns import Column, text
+from studies.output.columns import Column
 from studies.output.files import write_json, write_text
 from studies.output.folder import MARK, Recorder, check_folder
+from studies.output.lock import locked
 from studies.output.provenance import provenance
 from studies.output.tables import CsvFile
 from studies.scenario import ScenarioError, load, parse
@@ -144,12 +145,13 @@ def test_a_folder_that_is_no_results_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"--out .* is refused: it holds files that no run wrote.*; give a new"):
         check_folder(tmp_path)
-    with pytest.raises(ScenarioError, match=r"it is a file; give a folder"):
-        check_folder(tmp_path / "thesis.tex")
-    with pytest.raises(ScenarioError, match=r"cannot be written \(Not a directory\); give another"):
-        check_folder(tmp_path / "thesis.tex" / "out")
-    with pytest.raises(ScenarioError, match=r"cannot be written"):
-        check_folder("/proc/out")
+    with pytest.raises(ScenarioError, match=r"it is a file; give a folder"), locked(tmp_path / "thesis.tex"):
+        pass
+    out = tmp_path / "thesis.tex" / "out"
+    with pytest.raises(ScenarioError, match=r"cannot be written \(Not a directory\); give another"), locked(out):
+        pass
+    with pytest.raises(ScenarioError, match=r"cannot be written"), locked("/proc/out"):
+        pass
 
 
 def test_results_are_not_replaced_by_the_scenario_they_hold(tmp_path: Path) -> None:
@@ -228,7 +230,10 @@ def test_a_full_disk_leaves_whole_lines_and_whole_files(tmp_path: Path) -> None:
 
 def test_a_table_quotes_what_needs_it(tmp_path: Path) -> None:
     names = ['a "b", c', "d", "é|;'", "two\nlines", '"']
-    columns = [text("piercing", "", lambda name: name), Column("length", "m", "", lambda name: 1.5 * len(name))]
+    columns = [
+        Column("piercing", "", "", lambda name: name, kind="text"),
+        Column("length", "m", "", lambda name: 1.5 * len(name)),
+    ]
     table = CsvFile(tmp_path / "t.csv", columns)
     table.append(names)
     table.close()
