@@ -68,6 +68,11 @@ class Answer(Protocol[Body]):
     def friction(self) -> Array:
         """Friction over contact force of each pair that slips, shape `(pairs,)` [-]."""
 
+    @property
+    def points(self) -> Array:
+        """What points of the thread face, shape `(j, 9 + l)`, as `Bearing.faced` found it; their gaps, without the
+        thread's part, and with friction their slips stand behind those of the pairs."""
+
     def accept(self, f_y: Array, p: Array) -> Body:
         """Return the organ's state at the end of the step under the forces `f_y` (9p,) and `p` (k,)."""
 
@@ -157,6 +162,28 @@ class Floats(Protocol):
     def dragged(self, state: Any) -> float:
         """Return by how much of the forces on it the organ is still dragged towards where it was; zero in
         equilibrium."""
+
+
+@runtime_checkable
+class Bearing(Protocol):
+    """What an organ may say besides: the thread bears on its surface."""
+
+    @property
+    def finest(self) -> float:
+        """Smallest height of a facet of the surface [m]."""
+
+    def faced(self, state: Any, places: Array, labels: Array) -> Array:
+        """Return what points of the thread at `places` `(j, 3)` [m], with `labels` `(j, l)`, face in a state, shape
+        `(j, 9 + l)`: facet, barycentric coordinates there, the unit vector into the organ, the distance and the
+        bulge of the surface over the facet [m], and the labels."""
+
+    def touched(self, state: Any, points: Array) -> Any:
+        """Return the state in front of a step in which points of the thread face `points` `(j, 9 + l)`."""
+
+    def touching_points(self, state: Any) -> tuple[Array, Array]:
+        """Return what points faced in the step to a state, `(j, 9 + l)`, and their
+        forces on the organ, with friction those along both tangents of
+        each behind them, `(j,)` or `(3j,)` [N]."""
 
 
 @runtime_checkable

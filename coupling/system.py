@@ -183,12 +183,24 @@ def is_overlapping(one: Array, other: Array) -> bool:
 
 
 @dataclass(frozen=True)
+class ThreadContact:
+    """How the thread meets the surface of the organ: strands `inside` are in tissue, between two holds by number, END
+    for an end of the thread. The others bear on the surface if the thread `bears` on it, with a coefficient of
+    `friction` [-]."""
+
+    inside: tuple[tuple[int, int], ...] = ()
+    bears: bool = True
+    friction: float = 0.0
+
+
+@dataclass(frozen=True)
 class System(Generic[Body]):
     """Everything that does not change from step to step.
 
     `piercings` are in the order of the organ's sites. `gravity` (3,) [m/s²] acts on the thread here (the organ
     carries its own). `epsilon` is ε of eq. 7, zero for eq. 6. `ties` close loops of the thread. `compiled`: steps that
-    the compiled loops cover are solved by them (`coupling.step.solver`).
+    the compiled loops cover are solved by them (`coupling.step.solver`). `contact`: how the thread meets the organ's
+    surface, None if that is not known.
     """
 
     thread: Thread
@@ -199,6 +211,7 @@ class System(Generic[Body]):
     epsilon: float = 0.0
     ties: tuple[Tie, ...] = ()
     compiled: bool = False
+    contact: ThreadContact | None = None
 
     def __post_init__(self) -> None:
         if self.ties and self.epsilon > 0.0:
@@ -255,6 +268,11 @@ class System(Generic[Body]):
         ends[side] = end
         object.__setattr__(led, "ends", tuple(ends))
         return led
+
+    @property
+    def bears(self) -> bool:
+        """Whether strands of the thread bear on the organ's surface."""
+        return self.contact is not None and self.contact.bears
 
     @cached_property
     def held(self) -> Indices:

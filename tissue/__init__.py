@@ -17,6 +17,7 @@ from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
+from tissue.organs.skin import Skin, skin_of
 from tissue.refinement.bound import Bounds, bounds, relative_bounds
 from tissue.refinement.estimate import Estimate
 from tissue.refinement.rounds import Fitted, fitted
@@ -66,6 +67,7 @@ __all__ = [
     "Site",
     "SiteAnswer",
     "Sites",
+    "Skin",
     "StressRecovery",
     "SurfaceLoad",
     "TimeScheme",
@@ -101,6 +103,7 @@ __all__ = [
     "reduce_organ",
     "relative_bounds",
     "rigid_motions",
+    "skin_of",
     "strains",
     "stress_recovery",
     "surface_gaps",

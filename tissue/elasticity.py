@@ -150,6 +150,12 @@ class Elasticity:
         """Return a field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
         return field[self.nodes]
 
+    def rows_of(self, nodes: Indices) -> csr_matrix:
+        """Return the displacement of `nodes` `(r,)` over the free unknowns, as rows of ones, shape `(3r, N)`."""
+        unknowns = self.nodes[nodes].ravel()
+        at = np.arange(unknowns.size), unknowns
+        return csr_matrix((np.ones(unknowns.size), at), (unknowns.size, self.N))[:, self.free]
+
     def flat(self, nodal: Array) -> Array:
         """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of `nodal`."""
         field = np.empty(self.N)

@@ -27,7 +27,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from coupling.arrays import Array, Flags
+from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
 from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
@@ -72,11 +72,17 @@ class Contact(Generic[Body]):
     @property
     def C_cc(self) -> Array:
         """Gaps by all contact forces, shape `(k, k)` [m/N]; expensive."""
-        return self.answer.gaps_by_forces(np.arange(len(self.g_free)))
+        return self.answer.gaps_by_forces(np.arange(len(self.g_free)))[: len(self.g_free)]
 
     def pressing(self, pressed: Flags) -> Array:
         """Return the gaps by the forces of the pairs `pressed`, shape `(k, j)` [m/N]."""
-        return self.answer.gaps_by_forces(np.flatnonzero(pressed))
+        return self.answer.gaps_by_forces(np.flatnonzero(pressed))[: len(self.g_free)]
+
+    def acting(self, pressed: Flags) -> Indices:
+        """Return the numbers of the gaps and slips along which pairs that are `pressed` have forces."""
+        if not self.rubs:
+            return np.flatnonzero(pressed)
+        return np.flatnonzero(np.append(pressed, np.repeat(pressed[self.law.rough], 2)))
 
     def gaps_when_open(self, f: Array) -> Array:
         """Return the gaps without contact forces under the site forces `f` (9m,), shape `(k,)` [m]."""
@@ -96,6 +102,18 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
     by_pressed = contact.pressing(pressed)
     p[pressed] = -cho_solve(factorize_pressed(by_pressed[pressed], cho_factor), open_gaps[pressed])
     return p, open_gaps + by_pressed @ p[pressed]
+
+
+def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: Array) -> Array:
+    """Return the forces, `(k, i)` [N], that close the pairs `pressed`, as they rub, where they would be `opened`
+    `(k, i)` [m] without forces."""
+    if contact.rubs:
+        return forces_by_tangent(contact.law, pressed, rubbing, opened)
+    P = np.zeros_like(opened)
+    if pressed.any():
+        factor = factorize_pressed(contact.pressing(pressed)[pressed], cho_factor)
+        P[pressed] = -cho_solve(factor, opened[pressed])
+    return P
 
 
 def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
@@ -156,10 +174,18 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
 
 def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
     """Return the contact of a step, None where the organ has no lips that may touch; no other hold opens any."""
-    if not answer.g_free.size:
+    count = lip_count(system, answer)
+    if not count:
         return None
-    C_cy, friction = np.pad(answer.C_cy, ((0, 0), (0, NINE * system.holds_off_organ))), answer.friction
-    return Contact(answer.g_free, C_cy, answer, friction if friction.any() else NO_FORCES)
+    C_cy, friction = np.pad(answer.C_cy[:count], ((0, 0), (0, NINE * system.holds_off_organ))), answer.friction
+    return Contact(answer.g_free[:count], C_cy, answer, friction if friction.any() else NO_FORCES)
+
+
+def lip_count(system: System[Body], answer: Answer[Body]) -> int:
+    """Return how many of the gaps and slips of an answer are those of lips; those of the thread's points follow."""
+    if system.contact is None or not system.contact.bears:
+        return len(answer.g_free)
+    return len(answer.g_free) - len(answer.points) * (3 if system.contact.friction else 1)
 
 
 def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:

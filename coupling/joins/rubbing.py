@@ -35,7 +35,7 @@ CORRECTIONS = 40
 SWEEPS = 60  # rounds from pair to pair, between two tries
 TRIES = 8
 TINY = np.finfo(float).tiny
-NO_HOLD = "lips that press on one another do not hold one another apart, as where tissue snaps"
+NO_HOLD = "surfaces that press on each other do not hold each other apart, as if the tissue snaps"
 
 
 @dataclass(frozen=True)
@@ -157,11 +157,13 @@ def breach(law: Law, P: Array, c: Array) -> float:
     return float(np.abs(P - projected(law, P, c)).max() / np.abs(P).max(initial=TINY))
 
 
-def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
+def find_forces(
+    law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing, tries: int = TRIES
+) -> tuple[Flags, Rubbing, Array]:
     """Solve the law where the pairs would be at `c_open` (k + 2m,) [m] without forces, starting from an active set:
-    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError`, for the step to be taken again in
-    halves."""
-    for _ in range(TRIES):
+    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError` after so many `tries`, for the step to be
+    taken again in halves."""
+    for _ in range(tries):
         last = np.inf
         for _ in range(CORRECTIONS):
             P = forces_by_tangent(law, pressed, rubbing, c_open)

@@ -6,6 +6,7 @@ V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compl
 Numbers of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v), which follows from the forces on the site.
 """
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -102,32 +103,37 @@ def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints
     return dz
 
 
-def newton_direction(
+def newton_directions(
     A: Array,
     held: Indices,
     border: Border,
     C: Array,
     thread: Passage,
-    residuals: tuple[Array, Array, Array],
+    residuals: Sequence[tuple[Array, Array, Array]],
     joined: tuple[Joints, Array] = (NO_JOINTS, NO_SET),
-) -> tuple[Array, Array]:
-    """Solve for the Newton direction dq (n, c) and dz (m, 15).
+) -> list[tuple[Array, Array]]:
+    """Solve for the Newton directions dq (n, c) and dz (m, 15) of several `residuals`, each of the thread (n, c), of
+    the holds (m, 6) and of y (m, 9).
 
     `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
-    identity; `C` (9m, 9m) organ compliance; `residuals` of the thread (n, c), of the holds (m, 6) and of y (m, 9);
-    strands of ties, `joined` where the active set (m,) says so. Raises `SingularError`.
+    identity; `C` (9m, 9m) organ compliance; strands of ties, `joined` where the active set (m,) says so. Raises
+    `SingularError`.
     """
-    r_q, r, r_y = residuals
-    (n, c), m = r_q.shape, len(r)
+    (n, c), m, count = residuals[0][0].shape, len(residuals[0][1]), len(residuals)
     pushed = np.flatnonzero(border.E.any(axis=2))  # a free hole pushes neither T nor T'
-    right = np.empty((c * n, 1 + pushed.size), order="F")
-    right[:, 0], right[:, 1:] = -r_q.ravel(), columns(thread, n, c)[:, pushed]
+    right = np.empty((c * n, count + pushed.size), order="F")
+    right[:, :count] = np.transpose([-r_q.ravel() for r_q, _, _ in residuals])
+    right[:, count:] = columns(thread, n, c)[:, pushed]
     right[held] = 0.0
     X = banded_solve(A, right)
     if m == 0:
-        return X[:, 0].reshape(n, c), np.empty((0, BORDER))
-    G = np.zeros((NINE * m, 1 + NINE * m))
-    G[:, [0, *(1 + pushed)]] = values_at_holds(thread, X.reshape(n, c, -1))
-    dz = solve_holds(border, np.ascontiguousarray(C), G, r, r_y, *joined)
-    push = np.matvec(border.E, dz).ravel()[pushed]
-    return (X[:, 0] - X[:, 1:] @ push).reshape(n, c), dz
+        return [(X[:, k].reshape(n, c), np.empty((0, BORDER))) for k in range(count)]
+    own, by_push = X[:, :count], X[:, count:]
+    G, at_holds = np.zeros((NINE * m, 1 + NINE * m)), values_at_holds(thread, X.reshape(n, c, -1))
+    G[:, 1 + pushed] = at_holds[:, count:]
+    out, C = [], np.ascontiguousarray(C)
+    for k, (_, r, r_y) in enumerate(residuals):
+        G[:, 0] = at_holds[:, k]
+        dz = solve_holds(border, C, G, r, r_y, *joined)
+        out.append(((own[:, k] - by_push @ np.matvec(border.E, dz).ravel()[pushed]).reshape(n, c), dz))
+    return out

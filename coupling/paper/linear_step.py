@@ -39,7 +39,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE, Border
-from coupling.kernels.bordered import PHI, S, SingularError, newton_direction, values_at_holds
+from coupling.kernels.bordered import PHI, S, SingularError, newton_directions, values_at_holds
 from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
 from coupling.kernels.iteration import ROUND_OFF
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
@@ -228,7 +228,7 @@ def solve_whole(posed: Posed[Body]) -> Answer:
     """Solve the whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
     residuals = posed.r_q, posed.r, site
-    return newton_direction(posed.band(), problem.system.held, posed.border, problem.C, posed.at, residuals)
+    return newton_directions(posed.band(), problem.system.held, posed.border, problem.C, posed.at, [residuals])[0]
 
 
 # -- the step ----------------------------------------------------------------------------------------------------------

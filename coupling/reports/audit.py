@@ -120,6 +120,7 @@ def turned_over(step: Step[Body]) -> Array:
     on, start = forces_on(step, q, v), points_at_start(solution.problem.system, old, new)
     motions = before._replace(q=plain(start), v=plain(v)), after
     audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
+    add_rubbing(step, start, turns)
     if solution.problem.system.thread.travels:
         add_travelling(step, on, start, v, turns)
     else:
@@ -148,7 +149,7 @@ def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Ar
     ds, dq, n = new.s - old.s, new.q - q, thread.n
     weight, by_weight, by_elastic = potential_rates(thread, problem.gravity, new.q)
     assert new.drive is not None
-    by_inertia = -new.drive - by_elastic - by_weight
+    by_inertia = rubbing_drive(step) - new.drive - by_elastic - by_weight
     inertia = r.thread.reshape(n, -1) - r.configuration.elastic + problem.load - weight + r.push
     change = 0.5 * np.vdot(new.v, on.momentum)
     change -= 0.5 * np.vdot(old.v, problem.system.at(old).thread.momentum(old.v))
@@ -162,6 +163,27 @@ def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Ar
         turns[audit.TWO_STEP] += beyond + np.vdot(new.v, on.faster)
     else:
         turns[audit.NUMERICAL] += beyond
+
+
+def rubbing_drive(step: Step[Body]) -> Array:
+    """Return the driving forces that friction of the thread on the organ adds at the holds, shape `(m,)` [N]."""
+    strands, touch = step.solution.problem.strands, step.solution.residual.touch
+    if strands is None or touch is None:
+        return np.zeros_like(step.new.s)
+    return strands.drive(touch.P, step.solution.iterate.s)
+
+
+def add_rubbing(step: Step[Body], q: Array, turns: Array) -> None:
+    """Add the thread's part of what its friction on the organ takes in a step that began with `q` (n, c) [m], which
+    stands among the works of the constraints as a push."""
+    strands, touch = step.solution.problem.strands, step.solution.residual.touch
+    if strands is None or touch is None or not strands.friction:
+        return
+    P, old, new = touch.P[strands.count :], step.old, step.new
+    slips = [strands.opens(*at)[strands.count :] for at in ((q, new.s), (new.q, new.s))]
+    pushed = float(P @ (slips[1] - slips[0]))
+    turns[audit.REMAINDER] += pushed
+    turns[audit.FRICTION] -= pushed + float(rubbing_drive(step) @ (new.s - old.s))
 
 
 def weight_over(step: Step[Body]) -> float:

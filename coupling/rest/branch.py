@@ -89,12 +89,12 @@ class Way:
 
 @dataclass(frozen=True)
 class Branch(Generic[Body]):
-    """A branch of equilibria at one of them, `state`, of a load step over `duration` [s] that `began` [s] then."""
+    """A branch of equilibria at one of them, `state`, of a load step over `duration` [s] that `began` at a state."""
 
     system: System[Body]
     state: State[Body]
     duration: float
-    began: float
+    began: State[Body]
 
     @property
     def share(self) -> float:
@@ -191,7 +191,7 @@ def reach(system: System[Body], state: State[Body], share: float, duration: floa
             raise
         log.info("load steps end at %.4g of the loads; on along the branch by arc length", last.time / duration)
         try:
-            taken += follow(Branch(system, last, duration, state.time), share)
+            taken += follow(Branch(system, last, duration, state), share)
         except CouplingError as lost:
             log.info("%s", lost)
             raise with_branch(error, lost) from error

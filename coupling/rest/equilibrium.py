@@ -35,6 +35,7 @@ from coupling.errors import (
 )
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
+from coupling.joins.strands import misplaced
 from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
@@ -83,6 +84,7 @@ AT_REST = 1e-10  # part by which 1 + T/EA at rest differs from that which the eq
 TENSIONS = 20  # equilibria with another 1 + T/EA at most
 PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
 PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
+MISPLACED = 1e-3  # of the thread's diameter: nearer to the surface, a strand lies on it
 DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
 DRAGGED = 1e-10  # of the forces on it: what may still drag it
 ROUNDS = 40  # of corrections, on knots that fit where each begins; a thread that runs out of a hole takes 12
@@ -107,12 +109,13 @@ def static_problem(
     duration: float,
     answer: Answer[Body],
     first: State[Body],
-    began: float,
+    began: State[Body],
     lapse: float = 0.0,
 ) -> Problem[Body]:
-    """Return the problem of equilibrium at the part `share` of the loads. Friction opposes the way from
-    `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began`
-    then [s], with all of the force that they have at its end. The thread relaxes for `lapse` [s] from `first` on."""
+    """Return the problem of equilibrium at the part `share` of the loads. Friction in holes opposes the way from
+    `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began` at
+    a state, with all of the force that they have at its end, and the thread rubs on the organ on its way from there. It
+    relaxes for `lapse` [s] from `first` on."""
     time = share * duration
     system = system.over(first, lapse)
     system = system if state.spline is None else system.on(state.spline)
@@ -130,12 +133,13 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began, stretch),
+        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began.time, stretch),
         stiffen=True,
         frame=state.frame,
         gaps=tie_gaps(system, state, time),
         fields=() if state.spline is None else ((state.spline, state.q[:, :3]),),
         weight=np.where(loose, 0.0, share),
+        start=began if system.bears else None,
     )
 
 
@@ -158,12 +162,12 @@ def settle(
     share: float,
     duration: float,
     given: Answer[Body] | None = None,
-    began: float | None = None,
+    began: State[Body] | None = None,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
-    `began` [s], the start of the load step where the state is one on its way, which hands have not let go of yet.
+    `began`, the state at the start of the load step if the state is one on its way, which hands have not let go of yet.
     Raises `EquilibriumError`."""
-    began = state.time if began is None else began
+    began = state if began is None else began
     return stand_firm(go_downhill(system, state, share, duration, given, began))
 
 
@@ -189,7 +193,7 @@ def go_downhill(
     share: float,
     duration: float,
     given: Answer[Body] | None,
-    began: float,
+    began: State[Body],
 ) -> Step[Body]:
     """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
     which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
@@ -455,7 +459,7 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     for _ in range(CREEPS):
         try:
             given = organ.creep(now.organ, duration, share, pace) if pace > LAST_PACE else None
-            step = settle(system, now, share, duration, given, state.time)
+            step = settle(system, now, share, duration, given, state)
         except OrganError as error:
             failed, pace = replace(failed, cause=str(error)), HARDER * pace
             continue
@@ -585,7 +589,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
         since = Equilibrium(share * duration - step.old.time)
         given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
-        out.append(settle(system, out[-1].new, share, duration, given, step.old.time))
+        out.append(settle(system, out[-1].new, share, duration, given, step.old))
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"
@@ -594,7 +598,10 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
 
 
 def has_slid(system: System[Body], step: Step[Body]) -> bool:
-    """Tell whether lips that press on one another face something else after a step than in it."""
+    """Tell whether lips that press on one another, or the thread and the organ, face something else after a step than
+    in it."""
+    if misplaced(system, step.new) > MISPLACED * system.thread.section.diameter:
+        return True
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     before, after = (system.organ.lips(state.organ) for state in (step.old, step.new))
     way = max(np.abs(b - a).max(initial=0.0) for a, b in zip(before[seen], after[seen], strict=True))

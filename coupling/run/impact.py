@@ -21,7 +21,7 @@ from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.joins.contact import NO_FORCES, first_sets
 from coupling.kernels.border import Border
-from coupling.kernels.bordered import PHI, S, linearise, newton_direction
+from coupling.kernels.bordered import PHI, S, linearise, newton_directions
 from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
 from coupling.kernels.friction import Joints
 from coupling.reports.audit import initial_energies
@@ -213,7 +213,7 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
     joints = Joints(system.strands[in_force], np.zeros((0, 2), dtype=np.intp), 1.0)
     M, none = system.hold_still(system.thread.mass_band.copy()), np.zeros_like(state.q)
     residuals, joined = (none, rates, np.zeros_like(state.y)), (joints, np.zeros(system.holds))
-    dv, dz = newton_direction(M, system.held, border, pad_compliance(system, answer.C), at, residuals, joined)
+    dv, dz = newton_directions(M, system.held, border, pad_compliance(system, answer.C), at, [residuals], joined)[0]
     j, s_dot = dz[:, PHI], state.s_dot + np.where(slides, dz[:, S], 0.0)
     organ = answer.accept(site_force(at, j, state.y)[:p].ravel(), NO_FORCES)
     sigma = np.where(this & system.rough, np.sign(s_dot), state.sigma)

@@ -36,6 +36,7 @@ from coupling.arrays import Array, Flags
 from coupling.errors import CouplingError, StepError
 from coupling.interfaces import Body
 from coupling.joins.contact import find_sets
+from coupling.joins.strands import under
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
 from coupling.kernels.constraints import LOCAL, Passage, phi
@@ -50,6 +51,7 @@ from coupling.step.newton import (
     Solution,
     applied_share,
     border_of,
+    change_of_site_forces,
     evaluate,
     moved,
 )
@@ -240,6 +242,7 @@ class Place(Generic[Body]):
         contact, z = self.problem.contact, self.z
         if contact is None:
             return self
+        contact = under(contact, self.problem.strands, self.r.touch)
         try:
             pressed, rubbing, _ = find_sets(contact, self.f.ravel(), z.pressed, z.rubbing)
         except (CouplingError, OrganError):
@@ -276,9 +279,8 @@ class Way(Generic[Body]):
     def df(self) -> Array:
         """What it changes of the forces that hold the sites, shape `(m, 9)`."""
         at = self.starts
-        by_thread = at.r.passage.b[:, :3] @ self.dq[at.r.passage.first[:, None] + LOCAL, :3]
-        of_holds = np.matvec(at.border.F, self.dz) + np.matvec(at.border.R, by_thread.reshape(-1, 9))
-        return np.asarray(at.r.f_y + of_holds - at.f)
+        change = change_of_site_forces(at.border, at.r.passage, self.dq, self.dz)
+        return at.r.f_y + change.reshape(at.f.shape) - at.f
 
     def after(self, share: float) -> tuple[Place[Body], float]:
         """Return where a `share` of it leads, on the constraints, and the work along it there [J]."""
@@ -326,8 +328,11 @@ def put_back(problem: Problem[Body], passage: Passage, inverse: Array, off: Arra
 
 
 def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
-    """Return the place of an iterate with its control points moved onto the constraints."""
+    """Return the place of an iterate with its control points moved onto the constraints, where the thread bears on the
+    organ with the sites where its points move them too."""
     for _ in range(PUT):
+        if problem.strands is not None:
+            z = replace(z, y=sites_under(problem, z, f))
         passage = problem.system.passage(z.q, z.s, problem.law.s_old)
         off = phi(passage, z.lam, z.y) * problem.rows
         if np.abs(off).max(initial=0.0) <= DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
@@ -337,17 +342,27 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
     return Place(problem, z, evaluate(problem, z), f)
 
 
+def sites_under(problem: Problem[Body], z: Iterate, f: Array) -> Array:
+    """Return the sites of an iterate under forces `f` (m, 9) that hold them, shape `(m, 9)`: those of ties stay."""
+    y = problem.y_free + (problem.C @ f.ravel()).reshape(f.shape)
+    if problem.strands is not None:
+        y = y + problem.strands.sites(problem.strands.touch(z.q, z.s, f.ravel()))
+    return np.where(problem.system.of_ties[:, None], z.y, y)
+
+
 def holding_forces(problem: Problem[Body], z: Iterate) -> Array:
     """Return the forces (m, 9) that hold the sites of the organ where an iterate has them; least squares, since a
     clamped end has no compliance, nor has a lip that is closed."""
     way = (z.y - problem.y_free).ravel()
+    if problem.strands is not None:
+        way = way - problem.strands.sites(problem.strands.touch(z.q, z.s, np.zeros_like(way))).ravel()
     return np.asarray(np.linalg.lstsq(problem.C, way, rcond=1e-12)[0].reshape(z.y.shape))
 
 
 def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
     """Return the place of an iterate whose sites are put where the forces `f` (m, 9) hold them, whose abscissae are
     where they are held, on the constraints."""
-    law, y = problem.law, problem.y_free + (problem.C @ f.ravel()).reshape(f.shape)
+    law, y = problem.law, sites_under(problem, z, f)
     s, strands = np.where(z.sigma == 0.0, law.s_held, z.s), law.strands
     middle = 0.5 * z.y[strands].sum(axis=1, keepdims=True)
     half = np.pad(0.5 * problem.gaps[: len(strands)], ((0, 0), (0, 6)))[:, None]

@@ -13,7 +13,7 @@ points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-
 from collections import Counter
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Generic
 
 import numpy as np
@@ -35,13 +35,14 @@ from coupling.joins.contact import (
     misfits,
 )
 from coupling.joins.rubbing import NO_PAIRS, Rubbing
+from coupling.joins.strands import Strands, Touch, strands_of, under
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
-from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_direction
-from coupling.kernels.constraints import Passage, phi, pressing_force, site_force, spread, thread_force
+from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_directions
+from coupling.kernels.constraints import LOCAL, Passage, phi, pressing_force, site_force, spread, thread_force
 from coupling.kernels.iteration import force_rounded, holds_solved, share, share_between
 from coupling.step.configuration import Configuration, evaluate_thread
-from coupling.step.sliding import Law, admissible_sigma, ruled, with_own_laws
-from coupling.system import System
+from coupling.step.sliding import Law, admissible_sigma, driven, ruled, with_own_laws
+from coupling.system import State, System
 from thread.errors import ThreadError
 from thread.frames import Frame
 from thread.kernels.travel import Field, Ride
@@ -79,7 +80,8 @@ class Problem(Generic[Body]):
     `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
     is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
     all of it or on each control point (n,), which is then no part of `load`; `stands`: the organ's answer is kept,
-    whatever the forces are; `along` makes a correction where the loads are unknown too, and returns the problem under
+    whatever the forces are; `start`, the state at the start of the step where the thread bears on the organ, else None;
+    `along` makes a correction where the loads are unknown too, and returns the problem under
     others with it, None where they are given (`coupling.rest.branch`).
     """
 
@@ -100,6 +102,7 @@ class Problem(Generic[Body]):
     fields: tuple[tuple[Spline, Array], ...] = ()
     weight: float | Array = 1.0
     stands: bool = False
+    start: State[Body] | None = None
     along: "Corrector[Body] | None" = None
 
     @cached_property
@@ -146,6 +149,13 @@ class Problem(Generic[Body]):
         return contact_of(self.system, self.answer)
 
     @cached_property
+    def strands(self) -> Strands[Body] | None:
+        """Points of the thread that may bear on the organ, None if there are none."""
+        if self.start is None:
+            return None
+        return strands_of(self.system, self.start, self.answer, self.contact, self.closed, self.rubbing)
+
+    @cached_property
     def organ_at_holds(self) -> tuple[Array, Array]:
         """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the pairs that are closed."""
         y_free, C = all_holds(self.system, self.answer.y_free), pad_compliance(self.system, self.answer.C)
@@ -185,9 +195,9 @@ class Residual:
     """Residuals at an iterate, and what the tangent needs again.
 
     `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ;
-    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points; `thread` (n, c) [N, with twist N m]
-    (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site` (m, 9); `force_scale` [N],
-    `torque_scale` [N m].
+    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points, and of the organ's surface, `touch`;
+    `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site`
+    (m, 9); `force_scale` [N], `torque_scale` [N m].
     """
 
     configuration: Configuration
@@ -198,6 +208,7 @@ class Residual:
     site: Array
     force_scale: float
     torque_scale: float = 0.0
+    touch: Touch | None = None
 
     @property
     def points(self) -> Points:
@@ -242,14 +253,15 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     elif problem.mass_factor:
         inertia = problem.mass_factor * thread.momentum(z.q - problem.q_ref)
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, ridden=ridden)
+    f_y = site_force(now.at, z.lam, z.y)
+    now, touch, pressing = touched(problem, z, now, f_y)
     at, elastic = now.at, now.elastic
-    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n)
+    balance, push = elastic - problem.load, spread(thread_force(at, z.lam, z.y), at, thread.n) + pressing
     balance[:, :3] -= push
     balance += inertia
     holds = np.empty((len(z.s), 6))
     holds[:, S] = ruled(problem.law, z.sigma, at, z.s, z.lam, z.y).residual[:, 0]
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
-    f_y = site_force(at, z.lam, z.y)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(
         now,
@@ -257,18 +269,38 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
         push,
         balance,
         holds,
-        site_residual(problem, z, f_y),
-        max(float(scale), thread.force_unit),
+        site_residual(problem, z, f_y, touch),
+        max(float(scale), float(np.abs(pressing).max(initial=0.0)), thread.force_unit),
         float(np.abs(elastic[:, 3:]).max()) if thread.twist else 0.0,
+        touch,
     )
 
 
-def site_residual(problem: Problem[Body], z: Iterate, f_y: Array) -> Array:
-    """Return the residuals of the sites under their forces `f_y` (m, 9), shape `(m, 9)`."""
+def touched(
+    problem: Problem[Body], z: Iterate, now: Configuration, f_y: Array
+) -> tuple[Configuration, Touch | None, Array]:
+    """Return the thread where it bears on the organ under the forces `f_y` (m, 9) on the sites, with the driving forces
+    that friction there adds at the holes; the forces of its points, None if none may bear; and these on the control
+    points, shape `(n, 3)` [N]."""
+    strands, n = problem.strands, problem.system.thread.n
+    if strands is None:
+        return now, None, np.zeros((n, 3))
+    touch = strands.touch(z.q, z.s, f_y.ravel())
+    if strands.friction and touch.P.any() and now.at.ridden is not None:
+        by_s = now.at.ridden.by_s - strands.drive(touch.P, z.s)
+        now = replace(now, at=replace(now.at, drive=-by_s, ridden=now.at.ridden._replace(by_s=by_s)))
+    return now, touch, strands.push(touch, n)
+
+
+def site_residual(problem: Problem[Body], z: Iterate, f_y: Array, touch: Touch | None) -> Array:
+    """Return the residuals of the sites under their forces `f_y` (m, 9) and those of the thread's points, shape
+    `(m, 9)`."""
     if len(problem.gaps) < len(problem.law.strands):
         raise ValueError(f"{len(problem.law.strands)} ties in force, but {len(problem.gaps)} gaps; give one for each")
     out = np.empty_like(f_y)
     y_free, C = (np.ascontiguousarray(x) for x in problem.organ_at_holds)
+    if problem.strands is not None and touch is not None:
+        y_free = y_free + problem.strands.sites(touch)
     site_residuals(problem.law.table.joints, C, y_free, problem.gaps, np.ascontiguousarray(z.y), f_y, out)
     return out
 
@@ -280,13 +312,13 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
         return problem, r, True
     sites = len(problem.system.piercings)
     try:
-        answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem.contact, z, r))
+        answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem, z, r))
+        if answer is problem.answer:
+            return problem, r, True
+        problem = replace(problem, answer=answer)
+        return problem, evaluate(problem, z), False
     except OrganError as error:
         raise failure(problem, r.holds, str(error)) from error
-    if answer is problem.answer:
-        return problem, r, True
-    problem = replace(problem, answer=answer)
-    return problem, replace(r, site=site_residual(problem, z, r.f_y)), False
 
 
 def force_tolerance(problem: Problem[Body], r: Residual) -> float:
@@ -392,7 +424,17 @@ def direction(problem: Problem[Body], z: Iterate, r: Residual, tie: float = 0.0)
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
     A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)
-    return newton_direction(A, problem.system.held, border, problem.C, at, (r_q, r.holds, r.site), joined)
+    solve = partial(newton_directions, A, problem.system.held, border, problem.C, at, joined=joined)
+    if problem.strands is None or r.touch is None:
+        return solve([(r_q, r.holds, r.site)])[0]
+    forces, at_holds = partial(change_of_site_forces, border, at), partial(driven, problem.law, z.sigma)
+    return problem.strands.directed(r.touch, (r_q, r.holds, r.site), at_holds, z.s, solve, forces)
+
+
+def change_of_site_forces(border: Border, at: Passage, dq: Array, dz: Array) -> Array:
+    """Return what a direction dq (n, c), dz (m, 15) changes of the site forces Φ_yᵀλ, shape `(9m,)`."""
+    by_thread = at.b[:, :3] @ dq[at.first[:, None] + LOCAL, :3]
+    return (np.matvec(border.F, dz) + np.matvec(border.R, by_thread.reshape(-1, 9))).ravel()
 
 
 def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array) -> Iterate:
@@ -456,7 +498,7 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
         seen[sets_of(z)] += 1
         fitting = with_next_sets(problem, z, r, seen)
         if fitting is z:
-            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem.contact, z, r))
+            return replace(solution, problem=problem, iterations=iterations, p=contact_forces(problem, z, r))
         if seen[sets_of(z)] > RETURNS and not rubs:
             break
         z = fitting
@@ -476,7 +518,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
     """
     margin = MARGIN * force_tolerance(problem, r)
     sigma = ruled(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin).fits
-    contact = problem.contact
+    contact = None if problem.contact is None else under(problem.contact, problem.strands, r.touch)
     if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)
     pressed = z.pressed if contact is None else find_pressed(contact, r.f_y.ravel(), z.pressed)
@@ -508,15 +550,23 @@ def with_rubbing_sets(
     return fitting
 
 
-def forces_that_close(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
-    """Return what the active set of an iterate asks of the pairs, shape `(k,)` [N]."""
-    return NO_FORCES if contact is None else closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel())
+def forces_that_close(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """Return what the active set of an iterate asks of the pairs, and behind it the forces of the thread's points,
+    shape `(k,)` [N]."""
+    P = NO_FORCES if r.touch is None else r.touch.P
+    if problem.contact is None:
+        return P
+    contact = under(problem.contact, problem.strands, r.touch)
+    return np.append(closing_forces(contact, z.pressed, z.rubbing, r.f_y.ravel()), P)
 
 
-def contact_forces(contact: Contact[Body] | None, z: Iterate, r: Residual) -> Array:
-    """Return p of a solved iterate, shape `(k,)` [N]."""
-    p = forces_that_close(contact, z, r)
-    return p if contact is None or contact.rubs else np.maximum(p, 0.0)
+def contact_forces(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
+    """Return p of a solved iterate, shape `(k,)` [N]; a pull of round-off between lips is set to zero."""
+    p = forces_that_close(problem, z, r)
+    if problem.contact is not None and not problem.contact.rubs:
+        lips = len(problem.contact.g_free)
+        p[:lips] = np.maximum(p[:lips], 0.0)
+    return p
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a try that runs away is refused in words

@@ -238,3 +238,12 @@ def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
     difference of both."""
     one, other = law.pairs[sigma[law.pairs[:, 0]] != 0.0].T
     return one, other
+
+
+def driven(law: Law, sigma: Array, drive: Array) -> Array:
+    """Return what driving forces `drive` (m,) [N] add to the residuals of the law, shape `(m,)` [N]."""
+    out = np.where(sigma != 0.0, drive, 0.0)
+    one, other = sliding_strands(law, sigma)
+    out[other] -= out[one]
+    out[one] = 0.0
+    return out

@@ -86,7 +86,8 @@ def covers(system: System[Body]) -> bool:
     """Return whether the kernels know the thread, with stretch and bending as integrals, and the holes' laws of
     friction, Coulomb's."""
     thread, own = system.thread, any(law is not None for law in system.own_friction)
-    return not (thread.twist or thread.coil or thread.springs is not None or thread.relaxation is not None or own)
+    plain = not (thread.twist or thread.coil or thread.springs is not None or thread.relaxation is not None)
+    return plain and not (own or system.bears)
 
 
 def is_covered(problem: Problem[Body]) -> bool:

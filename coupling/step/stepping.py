@@ -14,6 +14,7 @@ from coupling.errors import InversionError, LentError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.joins.contact import first_sets
+from coupling.joins.strands import touching_organ
 from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
@@ -112,7 +113,9 @@ def ask_organ(
     """Return the organ's answer from the states `past`, the newest first, under a `share` of the loads at `time` [s].
     Raises `StepError` where it has none."""
     try:
-        return system.organ.answer(scheme, [each.organ for each in past], time, share)
+        now, *before = past
+        bodies = [touching_organ(system, now), *(each.organ for each in before)]
+        return system.organ.answer(scheme, bodies, time, share)
     except OrganError as error:
         raise StepError(past[0].time, scheme.dt, str(error)) from error
 
@@ -188,6 +191,7 @@ def problem_of(
         ),
         frame=state.frame,
         gaps=tie_gaps(system, state, time),
+        start=state if system.bears else None,
     )
 
 

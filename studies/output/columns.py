@@ -113,6 +113,7 @@ SOLVED = columns_of(
 )
 MAX_STRAIN = next(column for column in SOLVED if column.name == "max_strain")
 THREAD = (MAX_STRAIN, *columns_of("spans"))
+STRANDS = columns_of("strands")
 (GROWS,) = columns_of("growth", grows_within=lambda end: end.ramp)
 PAIR, *CONTACT = columns_of("contact")
 STITCH_NAME, STITCH_PAIR, *STITCH = columns_of("stitch")
@@ -212,9 +213,10 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thre
     """
     moved = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
     ends = {end: _end_summary(end, step) | _growth_summary(getattr(thread, end, None)) for end in ENDS}
+    strands = {} if step.strands is None else {"contact": values(STRANDS, step.strands)}
     always = {
         "energy": values(ENERGY, step.energy),
-        "thread": ends | values(THREAD, step),
+        "thread": ends | values(THREAD, step) | strands,
         "piercings": {hole.name: values(HOLE_SUMMARY, hole) | moved.get(hole.name, {}) for hole in step.piercings},
     }
     others: dict[str, Any] = {
@@ -263,6 +265,7 @@ SUMMARY: dict[tuple[str, ...], Sequence[Column[Any]]] = {  # by the place in ``s
     ("energy",): ENERGY,
     **{("thread", end): (*columns, GROWS) for end, columns in ENDS.items()},
     ("thread",): THREAD,
+    ("thread", "contact"): STRANDS,
     ("piercings", ANY): (*HOLE_SUMMARY, MOVED, *ACCURACY),
     ("contact", ANY): CONTACT,
     ("contact", ANY, "stitches", ANY): STITCH,

@@ -61,6 +61,17 @@ class ContactRecord:
 
 
 @dataclass(frozen=True)
+class StrandsRecord:
+    """Strands of the thread outside the organ at one time."""
+
+    pressed: int  # points under a force of the organ's surface
+    force: float  # sum of the forces across the surface [N]
+    friction: float  # sum of the forces along the surface [N]
+    depth: float  # largest depth of the thread's axis below the surface; negative above it [m]
+    s: float  # abscissa of the largest depth [m]
+
+
+@dataclass(frozen=True)
 class GapRecord:
     """A place on the rim of the first of two surfaces that can touch, at one time."""
 
@@ -182,6 +193,7 @@ class StepRecord:
     spans: Callable[[], float]  # computes `span_ratio`, used only for the last step
     apart: Callable[[], float]  # computes `spans_between`, used only for the last step
     stays: Callable[[], bool]  # computes `would_stay`, used only for the last step
+    outside: Callable[[], StrandsRecord | None]  # computes `strands`, used only for the last step
     seconds: float  # wall-clock time of this step without compilation [s]
     fallen: float | None = None  # decrease of the loads along a branch [s of their clock], None without one
     events: tuple[Event, ...] = ()
@@ -205,6 +217,11 @@ class StepRecord:
         """Fewest spans between neighbouring holes along the thread [-], None with fewer than two holes."""
         number = self.apart()
         return number if np.isfinite(number) else None
+
+    @property
+    def strands(self) -> StrandsRecord | None:
+        """The strands outside the organ, None without such strands."""
+        return self.outside()
 
     @property
     def would_stay(self) -> bool:

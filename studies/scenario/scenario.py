@@ -135,6 +135,20 @@ class Scenario(ScenarioTable):
         at_rest = self.solve.kind == "static" and self.tissue.material == "linear"
         return at_rest or (self.solve.kind == "dynamic" and self.tissue.inertia)
 
+    def _check_thread_contact(self) -> None:
+        if self.thread.surface is None:
+            return
+        contact = self.thread.model_dump(mode="json")["contact"]
+        if self.tissue is None:
+            raise ValueError(refusal("thread.contact", contact, "there is no organ; add [tissue], or leave it out"))
+        if self.tissue.reduction is not None:
+            reason = (
+                "tissue.reduction is given, and no small basis knows where the thread presses; leave one of them out"
+            )
+            raise ValueError(refusal("thread.contact", contact, reason))
+        why = "in such a run the thread bears on the organ at its holes alone; set it to "
+        self._require(ONE_SYSTEM, why, ", or leave out thread.contact")
+
     def _check_contact(self) -> None:
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
         if self.touching and linear:
@@ -168,7 +182,7 @@ class Scenario(ScenarioTable):
             return "there is no organ; add [tissue]"
         if not (organ.inertia and self.solve.is_one_system):
             return "it needs inertia, and time steps by Newton of thread and organ in one system; leave it out"
-        if organ.material != "linear" or self.touching:
+        if organ.material != "linear" or self.touching or self.thread.surface is not None:
             return "it needs a linear organ without contact; leave it out"
         if organ.relaxes:
             return "tissue.relaxation is given, but the space cannot relax; leave out one of them"

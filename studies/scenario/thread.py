@@ -23,6 +23,7 @@ from studies.scenario.table import (
     Whole,
     by_default,
     check_rising,
+    one_sentence,
     optional,
 )
 from thread.catalogue import suture
@@ -119,6 +120,12 @@ def _known(name: str) -> str:
     return name
 
 
+class OnSurface(ScenarioTable):
+    """Contact of the thread with the surface of the organ."""
+
+    friction: NotNegative = by_default(0.0, "coefficient of Coulomb friction of the thread on the surface [-]")
+
+
 GRADED = "knots now travel with the piercings, and are fine at each of them; leave it out, or set thread.tolerance"
 
 
@@ -169,6 +176,14 @@ class Thread(ScenarioTable):
         "time [s]; youngs_modulus is for a sudden load",
         [[0.2, 30.0]],
     )
+    contact: Annotated[
+        Annotated[bool, Field(strict=True)] | OnSurface,
+        one_sentence("true, false, or a table, for example contact = { friction = 0.1 }"),
+    ] = by_default(
+        False,
+        "whether strands and tails bear on the organ's outer surface: true, false, or a table with the friction",
+        {"friction": 0.1},
+    )
     bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
     energy: Literal["continuous", "springs"] = by_default(
         "continuous",
@@ -195,6 +210,13 @@ class Thread(ScenarioTable):
         if isinstance(data, Mapping) and "suture" not in data and "poisson_ratio" not in data:
             return {**data, "poisson_ratio": 0.4}
         return data
+
+    @property
+    def surface(self) -> OnSurface | None:
+        """Contact of the thread with the organ's surface, None without contact."""
+        if isinstance(self.contact, OnSurface):
+            return self.contact
+        return OnSurface() if self.contact else None
 
     def _check_material(self) -> None:
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}

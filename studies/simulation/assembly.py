@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import skfem
 import tissue
 from coupling.rest.laying import start
 from coupling.step.solver import are_kept
-from coupling.system import Friction, Piercing, State, System
+from coupling.system import Friction, Piercing, State, System, ThreadContact
 from coupling.ties import Tie
 from meshes.wound import lips
 from studies import scenario as model
@@ -32,11 +33,11 @@ from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, s
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
 from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
-from studies.simulation.tracts import Ball, bites_of, check_balls, of_piercings, with_balls
+from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
 from thread.knots import uniform_knots
-from thread.packets import Hold, bends_of, travelling
+from thread.packets import END, Hold, bends_of, travelling
 from thread.path import RoundedPath, rounded_path
 from thread.placed import Placed
 from thread.quadrature import gauss_rule
@@ -51,6 +52,7 @@ AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteO
 
 TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.packets.FIRST √(EI/T)
 ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
+STRAND_LOOKS = 20  # points of a strand that are tested for lying in tissue
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
 LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
@@ -147,6 +149,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
         compiled=is_compiled(scenario.solve),
+        contact=None if body is None else contact_of(scenario, holes, path, at, depths),
     )
     recovery = partial(stored_recovery, scenario, body, store)
     return Assembly(whole, holes, system, organ, laid, at, np.array(s), body, recovery, depths, given, fit)
@@ -335,6 +338,24 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: fl
     return Friction(*said, None if hole.direction == "free" else hole.channel or default, own)
 
 
+def contact_of(
+    scenario: Scenario, holes: Sequence[model.Piercing], path: RoundedPath, at: Array, depths: Distances
+) -> ThreadContact:
+    """Return how the thread meets the organ's surface.
+
+    A strand is inside if more than half of its path lies in tissue; `at` (p,) [m] are the holes on the path.
+    """
+    own = [k for k, hole in enumerate(holes) if is_known(hole) and not isinstance(hole, Ball)]
+    ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, path.length)]
+    inside = []
+    for (one, low), (other, high) in pairwise(ends):
+        middles = low + (high - low) * (np.arange(STRAND_LOOKS) + 0.5) / STRAND_LOOKS
+        if np.mean(depths(path.position(middles)) > 0.0) > 0.5:
+            inside.append((one, other))
+    surface = scenario.thread.surface
+    return ThreadContact(tuple(inside), surface is not None, 0.0 if surface is None else surface.friction)
+
+
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     """Return the length over which the thread bears on the tissue at a hole [m].
 
@@ -461,8 +482,9 @@ def organ_of(
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)
     check_loaded(body.mesh, scenario.tissue)
-    gaps, loads = gaps_of(scenario, body), loads_of(scenario)
-    known = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads
+    gaps, loads, bears = gaps_of(scenario, body), loads_of(scenario), scenario.thread.surface
+    skin = None if bears is None else tissue.skin_of(body, bears.friction)
+    known = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads, skin
     inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
     relaxation = relaxation_of(scenario.tissue, body)
     if scenario.tissue.material != "linear":

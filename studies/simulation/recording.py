@@ -8,6 +8,7 @@ import numpy as np
 
 import tissue
 from coupling.joins.contact import ContactObservation, observe_contact
+from coupling.joins.strands import AWAY, abscissae, places_of
 from coupling.reports.observation import PiercingObservation, span_ratio, spans_between
 from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
@@ -22,6 +23,7 @@ from studies.output.records import (
     LoadRecord,
     ReductionRecord,
     StepRecord,
+    StrandsRecord,
     TractRecord,
 )
 from studies.simulation.memory import OrganRun, memory_of
@@ -50,6 +52,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
         stays=partial(would_stay_after, now),
+        outside=partial(strands_record, system, state),
         seconds=seconds,
         fallen=now.fallen,
         events=tuple(now.events),
@@ -74,6 +77,28 @@ def would_stay_after(now: OrganRun) -> bool:
         ended = [(solution_at(now.system, now.state), now.state)]
     return all(
         would_stay(solution, new) for solution, new in ended if solution.problem.stiffen or is_squeezed(solution)
+    )
+
+
+def strands_record(system: System, state: State) -> StrandsRecord | None:
+    """Return the strands outside the organ, None if there are none."""
+    organ: Any = system.organ
+    s = np.zeros(0) if system.contact is None else abscissae(system, state, SAMPLES)
+    if not s.size:
+        return None
+    body = getattr(organ, "full", organ).elasticity
+    places = places_of(system.at(state).thread.spline, state.q, s)
+    displacement = body.nodal(organ.displacement(state.organ))
+    deep = -tissue.skin_of(body).faced(displacement, places, np.zeros((len(s), 0)))[:, AWAY]
+    points, P = organ.touching_points(state.organ) if system.bears else (places[:0], s[:0])
+    across, along = P[: len(points)], P[len(points) :].reshape(-1, 2)
+    deepest = int(np.argmax(deep))
+    return StrandsRecord(
+        pressed=int(np.count_nonzero(across)),
+        force=float(across.sum()),
+        friction=float(np.linalg.norm(along, axis=1).sum()),
+        depth=float(deep[deepest]),
+        s=float(s[deepest]),
     )
 
 

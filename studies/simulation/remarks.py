@@ -23,6 +23,7 @@ from studies.output.records import (
     Extremes,
     PiercingRecord,
     StepRecord,
+    StrandsRecord,
     TractRecord,
 )
 from studies.output.remarks import Remark, judged, remark
@@ -132,7 +133,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
-    dynamic = scenario.solve.kind == "dynamic"
+    dynamic, diameter = scenario.solve.kind == "dynamic", assembly.system.thread.section.diameter
     return [
         *(
             []
@@ -157,6 +158,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
             if dynamic
             else []
         ),
+        *sunk(step.strands, [hole.s for hole in step.piercings], names, diameter, assembly.system.bears),
         *left_holes(scenario.piercing, step),
         *undone(scenario, step),
         *(locked_slack(scenario.tie, extremes.locked) if dynamic else []),
@@ -517,6 +519,26 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
     """Return a remark on a strand that lies `depth` [m] deep in tissue and crosses the surface without a hole."""
     return judged(depth > bounds.IN_TISSUE * diameter, "no-hole", hole, strand=strand, depth=depth / MILLI)
+
+
+def sunk(
+    strands: StrandsRecord | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
+) -> list[Remark]:
+    """Return a remark if strands outside the organ, whose holes are at `s` (p,) [m], end in the tissue."""
+    if strands is None:
+        return []
+    before, behind = (
+        [name for at, name in zip(s, names, strict=True) if (at > strands.s) == later] for later in (False, True)
+    )
+    return judged(
+        strands.depth > bounds.IN_TISSUE * diameter,
+        "in-tissue",
+        "thread",
+        one=repr(before[-1]) if before else "its start",
+        other=repr(behind[0]) if behind else "its end",
+        depth=strands.depth / MILLI,
+        remedy="raise thread.control_points" if bears else "set thread.contact = true",
+    )
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:

@@ -64,7 +64,9 @@ class Shared:
 
 def organ_key(scenario: Scenario) -> str:
     """Return the digest of all inputs of the organ with its holes."""
-    return digest(organ_tables(scenario) | {"krylov": scenario.has_krylov}, scenario)
+    bears = scenario.thread.surface
+    more = {"krylov": scenario.has_krylov, "bears": None if bears is None else bears.friction}
+    return digest(organ_tables(scenario) | more, scenario)
 
 
 def reduction_key(scenario: Scenario) -> str:

@@ -105,7 +105,7 @@ def test_a_bow_that_is_pressed_through_is_the_elastica_beyond_its_limits_too() -
     falls and turns round, and the spring's length is that force's."""
     system, state = bowed()
     run = begin(system, state).load(0.05, 1.0)
-    steps = list(islice(walk(Branch(system, run.state, 1.0, 0.0), 1.0), 60))
+    steps = list(islice(walk(Branch(system, run.state, 1.0, run.state), 1.0), 60))
     near, off, forces = np.array([-(np.pi**2) / 4.0, 0.0, -0.3]), [], []
     for step in steps:
         forces.append(step.new.lam[0, 2])
@@ -145,7 +145,7 @@ def test_a_branch_leads_where_load_steps_lead(loaded: bool) -> None:
     which grows with the rest."""
     system, run = drawn_arch(loaded=loaded)
     exact = run.load(0.15, 1.0).state
-    found = follow(Branch(system, run.state, 1.0, 0.0), 0.15)[-1].new
+    found = follow(Branch(system, run.state, 1.0, run.state), 0.15)[-1].new
     assert found.time == exact.time
     assert np.abs(found.q - exact.q).max() <= TWO_SOLVERS * RISE
     assert np.abs(found.organ.U - exact.organ.U).max() <= TWO_SOLVERS * RISE
@@ -158,7 +158,7 @@ def test_a_branch_leads_past_the_limit_of_the_organ_alone_whatever_the_round_off
     system, run = drawn_arch(loaded=True)
     random = np.random.default_rng(0)
     starts = [run.state, *(replace(run.state, q=run.state.q + 1e-13 * random.standard_normal((16, 3))) for _ in "ab")]
-    times = [[step.new.time for step in follow(Branch(system, state, 1.0, 0.0), 0.15)] for state in starts]
+    times = [[step.new.time for step in follow(Branch(system, state, 1.0, state), 0.15)] for state in starts]
     assert times[1:] == [pytest.approx(times[0], rel=TWO_SOLVERS)] * 2
 
 
@@ -191,7 +191,7 @@ def test_a_step_along_a_branch_counts_abscissae_and_stays_near() -> None:
     """Behaviour: what slides through a hole counts as long as what moves as far; an equilibrium much further away than
     was asked for lies on another branch, and a thread that has run out of a hole is on none."""
     system, run = drawn_arch()
-    branch_here, step = Branch(system, run.state, 1.0, 0.0), run.load(0.15, 1.0).taken[-1]
+    branch_here, step = Branch(system, run.state, 1.0, run.state), run.load(0.15, 1.0).taken[-1]
     way = branch_here.way_of(step)
     slid = np.zeros_like(way.z)
     slid[:, S] = way.scale
@@ -211,7 +211,7 @@ def test_a_branch_that_does_not_lead_there_says_so(monkeypatch: pytest.MonkeyPat
     system, state = bowed()
     run = begin(system, state).load(0.05, 1.0)
     with pytest.raises(BranchError, match=r"equilibria, to 6\d.* leads back to no loads"):
-        follow(Branch(system, run.state, 1.0, 0.0), 1.0)
+        follow(Branch(system, run.state, 1.0, run.state), 1.0)
 
     def fails(*_: object) -> None:
         raise EquilibriumError(0.05, 0.0, "they fail", share=1.0)

@@ -43,7 +43,7 @@ def smooth_hairpin() -> tuple[System, State]:
 def at_rest(system: System, state: State) -> Problem:
     """The problem of equilibrium under all of the loads."""
     answer = ask_organ(system, Equilibrium(), [state], 1.0, 1.0)
-    return static_problem(system, state, 1.0, 1.0, answer, state, 0.0)
+    return static_problem(system, state, 1.0, 1.0, answer, state, state)
 
 
 def potential(at: Place) -> float:

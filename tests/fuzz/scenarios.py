@@ -99,6 +99,7 @@ suture = "2-0 polypropylene"
 control_points = 24
 knots = "fixed"
 relaxation = [[0.2, 0.01]]
+contact = { friction = 0.1 }
 path = [[6e-3, -1e-3, 4e-3], [-5e-3, 0, 2e-3], [-5e-3, 0, -5e-3], [5e-3, 0, -5e-3], [5e-3, 0, 2e-3], [-6e-3, 0, 4e-3]]
 [[piercing]]
 name = "entry"

@@ -178,6 +178,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         slide_speed=1e-3,
         spans=lambda: 0.3,
         apart=lambda: 4.0,
+        outside=lambda: None,
         stays=lambda: True,
         seconds=0.5,
     )

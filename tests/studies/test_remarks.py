@@ -20,7 +20,17 @@ from coupling.run.tying import TieObservation, TieState
 from studies.campaign.generator import cases
 from studies.command import command
 from studies.output.folder import Recorder
-from studies.output.records import SEEN, STILL, SWITCHES, Ending, EnergyRecord, Extremes, StepRecord, nothing_met
+from studies.output.records import (
+    SEEN,
+    STILL,
+    SWITCHES,
+    Ending,
+    EnergyRecord,
+    Extremes,
+    StepRecord,
+    StrandsRecord,
+    nothing_met,
+)
 from studies.output.remarks import (
     BARE,
     CATALOGUE,
@@ -122,6 +132,11 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "forces-swing": (SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
+    "in-tissue": (
+        IN_TISSUE * 3e-4,
+        1,
+        lambda x: judging.sunk(StrandsRecord(0, 0.0, 0.0, x, 0.01), [], [], 3e-4, False),
+    ),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),

@@ -119,7 +119,7 @@ class DynamicOperator(LipCompliance):
         rates = combination((d, -d), (U, history.damping)), combination((a, -a), (U, history.inertia))
         rest = self.organ.contact_or_none(p), pairing.facing, shares
         stands = self.organ.is_elastic_force(U, KU)
-        return OrganState(U, *rates, f_y, *rest, MU=MU, MV=MV, KU=KU if stands else None)
+        return OrganState(U, *rates, f_y, *rest, MU=MU, MV=MV, KU=KU if stands else None, points=pairing.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ class DynamicOrgan(MeshedOrgan):
     ) -> LinearAnswer:
         """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
         at `time` [s]: one solve."""
-        return self.answer_paired(scheme, past, self.paired_anew(past[0].U), time, share)
+        return self.answer_paired(scheme, past, self.paired_anew(past[0].U, past[0].ahead), time, share)
 
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
@@ -310,16 +310,11 @@ class DynamicOrgan(MeshedOrgan):
 
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U, shape `(pairs,)` [m]."""
-        pairing = self.pairing(state.facing)
-        return np.asarray(pairing.g0 + pairing.G @ state.U)[: self.pairs]
+        return self.gaps_of(state)[: self.pairs]
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(state.U)
-
-    def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
-        return state.U
 
     def velocity(self, state: OrganState) -> Array:
         """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
@@ -342,8 +337,8 @@ class DynamicOrgan(MeshedOrgan):
         These are the site forces `f_y` (9p,) and the contact forces of `state`; V is kept.
         """
         operator, p = self.operator_of(scheme), self.contact_forces(state)
-        pairing = self.pairing(state.facing)
-        y_free, g_free = operator.free_values(y, self.with_slips(self.gap(state)), f_y, p, pairing)
+        pairing = self.pairing_of(state)
+        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
@@ -372,7 +367,7 @@ class DynamicOrgan(MeshedOrgan):
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
         dU, dV, elastic = new.U - old.U, new.V - old.V, now.KU - was.KU
-        pushes, friction = self.contact_works(self.contact_forces(new), self.pairing(new.facing).G @ dU)
+        pushes, friction = self.contact_works(self.contact_forces(new), self.pairing_of(new).G @ dU)
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ now.MV),
             elastic=float(0.5 * new.U @ now.KU),

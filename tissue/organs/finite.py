@@ -31,6 +31,7 @@ from tissue.materials.density import Density
 from tissue.organs.meshed import (
     EMPTY,
     NO_LIPS,
+    NO_POINTS,
     Columns,
     Equation,
     LinearAnswer,
@@ -218,7 +219,7 @@ class FiniteAnswer:
     @cached_property
     def g_free(self) -> Array:
         """Gaps without site and contact forces, shape `(k,)` [m]."""
-        if not self.organ.pairs:
+        if not self.organ.touches:
             return EMPTY
         free = self.point.U + self._U_r + self.tangent.W @ (self._S @ (self._bent @ (self.organ.map.Z @ self._U_r)))
         return np.asarray(self.pairing.g0 + self.pairing.G @ free)
@@ -247,6 +248,11 @@ class FiniteAnswer:
     def friction(self) -> Array:
         """Coefficient of friction of each pair, shape `(pairs,)` [-]."""
         return self.organ.friction(self.pairing.facing)
+
+    @property
+    def points(self) -> Array:
+        """What points outside face, shape `(j, 9 + l)`."""
+        return NO_POINTS if self.pairing.points is None else self.pairing.points
 
     @cached_property
     def _U_r(self) -> Array:
@@ -599,7 +605,7 @@ class FiniteOrgan(MeshedOrgan):
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
-        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(state.U))
+        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(state.U, state.ahead))
         return FiniteAnswer(self, motion, point, tangent, state.f_y, pairing)
 
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
@@ -612,7 +618,12 @@ class FiniteOrgan(MeshedOrgan):
         motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True, course=course)
         point = self.point(motion, state.U)
         return FiniteAnswer(
-            self, motion, point, self.tangent(motion, state.U, point.F), state.f_y, self.paired_anew(state.U)
+            self,
+            motion,
+            point,
+            self.tangent(motion, state.U, point.F),
+            state.f_y,
+            self.paired_anew(state.U, state.ahead),
         )
 
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
@@ -649,11 +660,12 @@ class FiniteOrgan(MeshedOrgan):
             force = self.law.forces(F, density)[0][self.elasticity.free]
         return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
-    def paired_anew(self, U: Array) -> Pairing:
+    def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
         """Return the pairing under a displacement of the free unknowns `(N,)`, along the current normals."""
-        if self.gaps is None:
-            return self.pairing(None)
-        return self.slipping_from(U, self.pairing(self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)))
+        facing = None
+        if self.gaps is not None:
+            facing = self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)
+        return self.slipping_from(U, self.pairing(facing, points))
 
     def state_at(
         self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
@@ -664,7 +676,7 @@ class FiniteOrgan(MeshedOrgan):
         else:
             V = A = np.zeros(self.size)
         rest = self.contact_or_none(p), pairing.facing, motion.shares, tangent.U
-        return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U))
+        return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
         """Return the stresses that relax at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)` [Pa]."""
@@ -681,9 +693,8 @@ class FiniteOrgan(MeshedOrgan):
         """Return the gaps, forces, ways and friction of the pairs."""
         if self.gaps is None:
             return NO_LIPS
-        pairing, p = self.pairing(state.facing), self.contact_forces(state)[: self.pairs]
-        gap = np.asarray(pairing.g0 + pairing.G @ state.U)[: self.pairs]
-        return Lips(gap, p, self.slides(state.U), *self.rubbing(state))
+        p = self.contact_forces(state)[: self.pairs]
+        return Lips(self.gaps_of(state)[: self.pairs], p, self.slides(state.U), *self.rubbing(state))
 
     def impulse(self, state: OrganState) -> SiteAnswer | None:
         """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None without inertia."""
@@ -705,11 +716,11 @@ class FiniteOrgan(MeshedOrgan):
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`: linear in their change, of which the next step takes what is left."""
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
-        tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing(state.facing)
+        tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing_of(state)
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
         C = J @ tangent.C_z @ J.T
         operator = Displaced(self, tangent.A, tangent.factor, tangent.W @ J.T, C)
-        y_free, g_free = operator.free_values(y, self.with_slips(self.lips(state).gap), f_y, p, pairing)
+        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             df, dp = f_new - f_y, p_new - p
@@ -729,10 +740,6 @@ class FiniteOrgan(MeshedOrgan):
     def velocity(self, state: OrganState) -> Array:
         """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
         return self.whole(state.V)
-
-    def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
-        return state.U
 
     def _stored(self, U: Array) -> tuple[float, Array]:
         """Return the energy stored for good [J] and its force (N,) [N]; those of the last fields are remembered."""
@@ -771,7 +778,7 @@ class FiniteOrgan(MeshedOrgan):
         if self.relaxation is not None:
             relaxation = float((self._forces_at(new.U, self.stressed(new))[1] - force) @ dU)
         if new.p is not None and new.p.any():
-            pushes, friction = self.contact_works(new.p, self.pairing(new.facing).G @ dU)
+            pushes, friction = self.contact_works(new.p, self.pairing_of(new).G @ dU)
             numerical += pushes
         kinetic = viscous = 0.0
         if self.inertia:

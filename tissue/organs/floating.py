@@ -56,7 +56,7 @@ class FloatingOrgan(DynamicOrgan):
     ) -> LinearAnswer:
         """Return the answer of a step from the first of `past` to the equilibrium under `share` of the loads at `time`
         [s]; where there are more, the last is that at which the load step began."""
-        pairing = self.slipping_from(past[-1].U, self.paired_anew(past[0].U))
+        pairing = self.slipping_from(past[-1].U, self.paired_anew(past[0].U, past[0].ahead))
         return self.answer_paired(self.drag(len(past) == 1), past[:1], pairing, time, share)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
@@ -68,6 +68,6 @@ class FloatingOrgan(DynamicOrgan):
         forces = (
             self.load_under(state.shares),
             self.Y.T @ state.f_y,
-            self.pairing(state.facing).G.T @ (self.contact_forces(state)),
+            self.pairing_of(state).G.T @ (self.contact_forces(state)),
         )
         return float(np.abs(self.mass_times(state.A)).sum() / max(sum(np.abs(f).sum() for f in forces), SCALE))

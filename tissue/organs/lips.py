@@ -172,9 +172,7 @@ class Gaps:
     @cached_property
     def rows(self) -> csr_matrix:
         """R, the displacement of all nodes of both sides over the free unknowns, shape `(3r, N)`."""
-        unknowns = self.body.nodes[self.lip_nodes].ravel()
-        at = np.arange(unknowns.size), unknowns
-        return csr_matrix((np.ones(unknowns.size), at), (unknowns.size, self.body.N))[:, self.body.free]
+        return self.body.rows_of(self.lip_nodes)
 
     @cached_property
     def G(self) -> csr_matrix:
@@ -234,7 +232,7 @@ class Gaps:
     def weights(self, facing: Array) -> tuple[Indices, Array]:
         """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2
         `(k, 6)`; weights of zero where it faces none."""
-        return _weights(self.facets, facing)
+        return weights_on(self.facets, facing)
 
     def sums(self, facing: Array) -> csr_matrix:
         """Return S, the gaps by the displacement of all nodes of both sides, shape `(k, 3r)`."""
@@ -281,7 +279,7 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     partner = np.arange(body.mesh.nvertices)
     partner[pairs[:, 0]] = pairs[:, 1]
     triangles = body.mesh.facets[:, np.asarray(facets)].T.astype(np.intp)
-    right = body.facet_nodes(_turned(body.points, partner[triangles], np.broadcast_to(n, triangles.shape)))
+    right = body.facet_nodes(with_normals_along(body.points, partner[triangles], np.broadcast_to(n, triangles.shape)))
     nodes, corners = _paired(body, triangles, partner)
     start = _at_partners(right, nodes[:, 1], n)
     part, sunk = _part(body, LIPS, (triangles, nodes[:, 0], corners), right, n, start)
@@ -322,7 +320,7 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     first, second = sorted(sides, key=lambda facets: _rank(body, facets))
     triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
     behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
-    right = body.facet_nodes(_turned(body.points, right, behind - body.points[right].mean(axis=1)))
+    right = body.facet_nodes(with_normals_along(body.points, right, behind - body.points[right].mean(axis=1)))
     nodes, corners = _paired(body, triangles, np.arange(body.mesh.nvertices))
     start = face(body.points[nodes[:, 0]], body.points, right[:, :3], open_sides(right[:, :3]), None)
     part, sunk = _part(body, between, (triangles, nodes[:, 0], corners), right, None, start)
@@ -355,7 +353,7 @@ def _part(
     The left `side` is its triangles, its nodes, and the two vertices whose middle each is.
     """
     triangles, left, corners = side
-    nodes, weights = _weights(right, start)
+    nodes, weights = weights_on(right, start)
     free = _movable(body)
     kept = ~np.isin(left, right) & (free[left] | (free[nodes] & (weights != 0.0)).any(axis=1))
     if not kept.any():
@@ -372,7 +370,7 @@ def _part(
     return Part(between, triangles, left[kept], right, ends, along, start[kept], sunk, hats, areas), sunk
 
 
-def _weights(facets: Indices, facing: Array) -> tuple[Indices, Array]:
+def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:
     """Return the nodes of `facets` that make the points faced, and their weights, as `Gaps.weights`."""
     nodes = facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
     w = facing[:, 1:4]
@@ -386,7 +384,7 @@ def _movable(body: Elasticity) -> Mask:
     return np.asarray(np.isin(body.nodes, body.free).any(axis=1))
 
 
-def _turned(points: Array, triangles: Indices, towards: Array) -> Indices:
+def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
     """Return triangles `(m, 3)` that turn so that their normals point as `towards` `(m, 3)` does."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0

@@ -15,6 +15,9 @@ forces p those along them, so that k is the number of both (`MeshedOrgan.contact
 The columns A⁻¹Gᵀ are not kept: once those of C_cc that belong to pressed pairs are known, p costs one more
 back-substitution a step. Lips that slide are paired anew where a step begins, and G = S R sums the rows R of their
 nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ needs a solve for each number of a node that it has not met yet.
+
+Points outside may bear on the surface (`tissue.organs.skin`): their rows d·x, with friction their slips, stand behind
+those of all pairs. How many points there are may change from step to step, and a state keeps what they faced.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,13 +27,14 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix, hstack, vstack
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.loads import Loads, SurfaceLoad
 from tissue.organs.lips import Gaps, tangents
+from tissue.organs.skin import OWN, Skin
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
@@ -41,6 +45,7 @@ COLUMNS = 64  # of A⁻¹Gᵀ that are made together
 SHARE = 0.5  # of the free memory that the compliance of the gaps may take
 SLIPPING = 1.0 - 1e-9  # of the largest friction: as much as that is what slips has
 EMPTY = np.zeros(0)
+NO_POINTS = np.zeros((0, OWN))
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,9 @@ class OrganState:
     (`tissue.loads`), None of an organ without loads. `relaxing` is what relaxes, the stresses
     `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`) or of a linear organ fields `(b, N)` [m] (`tissue.organs.relaxing`),
     None where all has relaxed. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
-    and stiffness that the step has left, None if it left none.
+    and stiffness that the step has left, None if it left none. `points` `(j, 9 + l)` is what points outside face
+    (`tissue.organs.skin.Skin.faced`), whose forces stand behind those of the pairs; None if nothing may bear on the
+    organ. `ahead` `(j, 9 + l)` is the same for the next step.
     """
 
     U: Array
@@ -69,6 +76,8 @@ class OrganState:
     MV: Array | None = None
     KU: Array | None = None
     relaxing: Array | None = None
+    points: Array | None = None
+    ahead: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -76,13 +85,14 @@ class Pairing:
     """The pairing during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes,
     with slips counted from the start of the step.
 
-    `facing` as in a state: None means the pairs of the reference.
+    `facing` as in a state: None means the pairs of the reference; `points` as in a state.
     """
 
     G: csr_matrix
     g0: Array
     sums: csr_matrix
     facing: Array | None
+    points: Array | None = None
 
 
 class TimeScheme(Protocol):
@@ -187,6 +197,11 @@ class SiteAnswer(Generic[Body]):
         """No pairs, shape `(0,)`."""
         return EMPTY
 
+    @property
+    def points(self) -> Array:
+        """No points, shape `(0, 9)`."""
+        return NO_POINTS
+
     def accept(self, f_y: Array, p: Array = EMPTY) -> Body:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
@@ -239,6 +254,11 @@ class LinearAnswer:
         """Coefficient of friction of each pair, shape `(pairs,)` [-]."""
         return self.operator.organ.friction(self.pairing.facing)
 
+    @property
+    def points(self) -> Array:
+        """What points outside face, shape `(j, 9 + l)`."""
+        return NO_POINTS if self.pairing.points is None else self.pairing.points
+
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
         return self.accepted(f_y, p)
@@ -264,6 +284,7 @@ class MeshedOrgan:
     solver: str = "auto"  # one of `tissue.solvers.choice.SOLVERS`
     gaps: Gaps | None = None
     loads: Sequence[SurfaceLoad] = ()
+    skin: Skin | None = None
     choice: SolverChoice = field(init=False, repr=False)
     K: csr_matrix = field(init=False, repr=False)
     Y: csr_matrix = field(init=False, repr=False)
@@ -319,8 +340,13 @@ class MeshedOrgan:
         return 0 if self.gaps is None else len(self.gaps.g0)
 
     @property
+    def touches(self) -> bool:
+        """Whether surfaces of the organ may touch, one another or what is outside."""
+        return self.gaps is not None or self.skin is not None
+
+    @property
     def contacts(self) -> int:
-        """Number of contact forces: one for each pair, and two more for each of those with friction."""
+        """Number of contact forces of pairs: one for each, and two more for each of those with friction."""
         return 0 if self.gaps is None else self.pairs + 2 * self.gaps.rough.size
 
     def friction(self, facing: Array | None) -> Array:
@@ -338,47 +364,97 @@ class MeshedOrgan:
 
     @cached_property
     def lip_rows(self) -> csr_matrix:
-        """R, the displacement of the nodes of the lips over all unknowns, shape `(3r, N)`; none without gaps."""
-        if self.gaps is None:
-            return csr_matrix((0, self.size))
-        return self.gaps.rows
+        """R, the displacement of the nodes of surfaces that may touch over all unknowns, shape `(3r, N)`: those of the
+        lips, then those of the skin."""
+        rows = [surface.rows for surface in (self.gaps, self.skin) if surface is not None]
+        return csr_matrix(vstack(rows)) if rows else csr_matrix((0, self.size))
 
     @cached_property
     def _matched(self) -> Pairing:
         """The pairs of the reference."""
         if self.gaps is None:
-            return Pairing(self.G, self.g0, csr_matrix((0, 0)), None)
+            return Pairing(self.G, self.g0, csr_matrix((0, self.lip_rows.shape[0])), None)
         return Pairing(self.G, self.with_slips(self.g0), self._sums(self.gaps, self.gaps.start), None)
 
     def _sums(self, gaps: Gaps, facing: Array) -> csr_matrix:
-        """Return gaps and slips by the displacement of the nodes of the lips, shape `(k, 3r)`."""
+        """Return gaps and slips by the displacement of the nodes of `lip_rows`, shape `(k, 3r)`."""
         sums = gaps.sums(facing)
-        return csr_matrix(vstack([sums, gaps.slip_sums(facing)])) if gaps.rough.size else sums
+        sums = csr_matrix(vstack([sums, gaps.slip_sums(facing)])) if gaps.rough.size else sums
+        return hstack([sums, csr_matrix((sums.shape[0], self.lip_rows.shape[0] - sums.shape[1]))], format="csr")
 
     def with_slips(self, g: Array) -> Array:
         """Return gaps `(pairs,)` followed by slips of zero, shape `(k,)` [m]."""
         return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
 
-    def pairing(self, facing: Array | None) -> Pairing:
-        """Return the gaps of the pairs, and the slips since the reference."""
-        if self.gaps is None or facing is None:
-            return self._matched
-        sums = self._sums(self.gaps, facing)
-        return Pairing(csr_matrix(sums @ self.lip_rows), self.with_slips(self.gaps.rest(facing)), sums, facing)
+    def pairing(self, facing: Array | None, points: Array | None = None) -> Pairing:
+        """Return the gaps of the pairs and of the `points` outside, and the slips since the reference."""
+        pairing = self._matched
+        if self.gaps is not None and facing is not None:
+            sums = self._sums(self.gaps, facing)
+            pairing = Pairing(csr_matrix(sums @ self.lip_rows), self.with_slips(self.gaps.rest(facing)), sums, facing)
+        if self.skin is None or points is None or not len(points):
+            return pairing
+        own = self.skin.sums(points)
+        own = hstack([csr_matrix((own.shape[0], self.lip_rows.shape[0] - own.shape[1])), own], format="csr")
+        G, sums = vstack([pairing.G, own @ self.lip_rows]), vstack([pairing.sums, own])
+        g0 = np.append(pairing.g0, self.skin.rest(points))
+        return Pairing(csr_matrix(G), g0, csr_matrix(sums), facing, points)
 
-    def paired_anew(self, U: Array) -> Pairing:
-        """Return the pairing under a displacement of the free unknowns `(N,)`."""
-        if self.gaps is None:
-            return self._matched
-        body = self.elasticity
-        return self.slipping_from(U, self.pairing(self.gaps.facing(body.points, body.nodal(self.whole(U)))))
+    def pairing_of(self, state: OrganState) -> Pairing:
+        """Return the pairing at the end of the step to a state."""
+        return self.pairing(state.facing, state.points)
+
+    def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
+        """Return the pairing under a displacement of the free unknowns `(N,)`, of the lips anew."""
+        facing, body = None, self.elasticity
+        if self.gaps is not None:
+            facing = self.gaps.facing(body.points, body.nodal(self.whole(U)))
+        return self.slipping_from(U, self.pairing(facing, points))
+
+    @property
+    def finest(self) -> float:
+        """Smallest height of a facet that points outside may bear on [m]."""
+        assert self.skin is not None
+        return self.skin.finest
+
+    def faced(self, state: OrganState, places: Array, labels: Array) -> Array:
+        """Return what points outside at `places` `(j, 3)` [m], with `labels` `(j, l)`, face, shape `(j, 9 + l)`."""
+        assert self.skin is not None
+        return self.skin.faced(self.elasticity.nodal(self.whole(self.field(state))), places, labels)
+
+    def touched(self, state: OrganState, points: Array) -> OrganState:
+        """Return the state in front of a step in which points outside face `points` `(j, 9 + l)`."""
+        return replace(state, ahead=points)
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return state.U
+
+    def gaps_of(self, state: OrganState) -> Array:
+        """Return the gaps and slips of all pairs, and behind them those of points outside, of a state, `(k,)` [m]."""
+        pairing = self.pairing_of(state)
+        return np.asarray(pairing.g0 + pairing.G @ state.U)
+
+    def touching_points(self, state: OrganState) -> tuple[Array, Array]:
+        """Return what points outside faced in the step to a state, `(j, 9 + l)`, and their forces on the organ along d,
+        with friction those along both tangents of each behind them, `(j,)` or `(3j,)` [N]."""
+        if state.points is None:
+            return NO_POINTS, EMPTY
+        return state.points, self.contact_forces(state)[self.contacts :]
 
     def slipping_from(self, U: Array, pairing: Pairing) -> Pairing:
         """Return the pairing with its slips counted from a displacement of the free unknowns `(N,)`."""
-        k = self.pairs
-        if self.contacts == k:
+        slips = self.slips(pairing)
+        if not slips.size:
             return pairing
-        return replace(pairing, g0=np.append(pairing.g0[:k], -(pairing.G[k:] @ U)))
+        g0 = pairing.g0.copy()
+        g0[slips] = -(pairing.G[slips] @ U)
+        return replace(pairing, g0=g0)
+
+    def slips(self, pairing: Pairing) -> Indices:
+        """Return the numbers of the slips among the gaps and slips of a pairing."""
+        points = 0 if pairing.points is None else len(pairing.points)
+        return np.append(np.arange(self.pairs, self.contacts), np.arange(self.contacts + points, len(pairing.g0)))
 
     def slides(self, U: Array) -> Array:
         """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(k,)` [m]."""
@@ -396,7 +472,8 @@ class MeshedOrgan:
             return out, np.zeros(self.pairs, dtype=bool)
         facing = self.gaps.start if state.facing is None else state.facing
         rough = self.gaps.rough
-        out[rough] = np.einsum("mt,mtx->mx", p[self.pairs :].reshape(-1, 2), tangents(facing[rough, 4:]))
+        along = p[self.pairs : self.contacts].reshape(-1, 2)
+        out[rough] = np.einsum("mt,mtx->mx", along, tangents(facing[rough, 4:]))
         bound = self.friction(state.facing) * p[: self.pairs]
         return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
 
@@ -413,8 +490,10 @@ class MeshedOrgan:
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
         """Return the energy that the forces `(k,)` take along changes `ways` of the gaps and slips `(k,)` [m]: the
         pushes −p·Δg, which count as the integrator's, and friction [J]."""
-        k = self.pairs
-        return -float(p[:k] @ ways[:k]), -float(p[k:] @ ways[k:])
+        works, rubs = -p * ways, np.zeros(len(p), dtype=bool)
+        points = (len(p) - self.contacts) // (3 if self.skin is not None and self.skin.friction else 1)
+        rubs[self.pairs : self.contacts] = rubs[self.contacts + points :] = True
+        return float(works[~rubs].sum()), float(works[rubs].sum())
 
     def shares_at(self, time: float, share: float) -> Array | None:
         """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps, as a state keeps
@@ -436,7 +515,7 @@ class MeshedOrgan:
 
     def contact_or_none(self, p: Array) -> Array | None:
         """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
-        return p if self.pairs else None
+        return p if self.touches else None
 
     @property
     def no_contact(self) -> Array | None:
@@ -505,15 +584,15 @@ class Columns:
 
     def __init__(self, k: int, make: Callable[[Indices], Array]) -> None:
         """`make` returns the columns of some of the k, shape `(k, j)`."""
-        self._make, self._made, self._C = make, np.zeros(k, dtype=bool), np.zeros((k, k), order="F")
+        self._make, self._at, self._C = make, np.full(k, -1), np.zeros((k, 0), order="F")
 
     def of(self, some: Indices) -> Array:
         """Return the columns of `some` `(j,)`, shape `(k, j)` [m/N]."""
-        new = some[~self._made[some]]
+        new = np.unique(some[self._at[some] < 0])
         if new.size:
-            self._C[:, new] = self._make(new)
-            self._made[new] = True
-        return self._C[:, some]
+            self._at[new] = self._C.shape[1] + np.arange(new.size)
+            self._C = np.asfortranarray(np.hstack([self._C, self._make(new)]))
+        return self._C[:, self._at[some]]
 
     def times(self, p: Array) -> Array:
         """Return what forces p `(k,)` [N] open, shape `(k,)` [m]."""
@@ -540,7 +619,7 @@ class LipCompliance:
 
     def by_pairs(self, pairing: Pairing) -> Columns:
         """Return G A⁻¹ Gᵀ, gaps by contact forces, `(k, k)` [m/N]."""
-        if pairing.facing is None:
+        if pairing.facing is None and pairing.points is None:
             return self.C_cc
         S = pairing.sums
 

@@ -101,10 +101,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
         loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
         # Gaps have columns as their coefficients, and so to first order.
-        U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.pairs)
+        U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.touches)
         W, U_loads = U[:, :count], U[:, count:]
         # Without lips nothing asks for a column again, and levels take more memory than all the rest of the organ.
-        kept = factor if self.pairs or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
+        kept = factor if self.touches or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
         return QuasiStaticOperator(
             self, self.K, kept, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
         )
@@ -127,11 +127,12 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the answer of any step under `share` of the loads at `time` [s], from the known equilibrium without
         site forces. The pairing is found in that field, for one back-substitution with contact."""
         operator, shares = self._operator, self.shares_at(time, share)
-        pairing = self._paired_after(past, scheme) if self.pairs and past else self.pairing(None)
+        pairing = self._paired_after(past, scheme) if self.touches and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ that is where its forces put it."""
-            return OrganState(EMPTY, EMPTY, EMPTY, f_y, self.contact_or_none(p), pairing.facing, shares)
+            held = self.contact_or_none(p)
+            return OrganState(EMPTY, EMPTY, EMPTY, f_y, held, pairing.facing, shares, points=pairing.points)
 
         parts = self.parts(complete(EMPTY, EMPTY))
         y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
@@ -140,10 +141,10 @@ class QuasiStaticOrgan(MeshedOrgan):
     def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
         """Return what faces what after states. Surfaces that cross, at a start under a weight that nothing holds yet,
         have slipped since the reference."""
-        pairing, first = self.paired_anew(self.field(past[0])), slips_since(past, scheme)
-        if self.gaps is None or not self.gaps.rough.size:
+        pairing, first = self.paired_anew(self.field(past[0]), past[0].ahead), slips_since(past, scheme)
+        if not self.slips(pairing).size:
             return pairing
-        crosses = self.gap(first).min() < -CROSSED * self.gaps.extent
+        crosses = self.gaps is not None and self.gap(first).min() < -CROSSED * self.gaps.extent
         return self.slipping_from(np.zeros(self.size) if crosses else self.field(first), pairing)
 
     def is_unloaded(self, state: OrganState) -> bool:
@@ -157,7 +158,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         if self.is_unloaded(state):
             return self.y0
         y = self._operator.y_load(self.parts(state)) + self._operator.C @ state.f_y
-        return y + p @ self._operator.gaps_by_sites(self.pairing(state.facing)) if p.any() else y
+        return y + p @ self._operator.gaps_by_sites(self.pairing_of(state)) if p.any() else y
 
     def lips(self, state: OrganState) -> Lips:
         """Return the gaps, forces, ways and friction of the pairs."""
@@ -168,12 +169,13 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(pairs,)` [m]."""
-        p = self.contact_forces(state)
-        if not self.pairs or self.is_unloaded(state):
-            return self.g0
-        pairing = self.pairing(state.facing)
+        return self.g0 if not self.pairs or self.is_unloaded(state) else self.gaps_of(state)[: self.pairs]
+
+    def gaps_of(self, state: OrganState) -> Array:
+        """Return g and slips, as `gap`, with those of points outside behind them, shape `(k,)` [m]."""
+        pairing = self.pairing_of(state)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
-        return (g + self._operator.by_pairs(pairing).times(p))[: self.pairs]
+        return g + self._operator.by_pairs(pairing).times(self.contact_forces(state))
 
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
@@ -187,7 +189,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         U_load, p = self._operator.U_loads @ self.parts(state), self.contact_forces(state)
         U = np.asarray(U_load + self._operator.W @ state.f_y)
         if p.any():
-            U = U + self._operator.factor.solve(self.pairing(state.facing).G.T @ p)
+            U = U + self._operator.factor.solve(self.pairing_of(state).G.T @ p)
             self._recalled.append((state, U))
         return U
 
@@ -201,8 +203,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
         and the contact forces those of `state`."""
-        operator, p, pairing = self._operator, self.contact_forces(state), self.pairing(state.facing)
-        y_free, g_free = operator.free_values(y, self.with_slips(self.gap(state)), f_y, p, pairing)
+        operator, p, pairing = self._operator, self.contact_forces(state), self.pairing_of(state)
+        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
             # By the change alone: the state's own forces may be those of holes that ended at this very moment.
@@ -219,7 +221,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         touch."""
         shares = state.shares
         changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
-        if self.pairs or changing:
+        if self.touches or changing:
             return None
         parts = self.parts(state)
         return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
@@ -246,7 +248,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return the same by the fields where lips press, or did; the work −p⁺·Δg is part of `numerical`."""
         U = self.field(new)
         dU = U - self.field(old)
-        pushes, friction = self.contact_works(p, self.pairing(new.facing).G @ dU)
+        pushes, friction = self.contact_works(p, self.pairing_of(new).G @ dU)
         return OrganEnergies(
             kinetic=0.0,
             elastic=float(0.5 * U @ (self.K @ U)),

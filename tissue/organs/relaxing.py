@@ -93,7 +93,7 @@ class RelaxingOrgan(DynamicOrgan):
     ) -> LinearAnswer:
         """Return the answer of a step as an organ in motion does; in equilibrium slips and relaxation are counted from
         the last of `past`."""
-        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(past[0].U))
+        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(past[0].U, past[0].ahead))
         return self.answer_paired(scheme, past, pairing, time, share)
 
     def answer_paired(

@@ -1,0 +1,415 @@
+"""The thread on the surface of the organ: points of it between the holes bear on what they face (`tissue.organs.skin`).
+
+Each span of the thread has a point P(χ_j) in its middle, and each end one. With d from the point to the surface, the
+thread's radius r, tangents t across d and x on the surface, the gap and the slip since the start of the step are
+
+    g = d·(x − P) − r ≥ 0,   p ≥ 0,   p g = 0,     w = t·(x − x₀) − t·(P(χ_j) − P₀(S(χ_j)))
+
+P₀ is the curve at the start of the step: a thread that slides through its holes slips on the surface too, S(χ_j) being
+the abscissa of the material at χ_j. The forces P = (p, τ) obey the law of `coupling.joins.rubbing`. Without friction
+they are the gradient of a convex potential of the thread's place, that of the organ's own compliance. So they are no
+unknowns of a step: they are found anew at every iterate (`Strands.touch`), and `Strands.directed` closes the pressed
+points in a correction, by one more solution for each.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Generic
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from coupling.arrays import Array, Flags, Indices
+from coupling.interfaces import Answer, Bearing, Body
+from coupling.joins.contact import Contact, closed_by
+from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, stuck
+from coupling.kernels.border import NINE
+from coupling.kernels.bordered import SINGULAR_HOLDS, SingularError
+from coupling.kernels.constraints import LOCAL
+from coupling.system import State, System
+from thread.packets import END
+from thread.placed import Placed
+from thread.spline import Spline
+from tissue.errors import OrganError
+from tissue.organs.lips import tangents
+
+ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
+LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, way from the thread's middle, radius left there
+CLEAR = 1.0  # diameters along the thread from a hole, nearer to which no point bears: the thread emerges there
+FIRM = 1e-4  # of the softest point's compliance: what each yields besides, since several may bear on nodes that are few
+NEAR = 0.05  # radii: points with smaller gaps, before any force, are those that a correction may press
+PER_SPAN = 2  # points: one leaves long spans between, and more say the same of a cubic
+WIDEST, MOST = 0.95, 64  # of the radius: points across the thread, a facet apart, reach so far aside; as many at most
+
+Directions = Callable[[Sequence[tuple[Array, Array, Array]]], list[tuple[Array, Array]]]
+
+
+def abscissae(system: System[Body], state: State[Body], looks: int) -> Array:
+    """Return the abscissae of points on strands outside the organ, `looks` of them to a span, and of the ends, shape
+    `(j,)` [m]."""
+    spline = system.at(state).thread.spline
+    breaks = spline.breaks
+    s = (breaks[:-1, None] + np.diff(breaks)[:, None] * (np.arange(looks) + 0.5) / looks).ravel()
+    s = np.append(s, [spline.start, spline.end])
+    return s[may_bear(system, state, s)]
+
+
+def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
+    """Return which points of a thread at abscissae `s` (j,) [m] may bear on the organ, shape `(j,)`: outside, and not
+    where the thread emerges from a hole, nor its ends that are held."""
+    spline, contact = system.at(state).thread.spline, system.contact
+    assert contact is not None
+    of_organ = np.arange(system.holds) < len(system.piercings)
+    clear = state.s[of_organ & state.present]
+    out = np.abs(s[:, None] - clear).min(axis=1, initial=np.inf) > CLEAR * system.thread.section.diameter
+    for at, end in zip((spline.start, spline.end), system.ends, strict=True):
+        out &= (s != at) | (end.position(0.0) is None)
+    places, there = np.append(state.s, [spline.start, spline.end]), np.append(state.present, [True, True])
+    for low, high in contact.inside:
+        k, m = system.holds if low == END else low, system.holds + 1 if high == END else high
+        if there[k] and there[m]:
+            out &= (s < places[k]) | (s > places[m])
+    return np.asarray(out)
+
+
+def touching_organ(system: System[Body], state: State[Body]) -> Body:
+    """Return the organ's state in front of a step of a thread that bears on it."""
+    if not (system.bears and isinstance(system.organ, Bearing)):
+        return state.organ
+    touched: Body = system.organ.touched(state.organ, points_facing(system, system.organ, state))
+    return touched
+
+
+def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
+    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`: as many points, along
+    the thread and across it, as there are facets."""
+    spline = system.at(state).thread.spline
+
+    def faced(s: Array, aside: Array, reach: Array) -> Array:
+        """Return what points at abscissae face that are so far from the middle of the thread."""
+        return organ.faced(state.organ, places_of(spline, state.q, s) + aside, np.column_stack([s, aside, reach]))
+
+    radius, s = 0.5 * system.thread.section.diameter, abscissae(system, state, PER_SPAN)
+    points = faced(s, np.zeros((len(s), 3)), np.full(len(s), radius))
+    most = min(int(WIDEST * radius / organ.finest), MOST)
+    sides = np.where(points[:, AWAY] < 2.0 * radius, most, 0)
+    if not sides.any():
+        return points
+    first, b = spline.basis(np.clip(s, spline.start, spline.end))
+    across = np.cross(points[:, ALONG], np.einsum("ji,jix->jx", b[:, 1], state.q[first[:, None] + LOCAL, :3]))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    own, step = np.transpose([(k, i) for k, n in enumerate(sides.tolist()) for i in range(-n, n + 1)])
+    aside = (step * WIDEST * radius / most)[:, None]
+    on_thread = aside * across[own] + np.sqrt(radius**2 - aside**2) * points[own, ALONG]
+    return faced(s[own], on_thread, np.zeros(len(own)))
+
+
+def places_of(spline: Spline, q: Array, s: Array) -> Array:
+    """Return the places of a curve with control values `q` (n, c) at abscissae `s` (j,) [m], shape `(j, 3)` [m]."""
+    first, b = spline.basis(np.clip(s, spline.start, spline.end))
+    return np.asarray(np.einsum("ji,jix->jx", b[:, 0], q[first[:, None] + LOCAL, :3]))
+
+
+def misplaced(system: System[Body], state: State[Body]) -> float:
+    """Return the largest distance [m] by which points of the thread are deeper than on the surface that they face now,
+    or the pressed ones higher, or the way that d of these has turned by, a diameter from its foot."""
+    organ = system.organ
+    if not (system.bears and isinstance(organ, Bearing)):
+        return 0.0
+    old, P = organ.touching_points(state.organ)
+    pressed, now = old[P[: len(old)] > 0.0], points_facing(system, organ, state)
+    places = places_of(system.at(state).thread.spline, state.q, pressed[:, LABEL]) + pressed[:, ASIDE]
+    again = organ.faced(state.organ, places, pressed[:, LABEL:])
+    deeper, higher = (points[:, AWAY] - points[:, REACH] for points in (now, again))
+    turned = np.linalg.norm(again[:, ALONG] - pressed[:, ALONG], axis=1) * system.thread.section.diameter
+    return float(max(-deeper.min(initial=0.0), higher.max(initial=0.0), turned.max(initial=0.0)))
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Forces `P` (K,) [N] of points on the organ, those along slips behind those of gaps; the points `near` (l,), the
+    `law` that they obey, None if none is near, their gaps and slips without forces, `c_open` [m], and which of them are
+    `pressed` (l,), as they are `rubbing`."""
+
+    P: Array
+    near: Indices
+    law: Law | None = None
+    c_open: Array = field(default_factory=lambda: np.zeros(0))
+    pressed: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    rubbing: Rubbing = field(default_factory=Rubbing)
+
+
+@dataclass(frozen=True)
+class Strands(Generic[Body]):
+    """The points of a thread in a step: what they face, `points` (j, 14), their functions `b` (j, 4) from control point
+    `first` (j,) on, and the thread's `radius` [m] and coefficient of `friction` [-]; the organ's `answer` with the
+    pairs of its `lips` that are `closed`, as they are `rubbing`; and the `start` of the step."""
+
+    points: Array
+    first: Indices
+    b: Array
+    radius: float
+    friction: float
+    answer: Answer[Body]
+    lips: Contact[Body] | None
+    closed: Flags
+    rubbing: Rubbing
+    start: State[Body]
+    spline: Spline
+    holds: int
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @cached_property
+    def at(self) -> Indices:
+        """The point of each gap and slip, shape `(K,)`."""
+        own = np.arange(self.count)
+        return np.append(own, np.repeat(own, 2)) if self.friction else own
+
+    @cached_property
+    def along(self) -> Array:
+        """Directions of gaps and slips, shape `(K, 3)`."""
+        d = self.points[:, ALONG]
+        return np.vstack([d, tangents(d).reshape(-1, 3)]) if self.friction else d
+
+    @cached_property
+    def _before(self) -> int:
+        """Number of the gaps and slips of lips, which stand before those of points."""
+        return len(self.answer.g_free) - len(self.at)
+
+    @cached_property
+    def _shut(self) -> Indices:
+        """Gaps and slips of closed lips."""
+        return np.zeros(0, dtype=np.intp) if self.lips is None else self.lips.acting(self.closed)
+
+    def _closing(self, opened: Array) -> Array:
+        """Return what closed lips add to gaps and slips of points, `(K, i)`, where those of lips would be `opened`
+        `(lips, i)`."""
+        assert self.lips is not None
+        P = closed_by(self.lips, self.closed, self.rubbing, opened)
+        return np.asarray(self.answer.gaps_by_forces(self._shut)[self._before :] @ P[self._shut])
+
+    @cached_property
+    def g_free(self) -> Array:
+        """Gaps and slips without forces, the organ's part, shape `(K,)` [m]."""
+        own = self.answer.g_free[self._before :]
+        return own + self._closing(self.answer.g_free[: self._before, None])[:, 0] if self._shut.size else own
+
+    @cached_property
+    def C_by(self) -> Array:
+        """Gaps and slips by site forces, shape `(K, 9m)`."""
+        C = self.answer.C_cy
+        own = C[self._before :]
+        own = own + self._closing(C[: self._before]) if self._shut.size else own
+        return np.pad(own, ((0, 0), (0, NINE * self.holds - own.shape[1])))
+
+    def columns(self, some: Indices) -> tuple[Array, Array]:
+        """Return gaps and slips, `(K, i)`, and site variables, `(9m, i)`, by the forces of `some` of them `(i,)`."""
+        whole, C = self.answer.gaps_by_forces(self._before + some), self.answer.C_cy
+        own, sites = whole[self._before :], C[self._before + some].T
+        if self._shut.size and some.size:
+            assert self.lips is not None
+            own = own + self._closing(whole[: self._before])
+            P = closed_by(self.lips, self.closed, self.rubbing, whole[: self._before])
+            sites = sites + C[: self._before].T @ P
+        return own, np.pad(sites, ((0, NINE * self.holds - len(sites)), (0, 0)))
+
+    def opened_lips(self, P: Array) -> Array:
+        """Return how far forces `P` (K,) of points open the gaps and slips of lips, shape `(lips,)` [m]."""
+        acts = np.flatnonzero(P)
+        return np.asarray(self.answer.gaps_by_forces(self._before + acts)[: self._before] @ P[acts])
+
+    def opens(self, q: Array, s: Array) -> Array:
+        """Return the thread's part of gaps and slips at control points `q` (n, c) and abscissae `s` (m,), `(K,)`
+        [m]."""
+        P = np.einsum("ji,jix->jx", self.b, q[self.first[:, None] + LOCAL, :3])
+        gaps = -np.vecdot(self.along[: self.count], P + self.points[:, ASIDE]) - self.points[:, REACH]
+        if not self.friction:
+            return gaps
+        slipped = np.vecdot(self.along[self.count :], (P - self.material(s)[0])[self.at[self.count :]])
+        return np.append(gaps, -slipped)
+
+    def material(self, s: Array) -> tuple[Array, Array]:
+        """Return where the material of the points was at the start of the step, `(j, 3)` [m], and how that moves with
+        the abscissae, its derivative by those of the holds, `(j, 3, m)`."""
+        if not isinstance(self.spline, Placed):
+            labels = self.points[:, LABEL]
+            return places_of(self.spline, self.start.q, labels), np.zeros((self.count, 3, len(s)))
+        local = self.first[:, None] + LOCAL
+        travel, old = self.spline.travel, self.start.spline
+        assert old is not None
+        S = np.einsum("ji,ji->j", self.b, travel.places(s)[local])
+        first, b = old.basis(np.clip(S, old.start, old.end))
+        P, T = (np.einsum("ji,jix->jx", b[:, k], self.start.q[first[:, None] + LOCAL, :3]) for k in (0, 1))
+        return P, T[:, :, None] * np.einsum("ji,jim->jm", self.b, travel.b[local])[:, None]
+
+    def touch(self, q: Array, s: Array, f: Array) -> Touch:
+        """Return the forces of the points at an iterate under site forces `f` (9m,). Raises `OrganError`."""
+        K = len(self.at)
+        c_open = self.g_free + self.C_by @ f + self.opens(q, s)
+        near = np.flatnonzero(c_open[: self.count] < NEAR * self.radius)
+        if not near.size:
+            return Touch(np.zeros(K), near)
+        while True:
+            chosen = self.chosen(near)
+            C = self.columns(chosen)[0]
+            own = C[chosen]
+            law = self.law(own + FIRM * np.diag(own).max() * np.eye(len(own)), len(near))
+            pressed, rubbing, P = forces_of(law, c_open[chosen])
+            gaps = (c_open + C @ P)[: self.count]
+            gaps[near] = 0.0
+            if gaps.min(initial=0.0) >= 0.0:
+                whole = np.zeros(K)
+                whole[chosen] = P
+                return Touch(whole, near, law, c_open[chosen], pressed, rubbing)
+            near = np.union1d(near, np.flatnonzero(gaps < 0.0))
+
+    def chosen(self, near: Indices) -> Indices:
+        """Return the numbers of the gaps and slips of some points, gaps first."""
+        if not self.friction:
+            return near
+        return np.append(near, (self.count + 2 * near[:, None] + np.arange(2)).ravel())
+
+    def law(self, C: Array, k: int) -> Law:
+        """Return Coulomb's law of `k` points with the compliance `C` of their gaps and slips [m/N]."""
+        give = np.diag(C)
+        rough = np.arange(k if self.friction else 0)
+        slips = give[k:].reshape(-1, 2).mean(axis=1)
+        return Law(C, k, rough, np.full(len(rough), self.friction), 1.0 / give[:k], 1.0 / slips)
+
+    def push(self, touch: Touch, n: int) -> Array:
+        """Return the forces on `n` control points, shape `(n, 3)` [N]."""
+        out = np.zeros((n, 3))
+        forces = -(touch.P[:, None] * self.along)
+        np.add.at(out, self.first[self.at][:, None] + LOCAL, self.b[self.at][:, :, None] * forces[:, None])
+        return out
+
+    def drive(self, P: Array, s: Array) -> Array:
+        """Return the forces along the thread that the friction of points adds at the holds, `(m,)` [N]."""
+        if not self.friction:
+            return np.zeros(len(s))
+        slips = self.at[self.count :]
+        return np.einsum("k,kx,kxm->m", P[self.count :], self.along[self.count :], self.material(s)[1][slips])
+
+    def sites(self, touch: Touch) -> Array:
+        """Return how far the points move the sites, shape `(m, 9)`."""
+        acts = np.flatnonzero(touch.P)
+        return np.asarray((self.columns(acts)[1] @ touch.P[acts]).reshape(-1, NINE))
+
+    def directed(
+        self,
+        touch: Touch,
+        residuals: tuple[Array, Array, Array],
+        at_holds: Callable[[Array], Array],
+        s: Array,
+        solve: Directions,
+        forces: Callable[[Array, Array], Array],
+    ) -> tuple[Array, Array]:
+        """Return Newton's direction dq (n, c), dz (m, 15) to where thread and organ, as linearised, obey the law of
+        contact together: a linear complementarity problem in each correction (Josephy, Newton's method for generalized
+        equations, 1979), with friction by the tangent of the law. Raises `SingularError`.
+
+        `residuals` as for `coupling.kernels.bordered.newton_directions`; `at_holds` makes residuals of the laws of
+        sliding (m,) of driving forces there (m,), `solve` the directions of several residuals, and `forces` the change
+        of site forces (9m,) of a direction."""
+        if touch.law is None:
+            return solve([residuals])[0]
+        some, law = self.chosen(touch.near), touch.law
+        _, sites = self.columns(some)
+        given, slides = [residuals], self.material(s)[1] if self.friction else None
+        for column, k in enumerate(some):
+            r_q, r, r_y = (np.zeros_like(x) for x in residuals)
+            rows = self.first[self.at[k]] + LOCAL
+            r_q[rows, :3] = self.b[self.at[k]][:, None] * self.along[k]
+            r_y[:] = -sites[:, column].reshape(r_y.shape)
+            if slides is not None and k >= self.count:
+                r[:, 0] = at_holds(self.along[k] @ slides[self.at[k]])
+            given.append((r_q, r, r_y))
+        solved = solve(given)
+        moves = np.column_stack([self.moves(some, *way, slides) + self.C_by[some] @ forces(*way) for way in solved])
+        before = touch.P[some]
+        with_thread, c_open = replace(law, C=law.C + moves[:, 1:]), touch.c_open + moves[:, 0] - moves[:, 1:] @ before
+        try:
+            P = forces_together(with_thread, c_open, touch)
+        except OrganError as error:
+            raise SingularError(SINGULAR_HOLDS) from error
+        (dq, dz), *rest = solved
+        for part, (more_q, more_z) in zip((P - before).tolist(), rest, strict=True):
+            dq, dz = dq + part * more_q, dz + part * more_z
+        return dq, dz
+
+    def moves(self, some: Indices, dq: Array, dz: Array, slides: Array | None) -> Array:
+        """Return the thread's part of the change of `some` gaps and slips along a direction, shape `(i,)` [m]."""
+        own = self.at[some]
+        out = -np.einsum("ki,kix,kx->k", self.b[own], dq[self.first[own][:, None] + LOCAL, :3], self.along[some])
+        if slides is not None:
+            out += (some >= self.count) * np.einsum("kx,kxm,m->k", self.along[some], slides[own], dz[:, 0])
+        return np.asarray(out)
+
+
+def forces_of(law: Law, c_open: Array) -> tuple[Flags, Rubbing, Array]:
+    """Return which points are pressed whose gaps and slips would be `c_open` without forces, how they rub, and their
+    forces, shape `(k + 2m,)` [N]. With friction the search begins with the points that would be pressed without it.
+    Raises `OrganError`."""
+    k, C = law.k, law.C[: law.k, : law.k]
+    try:
+        L = cholesky(0.5 * (C + C.T), lower=True)
+        p, _ = nnls(L.T, -solve_triangular(L, c_open[:k], lower=True))  # min ½ pᵀCp + g·p over p ≥ 0
+    except (np.linalg.LinAlgError, RuntimeError) as error:
+        raise OrganError(NO_HOLD) from error
+    if len(law.rough):
+        return find_forces(law, c_open, p > 0.0, stuck(k))
+    return p > 0.0, Rubbing(), forces_by_tangent(law, p > 0.0, Rubbing(), c_open)
+
+
+def forces_together(law: Law, c_open: Array, touch: Touch) -> Array:
+    """Return the forces of points by the law of thread and organ together, `(k + 2m,)` [N]; with friction, if these are
+    not found at once, by the tangent of the law at a `touch`. Raises `OrganError`."""
+    if not len(law.rough):
+        return forces_of(law, c_open)[2]
+    try:
+        return find_forces(law, c_open, touch.pressed, touch.rubbing, tries=1)[2]
+    except OrganError:
+        return forces_by_tangent(law, touch.pressed, touch.rubbing, c_open)
+
+
+def strands_of(
+    system: System[Body],
+    state: State[Body],
+    answer: Answer[Body],
+    lips: Contact[Body] | None,
+    closed: Flags,
+    rubbing: Rubbing,
+) -> Strands[Body] | None:
+    """Return the points of a thread in a step from a state, None if none may bear on the organ."""
+    if system.contact is None or not (system.bears and len(answer.points)):
+        return None
+    spline, points = system.thread.spline, answer.points
+    first, b = spline.basis(points[:, LABEL])
+    radius = 0.5 * system.thread.section.diameter
+    return Strands(
+        points,
+        first,
+        b[:, 0],
+        radius,
+        system.contact.friction,
+        answer,
+        lips,
+        closed,
+        rubbing,
+        state,
+        spline,
+        system.holds,
+    )
+
+
+def under(contact: Contact[Body], strands: Strands[Body] | None, touch: Touch | None) -> Contact[Body]:
+    """Return the contact of lips under the forces of points too."""
+    if strands is None or touch is None or not touch.P.any():
+        return contact
+    return replace(contact, g_free=contact.g_free + strands.opened_lips(touch.P))

@@ -1,0 +1,148 @@
+"""The outer surface of an organ, and what points outside bear on there, such as those of a thread.
+
+The facets of the reference shape stand for a smooth surface: its normals n are interpolated between means over the
+facets at each vertex, and it bulges over a facet by −½ Σ ξ_i ((x − x_i)·n_i) n_i (Phong tessellation: Boubekeur and
+Alexa, ACM Trans. Graph. 27, 2008), so that n is across it. The tilt of n and the bulge go along with their facet as
+the organ deforms. Facets that meet at a sharp edge are no part of one smooth surface.
+
+A point P faces the nearest point x of the facets. Its gap is d·(x − P) less the bulge, with d = n into the organ. Over
+an edge that is sharp, or flat in the reference shape, d is the way from P to x, which turns from one facet to the next.
+So d is the gradient of a gap that is continuous as P and the organ move. The organ's part, d·x, follows the
+displacement of the facet; the place of x, d and the bulge stay during a step.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, csr_matrix
+
+from tissue.arrays import Array, Indices
+from tissue.elasticity import Elasticity
+from tissue.organs.facing import OPPOSITE, Mask, face, facet_normals, triangle_sizes
+from tissue.organs.lips import tangents, weights_on, with_normals_along
+
+OWN = 9  # columns of what a point faces: facet, barycentric coordinates, d, distance, bulge; then its labels
+SHARP = np.cos(np.radians(30.0))  # of the angle of an edge that is one of the organ, not of facets of a smooth surface
+FLAT = 1.0 - 1e-8  # of the angle of an edge between facets of a plane
+ON_EDGE = 1e-9  # of a barycentric coordinate
+TOUCHING = 1e-3  # of a facet: the way from a nearer point is no direction
+QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a facet with the middles of its sides
+
+
+@dataclass(frozen=True)
+class Skin:
+    """The outer surface of a `body`: the nodes of its `facets` `(m, 3)`, with P2 of the quarters of its facets, which
+    turn so that their normals point into the organ; and the coefficient of `friction` of what bears on it [-]."""
+
+    body: Elasticity
+    facets: Indices
+    friction: float = 0.0
+
+    @cached_property
+    def nodes(self) -> Indices:
+        """Numbers of the nodes on the surface, shape `(r,)`."""
+        return np.unique(self.facets)
+
+    @cached_property
+    def rows(self) -> csr_matrix:
+        """Displacement of the surface's nodes over the free unknowns, shape `(3r, N)`."""
+        return self.body.rows_of(self.nodes)
+
+    @cached_property
+    def finest(self) -> float:
+        """Smallest height of a facet in the reference shape [m]."""
+        corners = self.body.points[self.facets]
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        return float((triangle_sizes(corners) ** 2 / sides.max(axis=1)).min())
+
+    @cached_property
+    def _around(self) -> coo_array:
+        """Which facets meet at each corner of each facet, shape `(3m, m)`."""
+        m, n = len(self.facets), len(self.body.points)
+        at = csr_array((np.ones(3 * m), (np.arange(3 * m), self.facets.ravel())), (3 * m, n))
+        of = csr_array((np.ones(3 * m), (self.facets.ravel(), np.repeat(np.arange(m), 3))), (n, m))
+        return coo_array(at @ of)
+
+    @cached_property
+    def _beyond(self) -> Indices:
+        """The facet beyond each side of each facet, opposite its corners, shape `(m, 3)`; itself at an open side."""
+        sides = np.sort(self.facets[:, OPPOSITE].reshape(-1, 2), axis=1)
+        order = np.lexsort(sides.T)
+        same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
+        out = np.repeat(np.arange(len(self.facets)), 3)
+        one, other = order[same], order[same + 1]
+        out[one], out[other] = other // 3, one // 3
+        return out.reshape(-1, 3)
+
+    @cached_property
+    def _smooth(self) -> tuple[Array, Mask]:
+        """Unit normals of the smooth surface at the corners of all facets of the reference shape, `(m, 3, 3)`: the
+        mean, by area, over the facets that meet there without a sharp edge; and which sides of each facet are part of
+        a curved surface, `(m, 3)`."""
+        corners, (row, other) = self.body.points[self.facets], self._around.coords
+        each, areas = facet_normals(corners), triangle_sizes(corners) ** 2
+        smooth, mean = np.vecdot(each[row // 3], each[other]) > SHARP, np.zeros((3 * len(each), 3))
+        np.add.at(mean, row[smooth], (areas[:, None] * each)[other[smooth]])
+        angle = np.vecdot(each[:, None], each[self._beyond])
+        normals = mean / np.linalg.norm(mean, axis=1, keepdims=True)
+        return normals.reshape(-1, 3, 3), (angle > SHARP) & (angle < FLAT)
+
+    def faced(self, displacement: Array, places: Array, labels: Array) -> Array:
+        """Return what points at `places` `(k, 3)` [m] face under a `displacement` of all nodes `(n, 3)` [m], shape
+        `(k, 9 + l)`: facet, barycentric coordinates, d, the distance from the surface, negative inside, and the bulge
+        [m], then the `labels` `(k, l)` of each point."""
+        if not len(places):
+            return np.zeros((0, OWN + labels.shape[1]))
+        points, (normals, curved) = self.body.points + displacement, self._smooth
+        facing = face(places, points, self.facets, np.zeros(self.facets.shape, dtype=bool), None)
+        facet, inside = facing[:, 0].astype(np.intp), facing[:, 1:4]
+        before, now, of_corners = self.body.points[self.facets[facet]], points[self.facets[facet]], normals[facet]
+        turned = frames(now) @ frames(before).mT
+        n = np.matvec(turned, np.vecmat(inside, of_corners))
+        n /= np.linalg.norm(n, axis=1, keepdims=True)
+        way = np.vecmat(inside, now) - places
+        away, outside = np.linalg.norm(way, axis=1), np.vecdot(way, facing[:, 4:]) > 0.0
+        over = ((inside <= ON_EDGE) & ~curved[facet]).any(axis=1) & outside & (away > TOUCHING * triangle_sizes(now))
+        d = np.where(over[:, None], way / np.maximum(away, np.finfo(float).tiny)[:, None], n)
+        tilts = np.vecdot(np.vecmat(inside, before)[:, None] - before, of_corners)
+        bulge = 0.5 * np.sum(inside * tilts * np.vecdot(np.matvec(turned[:, None], of_corners), d[:, None]), axis=1)
+        return np.column_stack([facing[:, :4], d, np.vecdot(way, d) - bulge, bulge, labels])
+
+    def sums(self, points: Array) -> csr_matrix:
+        """Return d·x of `points` `(k, 9 + l)` by the displacement of the surface's nodes, shape `(k, 3r)`; with
+        friction, x along both of `tissue.organs.lips.tangents` of each point behind them, `(3k, 3r)`."""
+        along, at = points[:, 4:7], points
+        if self.friction:
+            along = np.vstack([along, tangents(along).reshape(-1, 3)])
+            at = np.vstack([points, np.repeat(points, 2, axis=0)])
+        nodes, w = weights_on(self.facets, at)
+        columns = 3 * np.searchsorted(self.nodes, nodes)[..., None] + np.arange(3)
+        values, row = w[..., None] * along[:, None], np.repeat(np.arange(len(at)), 3 * nodes.shape[1])
+        return csr_matrix((values.ravel(), (row, columns.ravel())), (len(at), 3 * len(self.nodes)))
+
+    def rest(self, points: Array) -> Array:
+        """Return d·x less the bulge of `points` `(k, 9 + l)` in the reference shape, and zeros for the slips, as of
+        `sums` [m]."""
+        out = np.asarray(self.sums(points) @ self.body.points[self.nodes].ravel())
+        out[: len(points)] -= points[:, 8]
+        out[len(points) :] = 0.0
+        return out
+
+
+def frames(corners: Array) -> Array:
+    """Return frames of triangles `(k, 3, 3)`: as columns, the unit vectors along the first side and across it, and the
+    normal, shape `(k, 3, 3)`."""
+    n, side = facet_normals(corners), corners[:, 1] - corners[:, 0]
+    side = side / np.linalg.norm(side, axis=1, keepdims=True)
+    return np.stack([side, np.cross(n, side), n], axis=2)
+
+
+def skin_of(body: Elasticity, friction: float = 0.0) -> Skin:
+    """Return the whole outer surface of a body, with the coefficient of `friction` of what bears on it [-]."""
+    mesh = body.mesh
+    facets = mesh.boundary_facets()
+    triangles = mesh.facets[:, facets].T.astype(np.intp)
+    inside = body.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - body.points[triangles].mean(axis=1)
+    nodes = body.facet_nodes(with_normals_along(body.points, triangles, inside))
+    return Skin(body, nodes if nodes.shape[1] == 3 else nodes[:, QUARTERS].reshape(-1, 3), friction)
