@@ -1,9 +1,9 @@
-"""Rectangular blocks, centred in x and y, the top face at z = 0, boundaries left right front back bottom top.
+"""Rectangular blocks, centred in x and y, top face at z = 0, boundaries left, right, front, back, bottom, top.
 
-The structured ones need numpy alone. Each cell of a tensor grid is cut into five tetrahedra, one on four
-alternate corners and one at each of the other four, mirrored from cell to cell: faces match, and no
-diagonal direction is preferred. Cell counts are even, so that the mesh is mirror symmetric where its lines
-are, and every line through a site sees the same pattern.
+The structured blocks need only numpy. Each cell of a tensor grid is cut into five tetrahedra: one on four alternate
+corners, and one at each of the other four corners. The pattern is mirrored from cell to cell, so that faces match
+and no diagonal direction is preferred. Cell counts are even. Therefore the mesh is mirror symmetric if its lines
+are, and every line through a site has the same pattern.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from meshes.named import bare_mesh, with_boundaries
 
 Array = NDArray[np.float64]
 
-# Five tetrahedra of a cell with an even corner at (0, 0, 0), as corners (x, y, z); positive volumes.
+# Five tetrahedra of a cell with an even corner at (0, 0, 0), given by corners (x, y, z); positive volumes.
 EVEN_SPLIT = (
     ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 0)),
     ((1, 0, 0), (0, 0, 0), (1, 0, 1), (1, 1, 0)),
@@ -29,7 +29,7 @@ EVEN_SPLIT = (
     ((0, 0, 1), (1, 0, 1), (0, 0, 0), (0, 1, 1)),
     ((1, 1, 1), (0, 1, 1), (1, 1, 0), (1, 0, 1)),
 )
-# The same for a cell with an odd corner at (0, 0, 0): its mirror image.
+# The tetrahedra of a cell with an odd corner at (0, 0, 0): the mirror image.
 ODD_SPLIT = (
     ((1, 1, 1), (1, 0, 0), (0, 0, 1), (0, 1, 0)),
     ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -37,7 +37,7 @@ ODD_SPLIT = (
     ((1, 0, 1), (0, 0, 1), (1, 1, 1), (1, 0, 0)),
     ((0, 1, 1), (1, 1, 1), (0, 0, 1), (0, 1, 0)),
 )
-# Boundary name → (axis, at the upper end?).
+# Boundary name → (axis, whether at the upper end).
 FACES = {
     "left": (0, False),
     "right": (0, True),
@@ -47,16 +47,16 @@ FACES = {
     "top": (2, True),
 }
 
-Planes = tuple[Sequence[float], Sequence[float], Sequence[float]]  # coordinates that facets follow, by axis [m]
+Planes = tuple[Sequence[float], Sequence[float], Sequence[float]]  # coordinates of planes with facets, by axis [m]
 NO_PLANES: Planes = ((), (), ())
-COUNTABLE = 1e9  # tetrahedra: of more no machine holds the organ, and their grid lines alone might fill the memory
-ON_PLANE = 1e-9  # of the block's size: nodes this near a plane lie in it; gmsh places them to 1e-16
+COUNTABLE = 1e9  # tetrahedra: an organ with more fits into no machine, and even its grid lines could fill the memory
+ON_PLANE = 1e-9  # of the block's size: a node as near to a plane lies in it; gmsh places nodes to 1e-16
 
 
 def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.MeshTet:
-    """Mesh a uniform structured block of size `(3,)` [m] with cell edges of at most `h` [m].
+    """Return a uniform structured mesh of a block of size `(3,)` [m] with cell edges of at most `h` [m].
 
-    Counts are even, so at least two cells a side. Raises `MeshError` when a size or `h` is not positive and
+    Counts are even, so that a side has at least two cells. Raises `MeshError` if a size or `h` is not positive and
     finite.
     """
     return graded_block_structured(size, Grading(h, h), planes=planes)
@@ -65,12 +65,13 @@ def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.
 def graded_block_structured(
     size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Mesh a structured block whose grid lines pass through the sites, shape `(p, 3)` [m], and along the planes.
+    """Return a structured mesh of a block with grid lines through the sites, shape `(p, 3)` [m], and along the
+    planes.
 
-    Spacing is that of `grading` in each coordinate (a little more across a site, where two intervals meet; less
-    between planes, where at least two cells lie). Being a tensor grid the mesh is fine along the whole planes
-    through a site, not near the site alone. Coordinates of sites closer than `h_site`/2 to each other or to a
-    face share a line. Same input, same arrays.
+    `grading` gives the spacing in each coordinate. The spacing is a little larger at a site between two intervals,
+    and smaller between planes, because at least two cells lie there. The mesh is a tensor grid and is therefore
+    fine along the whole planes through a site. Coordinates of sites share a line if they are closer than `h_site`/2
+    to each other or to a face. The same input gives the same arrays.
 
     Raises `MeshError` for impossible numbers and for a site outside the block.
     """
@@ -87,7 +88,8 @@ def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, plane
 
 
 def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> float:
-    """Return the number of tetrahedra of the structured block, without making them; of very many a lower bound."""
+    """Return the number of tetrahedra of the structured block without making them; a lower bound if it is very
+    large."""
     least = _least_tets(size, grading, sites)
     if least > COUNTABLE:
         return least
@@ -95,7 +97,7 @@ def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, p
 
 
 def _least_tets(size: Sequence[float], grading: Grading, sites: ArrayLike) -> float:
-    """Return a lower bound of the number of tetrahedra, from the sizes far from the sites and at them."""
+    """Return a lower bound of the number of tetrahedra, from the sizes far from the sites and at the sites."""
     lower, upper = extent(size)
     fine = min(grading.flat, float(np.min(upper - lower))) / grading.h_site if np.size(sites) else 0.0
     with np.errstate(over="ignore"):
@@ -105,10 +107,10 @@ def _least_tets(size: Sequence[float], grading: Grading, sites: ArrayLike) -> fl
 def graded_block_gmsh(
     size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Mesh a block by gmsh, unstructured, with facets along the planes.
+    """Return an unstructured mesh of a block by gmsh, with facets along the planes.
 
-    Elements are sized by the distance to the nearest site, shape `(p, 3)` [m]. Raises `MeshError` for
-    impossible numbers, for a site outside the block, and where gmsh cannot load.
+    The size of elements depends on the distance to the nearest site, shape `(p, 3)` [m]. Raises `MeshError` for
+    impossible numbers, for a site outside the block, and if gmsh cannot load.
     """
     lower, upper = extent(size)
     points, unit = require_sites_within(sites, lower, upper), max(size)
@@ -119,7 +121,8 @@ def graded_block_gmsh(
 
 
 def extent(size: Sequence[float]) -> tuple[Array, Array]:
-    """Return the lower and upper corner of the block of a size, shapes `(3,)` [m]. Raises `MeshError`."""
+    """Return the lower and upper corner of the block of a size, shapes `(3,)` [m]. Raises `MeshError` for
+    impossible sizes."""
     if len(size) != 3:
         raise MeshError(f"size = {list(size)!r} must have three lengths, x, y and z")
     x, y, z = (require_positive(f"size[{k}]", length) for k, length in enumerate(size))
@@ -127,7 +130,7 @@ def extent(size: Sequence[float]) -> tuple[Array, Array]:
 
 
 def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
-    """Return the sites, shape `(p, 3)` [m]; raise `MeshError` for one outside the box by more than round-off."""
+    """Return the sites, shape `(p, 3)` [m]. Raises `MeshError` for a site outside the box by more than round-off."""
     points = site_points(sites)
     slack = 1e-9 * float(np.max(upper - lower))
     for site in points[((points < lower - slack) | (points > upper + slack)).any(axis=1)]:
@@ -136,16 +139,14 @@ def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
 
 
 def even_count(cells: float) -> int:
-    """Return the smallest even number of cells that is not below `cells`, at least 2; a surplus of round-off is
-    none.
-    """
+    """Return the smallest even number of cells that is not below `cells`, at least 2; round-off above it is ignored."""
     return 2 * max(1, int(np.ceil(cells / 2 - 1e-9)))
 
 
 def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()) -> Array:
-    """Return grid coordinates from `lower` to `upper` [m] through the planes', graded toward the sites'.
+    """Return grid coordinates from `lower` to `upper` [m] that include the planes and are graded toward the sites.
 
-    Sites are coordinates, shape `(p,)`. Between planes and sites lies an even number of cells.
+    Sites are coordinates, shape `(p,)`. The number of cells between planes and sites is even.
     """
     fixed = np.unique([lower, *planes_between(planes, lower, upper), upper])
     stations = _stations(fixed, sites, grading.h_site)
@@ -154,14 +155,14 @@ def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, pla
 
 
 def planes_between(planes: Sequence[float], lower: float, upper: float) -> Array:
-    """Return the coordinates of planes that lie between two ends by more than round-off, sorted [m]."""
+    """Return the sorted coordinates of planes that lie between two ends by more than round-off [m]."""
     places = np.unique(np.asarray(planes, dtype=float))
     slack = ON_PLANE * (upper - lower)
     return places[(places > lower + slack) & (places < upper - slack)]
 
 
 def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
-    """Return the coordinates of the sites, those within h_site/2 of one another or of a `fixed` line merged."""
+    """Return the coordinates of the sites; sites within h_site/2 of one another or of a `fixed` line are merged."""
     groups: list[list[float]] = []
     for x in np.unique(sites):
         if groups and x - groups[-1][0] <= h_site / 2:
@@ -174,8 +175,9 @@ def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
 
 
 def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
-    """Return the coordinates from `a` to `b` [m], between which no station lies, spaced by the distance to the
-    nearest one.
+    """Return the coordinates from `a` to `b` [m], with spacing by the distance to the nearest station.
+
+    There is no station between `a` and `b`.
     """
     if not len(stations):
         return np.linspace(a, b, 1 + even_count((b - a) / grading.h))
@@ -194,13 +196,13 @@ def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
 
 
 def grid_points(lines: list[Array]) -> Array:
-    """Return the nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m], z fastest."""
+    """Return the nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m]; z varies fastest."""
     return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
-    """Split each cell of a tensor grid into five tetrahedra, shape `(5 cells, 4)`."""
-    strides = np.array([len(lines[1]) * len(lines[2]), len(lines[2]), 1])  # of the nodes, z fastest
+    """Return five tetrahedra for each cell of a tensor grid, shape `(5 cells, 4)`."""
+    strides = np.array([len(lines[1]) * len(lines[2]), len(lines[2]), 1])  # of the nodes; z varies fastest
     x, y, z = np.ix_(*(np.arange(len(line) - 1) for line in lines))
     first = (x * strides[0] + y * strides[1] + z).ravel()
     odd = ((x + y + z + mirrored) % 2 == 1).ravel()
@@ -209,7 +211,7 @@ def split(lines: list[Array], mirrored: bool = False) -> NDArray[np.int64]:
 
 
 def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet:
-    """Return the mesh with the boundary facets on each of the block's faces named."""
+    """Return the mesh with a named boundary on each of the block's faces."""
     facets = mesh.boundary_facets()
     corners = mesh.p[:, mesh.facets[:, facets]]
     slack = ON_PLANE * float(np.max(upper - lower))
@@ -233,14 +235,14 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes, unit: float) 
 
 
 def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]], unit: float) -> int:
-    """Add a plane polygon, corners of shape `(k, 3)` [m] in turn, to the gmsh model of a `unit` [m]; return its tag."""
+    """Add a plane polygon with corners `(k, 3)` [m] in order to the gmsh model of a `unit` [m], and return its tag."""
     points = [gmsh.model.occ.addPoint(*corner) for corner in in_unit(corners, unit)]
     lines = [gmsh.model.occ.addLine(a, b) for a, b in pairwise([*points, points[0]])]
     return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(lines)]))
 
 
 def _rectangle(lower: Array, upper: Array, axis: int, place: float) -> list[list[float]]:
-    """Return the section of the box across an axis at a coordinate, four corners in turn."""
+    """Return the section of the box normal to an axis at a coordinate, four corners in order."""
     first, second = (k for k in range(3) if k != axis)
     corners = []
     for low_first, low_second in ((True, True), (False, True), (False, False), (True, False)):

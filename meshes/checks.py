@@ -12,26 +12,24 @@ from meshes.facets import tet_facet_keys
 Array = NDArray[np.float64]
 Tets = NDArray[np.integer]
 
-# Volume over (longest edge)³ below which a tetrahedron counts as flat. A right-angled tetrahedron has 0.06,
-# one with edges 1 : 1000 : 1000 has 6e-5, one with edges 1 : 1 : 1000 has 2e-7; round-off of coordinates
-# gives 1e-16.
+# A tetrahedron with a smaller volume over (longest edge)³ counts as flat. A right-angled tetrahedron has 0.06, one
+# with edges 1 : 1000 : 1000 has 6e-5, one with edges 1 : 1 : 1000 has 2e-7; round-off of coordinates gives 1e-16.
 FLAT = 1e-9
-# Distance over the mesh's diagonal below which two nodes count as one; single precision files resolve 1e-7.
+# Two nodes with a smaller distance over the mesh's diagonal count as one; single precision files resolve 1e-7.
 COINCIDENT = 1e-9
-FARTHEST, NEAREST = 1e15, 1e-15  # m: beyond these it is a mistake, and far beyond them volumes overflow or vanish
+FARTHEST, NEAREST = 1e15, 1e-15  # m: a size outside this range is a mistake, and far outside volumes overflow or vanish
 
 NO_TWINS = np.empty((0, 2), dtype=np.int64)
 
 
 def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None = 1) -> None:
-    """Refuse anything but a sound volume mesh: points of shape `(n, 3)`, tets `(m, 4)`.
+    """Raise `MeshError` unless points `(n, 3)` and tets `(m, 4)` are a valid volume mesh.
 
-    `twins` `(k, 2)` are pairs of nodes meant to lie at one place, those of a closed cut's two lips; `parts` is the
-    number of separate bodies meant; None: any, which may touch but share no node.
+    `twins` `(k, 2)` are pairs of nodes that are meant to coincide, on the two lips of a closed cut. `parts` is the
+    number of separate bodies; None: any number of bodies, which can touch but share no node.
 
-    Raises `MeshError` naming the fault: no tetrahedra, coordinates not finite, indices out of range, unused
-    or duplicate nodes, degenerate or inverted tetrahedra, tetrahedra that overlap, parts that hang together
-    by no facet.
+    The error names the fault. For nodes: coordinates that are not finite, indices out of range, unused or duplicate
+    nodes. For tetrahedra: none, degenerate, inverted or overlapping ones, and parts without a common facet.
     """
     _check_volume(points, tets)
     _check_finite(points)
@@ -48,8 +46,9 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None =
 
 
 def volumes(points: Array, tets: Tets) -> Array:
-    """Return the signed volumes of the tetrahedra, shape `(m,)`; positive when node 3 sees (0, 1, 2) turn
-    anticlockwise.
+    """Return the signed volumes of the tetrahedra, shape `(m,)`.
+
+    A volume is positive if (0, 1, 2) turn anticlockwise as seen from node 3.
     """
     a, b, c, d = (points[tets[:, k]] for k in range(4))
     return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0, dtype=np.float64)
@@ -67,7 +66,7 @@ def _few(indices: NDArray[np.integer]) -> str:
 
 def _check_volume(points: Array, tets: Tets) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or tets.ndim != 2 or tets.shape[1] != 4:
-        raise MeshError(f"points have shape {points.shape} and tets {tets.shape}: (n, 3) and (m, 4) are wanted")
+        raise MeshError(f"points have shape {points.shape} and tets {tets.shape}: (n, 3) and (m, 4) are needed")
     if len(tets) == 0:
         raise MeshError("it holds no tetrahedra: mesh the volume")
 
@@ -79,15 +78,15 @@ def _check_finite(points: Array) -> None:
 
 
 def check_span(points: Array) -> None:
-    """Refuse points, shape `(n, 3)` [m], of which cubes of lengths are no numbers any more."""
+    """Raise `MeshError` if points, shape `(n, 3)` [m], are so large or so close that volumes overflow or vanish."""
     if not len(points):
         return
     with np.errstate(over="ignore"):
         span = float(np.max(np.abs(points))), float(np.max(np.ptp(points, axis=0)))
     if max(span) > FARTHEST or 0.0 < span[1] < NEAREST:
         raise MeshError(
-            f"its nodes lie up to {span[0]:.3g} m from the origin and span {span[1]:.3g} m, where up to {FARTHEST:g} "
-            f"and from {NEAREST:g} m on are taken: correct the unit, or the coordinates"
+            f"its nodes lie up to {span[0]:.3g} m from the origin and span {span[1]:.3g} m, allowed are at most "
+            f"{FARTHEST:g} m and at least {NEAREST:g} m: correct the unit, or the coordinates"
         )
 
 
@@ -107,7 +106,7 @@ def _check_used(points: Array, tets: Tets) -> None:
 
 
 def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | None) -> None:
-    """Refuse nodes at one place, but for the `twins` and those of different `bodies` `(n,)`."""
+    """Raise `MeshError` for coincident nodes, except `twins` and nodes of different `bodies` `(n,)`."""
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach)
     pairs -= {(int(min(pair)), int(max(pair))) for pair in twins}
@@ -131,13 +130,12 @@ def _check_orientation(points: Array, tets: Tets) -> None:
     inverted = np.flatnonzero(relative < 0)
     if len(inverted) == len(tets):
         raise MeshError(
-            f"all {len(tets)} tetrahedra are inverted (negative volume): the other node order; "
-            "swap two nodes of every tetrahedron"
+            f"all {len(tets)} tetrahedra are inverted (negative volume): swap two nodes of every tetrahedron"
         )
     if inverted.size:
         raise MeshError(
             f"{inverted.size} of {len(tets)} tetrahedra are inverted (negative volume, "
-            f"index {_few(inverted)}): remesh, or put their nodes in the order of the others"
+            f"index {_few(inverted)}): remesh, or put their nodes in the order of the other tetrahedra"
         )
 
 
@@ -158,30 +156,30 @@ def _check_connected(points: Array, tets: Tets, meant: int) -> None:
     if found > meant:
         sizes = np.sort(np.bincount(labels))[::-1]
         raise MeshError(
-            f"it falls into {found} parts that share no facet, of {_few(sizes)} tetrahedra: keep one, or join them"
+            f"it has {found} parts that share no facet, of {_few(sizes)} tetrahedra: keep one part, or join them"
         )
 
 
 def _bodies_of_nodes(points: Array, tets: Tets) -> NDArray[np.integer]:
-    """Return the number of a body that each node belongs to, shape `(n,)`."""
+    """Return for each node the number of a body that contains it, shape `(n,)`."""
     bodies = np.zeros(len(points), dtype=np.intp)
     bodies[tets] = parts(points, tets)[:, None]
     return bodies
 
 
 def _check_apart(points: Array, tets: Tets) -> None:
-    """Refuse bodies that hang together by a node or an edge alone."""
+    """Raise `MeshError` for bodies that are joined only at a node or an edge."""
     shared = tets[_bodies_of_nodes(points, tets)[tets] != parts(points, tets)[:, None]]
     if shared.size:
         nodes = np.unique(shared)
         raise MeshError(
             f"{nodes.size} nodes belong to bodies that share no facet (index {_few(nodes)}): join the bodies, or give "
-            "each nodes of its own"
+            "each body separate nodes"
         )
 
 
 def parts(points: Array, tets: Tets) -> NDArray[np.integer]:
-    """Return the number of the body each tetrahedron belongs to, from 0, shape `(m,)`; bodies share no facet."""
+    """Return the number of the body of each tetrahedron, from 0, shape `(m,)`; bodies share no facet."""
     return np.asarray(connected_components(_neighbours(points, tets), directed=False)[1])
 
 

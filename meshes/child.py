@@ -1,6 +1,4 @@
-"""A process of its own for what may end the one it is in: gmsh by a file that contradicts itself, a plotter without
-OpenGL.
-"""
+"""A separate process for work that can end its process: gmsh on an inconsistent file, a plotter without OpenGL."""
 
 import os
 import pickle
@@ -16,14 +14,14 @@ from typing import Any
 
 from meshes.errors import MeshError
 
-PATIENCE = 1800.0  # s: files of gigabytes are read in minutes
-WORDS = 300  # letters of what a child said last
+PATIENCE = 1800.0  # s: a file of gigabytes is read in minutes
+WORDS = 300  # characters of the last message of a child process
 ROOT = str(Path(__file__).parents[1])
 
-# A module by its name as `python -m` runs it, found where the parent finds its own: first where the code is, last what
-# else is on the parent's path. Isolated (-I), the child sees neither the working folder nor what PYTHON… names, so a
-# file there that is called like a module is not run. Its input ends with the parent, however that ends: then the child
-# removes the folder that it works in, and ends too.
+# The child runs a module by its name, as `python -m` does. It searches the folder of the code first and then the
+# other entries of the parent's path. It is isolated (-I): it ignores the working folder and the variables PYTHON…,
+# so that a file there with the name of a module is not run. Its input ends when the parent ends in any way. The
+# child then removes its working folder and ends too.
 CHILD = """
 import os, runpy, shutil, sys, threading
 def end_with_parent():
@@ -40,9 +38,10 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__")
 
 
 def call_in_child(function: Callable[..., Any], *given: Any, reader: str = "gmsh") -> Any:
-    """Return what a function of this package, by which a `reader` reads a file, returns when called in another process.
+    """Return the result of a function of this package, called in another process; a `reader` reads a file there.
 
-    Raises the `MeshError` that it raises there, and one where the process ends or is silent for PATIENCE.
+    Raises the `MeshError` of the function, and a `MeshError` if the process ends or does not answer within
+    PATIENCE.
     """
     with tempfile.TemporaryDirectory() as folder:
         question, answer = Path(folder) / "question", Path(folder) / "answer"
@@ -51,11 +50,11 @@ def call_in_child(function: Callable[..., Any], *given: Any, reader: str = "gmsh
             done = run_module("meshes.child", Path(folder), [question, answer], PATIENCE)
         except subprocess.TimeoutExpired:
             raise MeshError(
-                f"{reader} came to no end in {PATIENCE:g} s: the file contradicts itself; save it anew"
+                f"{reader} did not finish within {PATIENCE:g} s: the file is inconsistent; save it again"
             ) from None
         if not answer.is_file():
             words = last_words(done.returncode, done.stderr.decode(errors="replace"))
-            raise MeshError(f"{reader} broke down on it: {words}; the file contradicts itself; save it anew")
+            raise MeshError(f"{reader} crashed: {words}; the file is inconsistent; save it again")
         returned, error = pickle.loads(answer.read_bytes())
     if error is not None:
         raise error
@@ -69,14 +68,15 @@ def run_module(
     patience: float | None,
     setting: Mapping[str, str] = MappingProxyType({}),
 ) -> "subprocess.CompletedProcess[bytes]":
-    """Run a module as `python -m` does with paths `given`, in a temporary `folder`, with the environment's `setting`.
+    """Run a module as `python -m` does, with paths `given`, in a temporary `folder`, with environment variables
+    `setting`.
 
-    The child ends with this process, however it ends, and removes the folder then. Raises `subprocess.TimeoutExpired`
-    after `patience` [s], None: never, and `OSError` where there can be no process.
+    When this process ends in any way, the child removes the folder and ends too. Raises `subprocess.TimeoutExpired`
+    after `patience` [s], None: never, and `OSError` if no process can be started.
     """
     command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(_own_path()), module, *map(str, given)]
     surroundings = os.environ | setting
-    watched, held = os.pipe()  # nothing is written: the system closes it with this process
+    watched, held = os.pipe()  # nothing is written; the system closes the pipe with this process
     try:
         return subprocess.run(
             command, cwd=folder, env=surroundings, stdin=watched, capture_output=True, timeout=patience, check=False
@@ -87,13 +87,13 @@ def run_module(
 
 
 def _own_path() -> list[str]:
-    """Return where this process finds its modules, but for the folder that it works in."""
+    """Return the module path of this process without its working folder."""
     here = Path.cwd()
     return [entry for entry in sys.path if entry and Path(entry).resolve() != here]
 
 
 def last_words(status: int, text: str) -> str:
-    """Return what a child said last, or how it ended where it said nothing."""
+    """Return the last message of a child and how it ended."""
     if status < 0:
         how = f"ended by {signal.Signals(-status).name}"
     else:
@@ -103,7 +103,8 @@ def last_words(status: int, text: str) -> str:
 
 
 def _answer(question: Path, answer: Path) -> None:
-    """Call the function that is asked for, and leave what it returns or refuses, complete or not at all."""
+    """Call the function of the `question`, and write its result or its `MeshError` to `answer`, always as a
+    complete file."""
     module, name, given = pickle.loads(question.read_bytes())
     result: tuple[Any, MeshError | None]
     try:

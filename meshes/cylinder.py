@@ -1,4 +1,4 @@
-"""Round bars and tubes along x, centred at the origin, and a tube's two stumps. Need gmsh."""
+"""Round bars and tubes along x, centred at the origin, and the two stumps of a tube. They need gmsh."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 
 def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Mesh the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape `(p, 3)` [m].
+    """Return a mesh of the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward sites `(p, 3)` [m].
 
-    Boundaries are left (x = −length/2), right (x = +length/2) and side. The side is made of flat facets whose
-    corners lie on the true surface: their middles lie up to h²/(8 radius) inside it.
+    Boundaries are left (x = −length/2), right (x = +length/2) and side. The side has flat facets with corners on
+    the true surface. Their middles lie up to h²/(8 radius) inside the surface.
 
-    Raises `MeshError` for impossible numbers, for a site outside the cylinder, and where gmsh cannot load.
+    Raises `MeshError` for impossible numbers, for a site outside the cylinder, and if gmsh cannot load.
     """
     require_positive("radius", radius)
     require_positive("length", length)
@@ -33,11 +33,12 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
 
 
 def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Mesh the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites, shape
-    `(p, 3)` [m].
+    """Return a mesh of the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward the sites.
 
-    Boundaries are left, right, inner and outer. Both walls are made of flat facets with corners on the true
-    surfaces. Raises `MeshError` as `cylinder` does, and for a wall that is not thinner than the radius.
+    Sites have shape `(p, 3)` [m].
+
+    Boundaries are left, right, inner and outer. Both walls have flat facets with corners on the true surfaces.
+    Raises `MeshError` as `cylinder` does, and for a wall that is not thinner than the radius.
     """
     require_positive("radius", radius)
     require_positive("length", length)
@@ -60,14 +61,15 @@ def add_bar(gmsh: Any, radius: float, length: float, unit: float) -> int:
 def stumps(
     radius: float, wall: float, length: float, gap: float, grading: Grading, sites: ArrayLike = ()
 ) -> skfem.MeshTet:
-    """Mesh the `tube` cut across in the middle, its two stumps `gap` [m] apart: two bodies that share no node.
+    """Return a mesh of the `tube` cut in the middle, with two stumps `gap` [m] apart: two bodies without common
+    nodes.
 
-    Boundaries are those of the tube, and stump_left and stump_right, the faces of the cut. One stump is the other's
-    mirror image, finer towards the sites of both, so that the nodes of the two faces match. Raises `MeshError` as
-    `tube` does, and for a gap that is negative or leaves no stump.
+    Boundaries are the boundaries of the tube, and stump_left and stump_right, the faces of the cut. The stumps are
+    mirror images and are graded toward the sites of both, so that the nodes of the two faces match. Raises
+    `MeshError` as `tube` does, and for a gap that is negative or leaves no stump.
     """
     if not 0.0 <= gap < length:
-        raise MeshError(f"gap = {gap!r} must be at least 0 and less than length = {length!r}, of both stumps with it")
+        raise MeshError(f"gap = {gap!r} must be at least 0 and less than length = {length!r}, with both stumps")
     half = 0.5 * (length - gap)
     middle = np.array([0.5 * (gap + half), 0.0, 0.0])
     mirrored = site_points(sites) * 1.0
@@ -80,7 +82,7 @@ def stumps(
 
 
 def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) -> Array:
-    """Return the sites, shape `(p, 3)` [m]; raise `MeshError` for one outside by more than round-off."""
+    """Return the sites, shape `(p, 3)` [m]. Raises `MeshError` for a site outside the body by more than round-off."""
     points = site_points(sites)
     slack = 1e-9 * max(radius, length)
     across = np.hypot(points[:, 1], points[:, 2])
@@ -94,8 +96,9 @@ def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) 
 def _with_faces(
     mesh: skfem.MeshTet, length: float, walls: Mapping[str, float], gap: float | None = None
 ) -> skfem.MeshTet:
-    """Return the mesh with its ends, left and right, and its round walls (name → radius) named; of two stumps, `gap`
-    [m] apart, the faces of the cut too.
+    """Return the mesh with named ends, left and right, and named round walls (name → radius).
+
+    For two stumps, `gap` [m] apart, the faces of the cut are named too.
     """
     facets = mesh.boundary_facets()
     corners: Any = mesh.p[:, mesh.facets[:, facets]]

@@ -1,6 +1,6 @@
 """The error of this package."""
 
-LONGEST = 1000  # characters of a message: a reader of files may tell of every line
+LONGEST = 1000  # characters of a message: a reader of files can write a message about every line
 
 
 class MeshError(ValueError):

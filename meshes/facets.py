@@ -9,14 +9,14 @@ from meshes.errors import MeshError
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# The four facets of a tetrahedron (0, 1, 2, 3), by the vertex they leave out.
+# The four facets of a tetrahedron (0, 1, 2, 3), in the order of the opposite vertex.
 FACETS_OF_TET = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def triangle_keys(triangles: NDArray[np.integer], nodes: int) -> Indices:
     """Return one integer per triangle, the same for every order of its nodes; triangles of shape `(k, 3)`, keys `(k,)`.
 
-    Exact up to two million nodes, where the cube of their number leaves 64 bits (`ValueError` from numpy).
+    Possible up to two million nodes: the cube of a larger number exceeds 64 bits (`ValueError` from numpy).
     """
     ordered = np.sort(np.asarray(triangles, dtype=np.int64), axis=1)
     return np.asarray(np.ravel_multi_index(tuple(ordered.T), (nodes,) * 3), dtype=np.int64)
@@ -30,7 +30,7 @@ def tet_facet_keys(tets: NDArray[np.integer], nodes: int) -> Indices:
 def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indices:
     """Return the facet numbers in `mesh` of the triangles, shape `(k, 3)`, sorted and without repetition.
 
-    Raises `MeshError` when a triangle is no facet of any tetrahedron.
+    Raises `MeshError` if a triangle is not a facet of a tetrahedron.
     """
     keys = triangle_keys(mesh.facets.T, mesh.nvertices)
     order = np.argsort(keys)
@@ -40,16 +40,14 @@ def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indice
     missing = np.flatnonzero(keys[found] != wanted)
     if missing.size:
         raise MeshError(
-            f"{missing.size} of its {len(wanted)} triangles (the first: number {missing[0]}) are no facet of "
-            "any tetrahedron: mesh surface and volume together"
+            f"{missing.size} of its {len(wanted)} triangles (the first: number {missing[0]}) are not facets of "
+            "tetrahedra: mesh surface and volume together"
         )
     return np.unique(found)
 
 
 def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
-    """Return the edges of the surface across which its outward normal turns by more than an angle, ends
-    `(k, 2, 3)` [m].
-    """
+    """Return the edges of the surface at which its outward normal turns by more than an angle, ends `(k, 2, 3)` [m]."""
     facets = mesh.boundary_facets()
     corners = mesh.facets[:, facets].T
     normals = outward_normals(mesh, facets)
@@ -62,7 +60,7 @@ def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
 
 
 def outward_normals(mesh: skfem.MeshTet, facets: NDArray[np.integer]) -> Array:
-    """Return the unit normals of surface facets away from the cell behind them, shape `(k, 3)`."""
+    """Return the outward unit normals of surface facets, shape `(k, 3)`."""
     a, b, c = np.moveaxis(mesh.p.T[mesh.facets[:, facets].T], 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,10 +1,11 @@
 """Volume meshes from files: gmsh `.msh` of every version through gmsh, the other formats through meshio.
 
-Names: sets of cells and arrays of whole numbers on cells (`meshes.groups`). Of gmsh physical surfaces become boundaries
-and physical volumes subdomains (a group without a name goes by its number; format 1 has numbers only). Every mesh also
-has the boundary "surface", all its boundary facets, unless a group of the file bears that name. meshio could read
-`.msh` 2 and 4 without gmsh, but it drops the node numbers and with them the unused nodes; rather than two answers for
-one file there is one reader and an error that says what to install.
+Names come from sets of cells and from arrays of whole numbers on cells (`meshes.groups`). In gmsh files physical
+surfaces become boundaries and physical volumes become subdomains. A group without a name is named by its number;
+format 1 has only numbers. Every mesh also has the boundary "surface" with all its boundary facets, unless a group
+of the file has this name. meshio could read `.msh` 2 and 4 without gmsh, but it drops the node numbers and
+therefore the unused nodes. One file must not have two answers, so that there is one reader, and an error that says
+how to install it.
 """
 
 import io
@@ -30,15 +31,16 @@ Indices = NDArray[np.int64]
 
 MESHIO = (".vtk", ".vtu", ".inp", ".xdmf", ".med")  # formats that meshio reads
 FORMATS = f".msh (gmsh), {', '.join(MESHIO)}"
-LONGEST_REASON = 300  # characters of what a reader says, which may repeat the file
-LINEAR_ONLY = "only linear tetrahedra are taken (in gmsh: Mesh.ElementOrder = 1, no recombination)"
+LONGEST_REASON = 300  # characters of a reader's message, which can repeat the file
+LINEAR_ONLY = "allowed are only linear tetrahedra (in gmsh: Mesh.ElementOrder = 1, no recombination)"
 
 
 def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
-    """Read the mesh of a file into metres, `metres_per_unit` being the length of one file unit [m].
+    """Return the mesh of a file in metres; `metres_per_unit` is the length of one file unit [m].
 
-    It may hold several bodies, which share no node. Raises `MeshError`, with the file named, for a file that is
-    missing, empty, unreadable or no sound volume mesh (`meshes.checks.check`), and for `.msh` where gmsh cannot load.
+    It can have several bodies that share no node. Raises `MeshError` with the name of the file if it is missing,
+    empty, unreadable or not a valid volume mesh (`meshes.checks.check`). It is also raised for `.msh` if gmsh
+    cannot load.
     """
     path = Path(path)
     try:
@@ -56,7 +58,7 @@ def _check_present(path: Path) -> None:
     if not path.exists():
         raise MeshError("there is no such file")
     if not path.is_file():
-        raise MeshError("this is no file")
+        raise MeshError("this is not a file")
     if path.stat().st_size == 0:
         raise MeshError("the file is empty")
 
@@ -66,11 +68,11 @@ def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
     try:
         return readers[path.suffix.lower()]
     except KeyError:
-        raise MeshError(f"its ending {path.suffix!r} is none of the formats {FORMATS}") from None
+        raise MeshError(f"its ending {path.suffix!r} is not one of the formats {FORMATS}") from None
 
 
 def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Read the tetrahedra of a file by meshio, with the groups that it names."""
+    """Return the tetrahedra of a file, read by meshio, with the file's named groups."""
     data = meshio_data(path)
     _check_kinds(list(data.cells_dict), {"tetra"}, {"vertex", "line", "triangle"})
     points = scaled(data.points, metres_per_unit)
@@ -78,15 +80,15 @@ def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def meshio_data(path: Path) -> Any:
-    """Read a file by meshio; raise `MeshError` where meshio cannot.
+    """Return a file's data, read by meshio. Raises `MeshError` if meshio cannot read it.
 
-    On a file it cannot read, meshio prints and ends the interpreter (meshio 5.3): both are contained here.
+    If meshio cannot read a file, it prints and ends the interpreter (meshio 5.3); both are intercepted here.
     """
     import meshio
 
     said = io.StringIO()
     try:
-        # Its test for binary STL multiplies text as if it were a count: numpy warns of the overflow.
+        # meshio's test for binary STL multiplies text as if it were a count, and numpy warns of the overflow.
         with redirect_stdout(said), redirect_stderr(said), np.errstate(over="ignore"):
             return meshio.read(path)
     except ModuleNotFoundError as error:
@@ -98,25 +100,28 @@ def meshio_data(path: Path) -> Any:
 
 
 def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:
-    """Refuse a file without linear tetrahedra, or with volume elements of another kind."""
+    """Raise `MeshError` for a file without linear tetrahedra, or with volume elements of another kind."""
     others = sorted(set(kinds) - volume - allowed)
     if others:
-        raise MeshError(f"it holds elements of the kind {', '.join(others)}; {LINEAR_ONLY}")
+        raise MeshError(f"it has elements of the kind {', '.join(others)}; {LINEAR_ONLY}")
     if not volume & set(kinds):
         held = f"only {', '.join(sorted(kinds))} elements" if kinds else "no elements"
-        raise MeshError(f"it is not a volume mesh, it holds {held} and no tetrahedra: mesh the volume")
+        raise MeshError(f"it is not a volume mesh, it has {held} and no tetrahedra: mesh the volume")
 
 
 def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Read tetrahedra, physical surfaces and physical volumes of a gmsh file of any version, text or binary."""
+    """Return the mesh of a gmsh file of any version, text or binary, with its physical surfaces and volumes."""
     _check_msh_header(path)
     points, tets, surfaces, volumes = call_in_child(msh_arrays, path)
     return named_mesh(scaled(points, metres_per_unit), tets, surfaces, volumes, parts=None)
 
 
 def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
-    """Read points `(n, 3)` [file units], tets `(m, 4)`, the triangles of physical surfaces and the tets of physical
-    volumes by gmsh, which some files bring down: call it in a process of its own. Raises `MeshError`.
+    """Return points `(n, 3)` [file units], tets `(m, 4)`, triangles of physical surfaces and tets of physical
+    volumes.
+
+    The file is read by gmsh. Call this function in a separate process, because some files crash gmsh. Raises
+    `MeshError` for an unreadable file.
     """
     declared = _old_node_count(path)
     with session() as gmsh:
@@ -131,20 +136,20 @@ def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
             return current_arrays(gmsh)
         except MeshError:
             raise
-        except Exception as error:  # gmsh raises nothing more specific
+        except Exception as error:  # gmsh raises no more specific error
             raise MeshError(f"gmsh cannot read it: {error}") from error
 
 
 def scaled(points: Array, metres_per_unit: float) -> Array:
-    """Return points in metres; what is too large for that is refused with what is not finite."""
+    """Return points in metres; too large numbers become infinite and are refused later."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(points, dtype=float) * metres_per_unit
 
 
 def _check_msh_header(path: Path) -> None:
-    """Refuse a file that does not begin like a gmsh mesh.
+    """Raise `MeshError` for a file that does not begin like a gmsh mesh.
 
-    gmsh runs a file of any other kind as a script in its own language, shell commands included.
+    gmsh runs a file of any other kind as a script in its own language, including shell commands.
     """
     with path.open("rb") as file:
         first = file.read(64).lstrip().split(maxsplit=1)[:1]
@@ -153,8 +158,9 @@ def _check_msh_header(path: Path) -> None:
 
 
 def _old_node_count(path: Path) -> int | None:
-    """Return the number of nodes that a file of format 1 or 2 declares; None in later formats, where gmsh keeps
-    every node.
+    """Return the number of nodes that a file of format 1 or 2 declares; None for later formats.
+
+    gmsh keeps every node of the later formats.
     """
     content = path.read_bytes()
     header = re.search(rb"\$MeshFormat\s+(\d)", content)
@@ -165,9 +171,9 @@ def _old_node_count(path: Path) -> int | None:
 
 
 def _check_all_nodes_kept(declared: int, kept: int) -> None:
-    """Refuse a file with nodes that no element uses.
+    """Raise `MeshError` for a file with nodes that no element uses.
 
-    In formats 1 and 2 gmsh drops such nodes without a word.
+    In formats 1 and 2 gmsh drops these nodes without a message.
     """
     if declared != kept:
         raise MeshError(
@@ -177,16 +183,16 @@ def _check_all_nodes_kept(declared: int, kept: int) -> None:
 
 
 def _check_groups_apart(gmsh: Any) -> None:
-    """Refuse two groups in one entity.
+    """Raise `MeshError` for two groups in one entity.
 
-    Formats 1 and 2 give groups by element, gmsh keeps them by entity: two groups in one
-    entity would silently merge.
+    Formats 1 and 2 store groups by element, but gmsh stores them by entity: two groups in one entity would merge
+    without a message.
     """
     for dimension, entity in [*gmsh.model.getEntities(2), *gmsh.model.getEntities(3)]:
         groups = gmsh.model.getPhysicalGroupsForEntity(dimension, entity).tolist()
         if len(groups) > 1:
             raise MeshError(
                 f"its elementary entity {entity} of dimension {dimension} lies in the physical groups "
-                f"{groups}, which gmsh cannot tell apart: give each group an elementary number of its own, "
+                f"{groups}, which gmsh cannot distinguish: give each group its own elementary number, "
                 "or save as format 4.1"
             )

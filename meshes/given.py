@@ -1,4 +1,4 @@
-"""Meshes that are handed over as objects: scikit-fem's, meshio's and pyvista's, all in metres."""
+"""Meshes that are given as objects of scikit-fem, meshio or pyvista, all in metres."""
 
 import hashlib
 from typing import Any
@@ -16,10 +16,10 @@ KINDS = "skfem.MeshTet, meshio.Mesh or pyvista.UnstructuredGrid of linear tetrah
 
 
 def given_mesh(mesh: Any) -> skfem.MeshTet:
-    """Return a checked mesh of an object of another library, with the boundary "surface" beside those it names.
+    """Return a checked mesh from an object of another library, with its boundaries and the boundary "surface".
 
-    Tetrahedra may turn either way. Names of boundaries and subdomains are kept of scikit-fem's meshes alone. Raises
-    `MeshError`.
+    Tetrahedra can have either orientation. Names of boundaries and subdomains are only taken from meshes of
+    scikit-fem. Raises `MeshError` for an invalid mesh.
     """
     points, tets = arrays_of(mesh)
     inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
@@ -30,13 +30,16 @@ def given_mesh(mesh: Any) -> skfem.MeshTet:
     named = {"surface": made.boundary_facets()} | facets
     empty = [name for name, facets in named.items() if not len(facets)]
     if empty:
-        reason = "scikit-fem asks a function for the middles of facets, which lie beside a curved surface"
-        raise MeshError(f"the boundary {empty[0]!r} of the mesh has no facets; name those it has ({reason})")
+        reason = "scikit-fem calls a function with the middles of facets, which lie off a curved surface"
+        raise MeshError(f"the boundary {empty[0]!r} of the mesh has no facets; name facets of the mesh ({reason})")
     return made.with_boundaries(named).with_subdomains(cells)
 
 
 def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return points `(n, 3)` [m] and tetrahedra `(m, 4)` of an object, in arrays of their own. Raises `MeshError`."""
+    """Return copies of the points `(n, 3)` [m] and tetrahedra `(m, 4)` of an object.
+
+    Raises `MeshError` for an object of an unknown type.
+    """
     if isinstance(mesh, skfem.MeshTet):
         points, tets = mesh.p.T, mesh.t.T
     elif hasattr(mesh, "celltypes") and hasattr(mesh, "cells_dict"):
@@ -44,12 +47,12 @@ def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     elif hasattr(mesh, "cells_dict") and hasattr(mesh, "points"):
         points, tets = np.asarray(mesh.points), _only(dict(mesh.cells_dict), "tetra")
     else:
-        raise MeshError(f"a {type(mesh).__name__} is no mesh that is known; give {KINDS}")
+        raise MeshError(f"a {type(mesh).__name__} is not a known kind of mesh; give {KINDS}")
     return numbers_of("points", points, "f", 3), numbers_of("tetrahedra", tets, "iu", 4)
 
 
 def numbers_of(what: str, values: Any, kinds: str, width: int) -> NDArray[Any]:
-    """Return numbers of some kinds, shape `(n, width)`, in an array of their own. Raises `MeshError` for others."""
+    """Return a copy of numbers of some kinds, shape `(n, width)`. Raises `MeshError` for other types and shapes."""
     array = np.array(values)
     if array.dtype.kind not in (kinds + "iu") or array.ndim != 2 or array.shape[1] != width:
         wanted = "whole numbers" if kinds == "iu" else "numbers"
@@ -58,7 +61,10 @@ def numbers_of(what: str, values: Any, kinds: str, width: int) -> NDArray[Any]:
 
 
 def checked_names(kind: str, named: Any, count: int) -> dict[str, Any]:
-    """Return the facets or cells by name, which are numbers from 0 below a `count`. Raises `MeshError` for others."""
+    """Return the facets or cells by name.
+
+    Raises `MeshError` unless they are whole numbers from 0 to `count` − 1.
+    """
     for name, part in dict(named or {}).items():
         array = np.asarray(part)
         if array.dtype.kind not in "iu" or array.ndim != 1 or not np.all((array >= 0) & (array < count)):
@@ -67,7 +73,10 @@ def checked_names(kind: str, named: Any, count: int) -> dict[str, Any]:
 
 
 def _only(cells: dict[Any, Any], kind: Any) -> Any:
-    """Return the cells of a kind; refuse others than them, and points, lines and triangles beside them."""
+    """Return the cells of a kind.
+
+    Points, lines and triangles are also allowed; raises `MeshError` for cells of other kinds.
+    """
     beside = {kind, "vertex", "line", "triangle", 1, 3, 5}
     if kind not in cells or not set(cells) <= beside:
         raise MeshError(f"the mesh has cells of the kind {', '.join(map(str, cells)) or 'none'}; give {KINDS}")
@@ -75,7 +84,7 @@ def _only(cells: dict[Any, Any], kind: Any) -> Any:
 
 
 def mesh_digest(mesh: skfem.MeshTet) -> str:
-    """Return the SHA-256 of a mesh, its names included."""
+    """Return the SHA-256 of a mesh, including its names."""
     text = hashlib.sha256()
     for array in (mesh.p, mesh.t):
         text.update(np.ascontiguousarray(array).tobytes())

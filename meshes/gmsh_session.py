@@ -17,7 +17,7 @@ from meshes.named import Named, named_mesh
 Array = NDArray[np.float64]
 
 TRIANGLE, TETRAHEDRON = 2, 4  # gmsh element types (gmsh manual, "MSH file format")
-DIGITS = 12  # behind the point of a length of a model: gmsh sees no round-off, which would decide between equal choices
+DIGITS = 12  # digits after the point of a length in a model: round-off would decide between equal choices of gmsh
 
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 WITHOUT_GMSH = "The structured block and mesh files in .vtk or .vtu format work without gmsh."
@@ -30,14 +30,17 @@ OPTIONS = {
     "Mesh.Algorithm3D": 1,  # Delaunay in the volume; HXT would be parallel
     "Mesh.Optimize": 1,
     "Mesh.OptimizeNetgen": 1,
-    "Mesh.MeshSizeExtendFromBoundary": 0,  # the size field alone decides
+    "Mesh.MeshSizeExtendFromBoundary": 0,  # only the size field decides
     "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeFromCurvature": 0,
 }
 
 
 def load_gmsh() -> Any:
-    """Import gmsh; raise `MeshError` saying what is missing, what installs it and what works without gmsh."""
+    """Return the module gmsh.
+
+    Raises `MeshError` with the missing library, how to install it, and what works without gmsh.
+    """
     try:
         return import_module("gmsh")
     except ModuleNotFoundError as error:
@@ -55,9 +58,9 @@ def load_gmsh() -> Any:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """Run a fresh gmsh, initialised without the user's settings or signal handlers, and finalise it on the way out.
+    """Yield a new gmsh, initialised without the user's settings or signal handlers, and finalise it at the end.
 
-    Raises `MeshError` when gmsh cannot load or is in use by the calling program.
+    Raises `MeshError` if gmsh cannot load or is already in use by the calling program.
     """
     gmsh = load_gmsh()
     if gmsh.isInitialized():
@@ -72,22 +75,24 @@ def session() -> Iterator[Any]:
 
 
 def in_unit(lengths: ArrayLike, unit: float) -> Array:
-    """Return lengths [m] in the `unit` of a model [m], of the same shape: models are drawn in a length of their own, so
-    that gmsh's absolute tolerances make the same mesh of the same shape in any unit."""
+    """Return lengths [m] in the `unit` of a model [m], with the same shape.
+
+    Each model has its own unit of length. gmsh's absolute tolerances then give the same mesh for a shape of any
+    size.
+    """
     return np.round(np.asarray(lengths, dtype=float) / unit, DIGITS)
 
 
 def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.MeshTet:
-    """Mesh the current model, which is drawn in the `unit` [m], with the size graded toward the sites, shape `(p, 3)`
-    [m].
+    """Return a mesh of the current model, drawn in the `unit` [m], with the size graded toward sites `(p, 3)` [m].
 
-    Raises `MeshError` when gmsh fails.
+    Raises `MeshError` if gmsh fails.
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(grading.h, unit)))
     _set_size_field(gmsh, grading, sites, unit)
     try:
         gmsh.model.mesh.generate(3)
-    except Exception as error:  # gmsh raises nothing more specific
+    except Exception as error:  # gmsh raises no more specific error
         raise MeshError(
             f"gmsh cannot mesh this shape with h = {grading.h}, h_site = {grading.h_site}: {error}"
         ) from error
@@ -95,9 +100,7 @@ def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.Me
 
 
 def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> None:
-    """Set one ball per site, size linear through its shell; the smallest size rules (gmsh manual, fields Ball
-    and Min).
-    """
+    """Set one ball per site, with a linear size in its shell; the smallest size is used (gmsh manual, Ball and Min)."""
     field = gmsh.model.mesh.field
     balls, shell = [], (grading.flat, grading.reach - grading.flat, grading.h_site, grading.h)
     names = ("XCenter", "YCenter", "ZCenter", "Radius", "Thickness", "VIn", "VOut")
@@ -115,7 +118,7 @@ def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> N
 def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
     """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes as subdomains.
 
-    Points are in metres. Raises `MeshError` from the checks of `named_mesh`.
+    Points are in metres. Raises the `MeshError` of the checks in `named_mesh`.
     """
     points, tets, surfaces, volumes = current_arrays(gmsh)
     return named_mesh(points * metres_per_unit, tets, surfaces, volumes)
@@ -124,7 +127,8 @@ def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
 def current_arrays(gmsh: Any) -> tuple[Array, NDArray[np.int64], Named, Named]:
     """Return points `(n, 3)`, tets `(m, 4)`, the triangles of physical surfaces and the tets of physical volumes.
 
-    A group without a name goes by its number; names that begin with `gmsh:` are gmsh's own and dropped.
+    A group without a name is named by its number. Groups with names that begin with `gmsh:` are internal to gmsh
+    and are dropped.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)
@@ -146,7 +150,7 @@ def current_arrays(gmsh: Any) -> tuple[Array, NDArray[np.int64], Named, Named]:
 
 
 def _groups(gmsh: Any, dimension: int) -> dict[str, list[int]]:
-    """Return the entities of the physical groups of a dimension, by name."""
+    """Return the entities of the physical groups of a dimension by name."""
     groups: dict[str, list[int]] = {}
     for _, tag in gmsh.model.getPhysicalGroups(dimension):
         name = gmsh.model.getPhysicalName(dimension, tag) or str(tag)

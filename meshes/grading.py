@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def require_positive(name: str, value: float) -> float:
-    """Return the value; raise `MeshError` unless it is a positive, finite number."""
+    """Return the value. Raises `MeshError` unless the value is a positive, finite number."""
     if not (math.isfinite(value) and value > 0):
         raise MeshError(f"{name} = {value!r} must be positive and finite")
     return float(value)
@@ -20,12 +20,12 @@ def require_positive(name: str, value: float) -> float:
 
 @dataclass(frozen=True)
 class Grading:
-    """Size `h_site` within `flat` of a site, then growing by the factor `growth` from element to element up
-    to `h` [m].
+    """Element size as a function of the distance to a site: `h_site` within `flat`, then growing up to `h` [m].
 
-    A geometric sequence of elements has a size that is linear in the distance; `slope` is ln(growth), so
-    that the ratio of neighbours never exceeds `growth`. `radius` [m] is that of the region to be kept at
-    `h_site` (a piercing's footprint); at least one element is.
+    The size grows by the factor `growth` from element to element. A geometric sequence of elements has a size that
+    is linear in the distance. `slope` is ln(growth), so that the ratio of neighbours never exceeds `growth`.
+    `radius` [m] is the radius of the region with the size `h_site` (a piercing's footprint); at least one element
+    has this size.
     """
 
     h: float
@@ -64,7 +64,7 @@ class Grading:
         return np.minimum(self.h_site + self.slope * beyond, self.h)
 
     def cells(self, distance: ArrayLike) -> Array:
-        """Return the elements from a site out to a distance, ∫ dx / size(x), any shape [-]."""
+        """Return the number of elements from a site to a distance, ∫ dx / size(x), any shape [-]."""
         d = np.asarray(distance, dtype=float)
         growing = np.clip(d - self.flat, 0.0, self.reach - self.flat)
         return np.asarray(
@@ -74,7 +74,7 @@ class Grading:
         )
 
     def distance(self, cells: ArrayLike) -> Array:
-        """Return the distance from a site after so many elements, the inverse of `cells`, any shape [m]."""
+        """Return the distance from a site after a number of elements, the inverse of `cells`, any shape [m]."""
         n = np.asarray(cells, dtype=float)
         n_flat, n_reach = self.cells(self.flat), self.cells(self.reach)
         growing = np.clip(n - n_flat, 0.0, n_reach - n_flat)
@@ -86,8 +86,9 @@ class Grading:
 
 
 def site_points(sites: ArrayLike) -> Array:
-    """Return the sites as an array of shape `(p, 3)` [m], p ≥ 0; raises `MeshError` for another shape or a
-    value not finite.
+    """Return the sites as an array of shape `(p, 3)` [m], p ≥ 0.
+
+    Raises `MeshError` for another shape and for values that are not finite.
     """
     points = np.asarray(sites, dtype=float)
     if points.size == 0:

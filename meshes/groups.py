@@ -1,7 +1,8 @@
-"""The names of regions and boundaries in a mesh that meshio has read: its sets of cells, and its cell arrays.
+"""The names of regions and boundaries in a mesh that meshio has read: from its sets of cells and its cell arrays.
 
-An array of whole numbers marks cells; zero and less mark none. One of zeros and ones gives its own name, one of several
-numbers a group for each, which goes by its number, or by the name that the file has for it.
+An array of whole numbers marks cells; zero and negative numbers mark no cells. An array of zeros and ones is one
+group with the array's name. An array of several numbers is one group per number. Each group is named by its number,
+or by the name that the file has for this number.
 """
 
 import re
@@ -15,9 +16,9 @@ from meshes.named import Named
 
 Marks = NDArray[np.bool_]
 
-MOST = 200  # numbers in an array that marks groups: one of more numbers the cells
+MOST = 200  # numbers in an array that marks groups: an array with more is a numbering of the cells
 LABELS = re.compile(r"(.*[:_ ])?(physical|ref|tags?|\w*ids?|labels?|regions?|materials?)", re.IGNORECASE)
-SKIPPED = ("gmsh:geometrical", "gmsh:dim_tags")  # gmsh's own numbers of what it drew
+SKIPPED = ("gmsh:geometrical", "gmsh:dim_tags")  # gmsh's internal numbers of entities
 PREFIXES = {"triangle": "boundary_", "tetra": "region_"}
 
 
@@ -29,13 +30,13 @@ def named_groups(data: Any) -> tuple[Named, Named]:
 
 
 def cells_of(data: Any, kind: str) -> NDArray[np.int64]:
-    """Return the cells of a kind from all blocks in their order."""
+    """Return the cells of a kind from all blocks in order."""
     corners = {"triangle": 3, "tetra": 4}[kind]
     return np.concatenate([np.empty((0, corners), np.int64), *(b.data for b in data.cells if b.type == kind)])
 
 
 def groups_of(data: Any, kind: str) -> dict[str, Marks]:
-    """Return which cells of a kind are in each group that has any."""
+    """Return which cells of a kind are in each group; groups without cells of the kind are left out."""
     found: dict[str, Marks] = {}
     for name, marks in (*marked_by_sets(data, kind), *marked_by_arrays(data, kind)):
         found[name] = found.get(name, False) | marks
@@ -43,7 +44,7 @@ def groups_of(data: Any, kind: str) -> dict[str, Marks]:
 
 
 def marked_by_sets(data: Any, kind: str) -> Iterator[tuple[str, Marks]]:
-    """Yield the sets of cells that the file names."""
+    """Yield the file's named sets of cells."""
     for name, parts in data.cell_sets.items():
         marks = [np.zeros(len(block.data), dtype=bool) for block in data.cells]
         for mark, part in zip(marks, parts, strict=True):
@@ -62,12 +63,12 @@ def marked_by_arrays(data: Any, kind: str) -> Iterator[tuple[str, Marks]]:
         numbers = [n for n in there if n > 0 or n in names]
         if numbers == [1] and not names and not LABELS.fullmatch(name):
             yield name.removeprefix(PREFIXES[kind]), values == 1
-        elif len(numbers) <= MOST and (len(there) < len(values) or len(there) == 1):  # else it numbers the cells
+        elif len(numbers) <= MOST and (len(there) < len(values) or len(there) == 1):  # else a numbering of the cells
             yield from ((each, values == n) for n in numbers for each in names.get(n, [str(n)]))
 
 
 def names_of_numbers(data: Any, array: str, kind: str) -> dict[int, list[str]]:
-    """Return the names that the file has for the numbers of an array: those of families in MED, those of gmsh."""
+    """Return the file's names for the numbers of an array: names of families in MED or of physical groups in gmsh."""
     if array == "cell_tags":
         return dict(getattr(data, "cell_tags", {}))
     if array != "gmsh:physical":
@@ -78,6 +79,6 @@ def names_of_numbers(data: Any, array: str, kind: str) -> dict[int, list[str]]:
 
 
 def of_kind(data: Any, parts: Any, kind: str) -> NDArray[Any]:
-    """Return what blocks have, of the cells of a kind alone; nothing where a block has none."""
+    """Return the data of the blocks with cells of a kind; empty if a block has no data."""
     own = [part for block, part in zip(data.cells, parts, strict=True) if block.type == kind]
     return np.concatenate(own) if own and all(part is not None for part in own) else np.empty(0, dtype=bool)

@@ -1,6 +1,6 @@
 """The surface of a lacerated organ: an uneven ellipsoid with a wedge torn into its top.
 
-`python -m meshes.laceration FILE.obj` writes that of the shipped scene.
+`python -m meshes.laceration FILE.obj` writes the surface of the shipped scene.
 """
 
 import sys
@@ -17,18 +17,19 @@ from meshes.skin import Skin
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-WAVES = 6  # of which the unevenness is made
-LONGEST, SHORTEST = 1.5, 4.0  # radians of a wave over an axis of the ellipsoid
-DIGITS = 5  # behind the point, in millimetres: finer than a surface of millimetres can be told
+WAVES = 6  # number of waves in the unevenness
+LONGEST, SHORTEST = 1.5, 4.0  # range of the radians of a wave over an axis of the ellipsoid
+DIGITS = 5  # after the point, in millimetres: far below the precision of a surface
 
 
 @dataclass(frozen=True)
 class Laceration:
-    """An ellipsoid of semi-axes `axes` [m], uneven by the part `uneven` of its radius, by a `seed`; a wedge of
-    `length`, `width` and `depth` [m] at its middle is torn into its top along y, and closes like an ellipse towards
-    its ends.
+    """An uneven ellipsoid with a wedge torn into its top along y.
 
-    `rings` and `around`: facets from end to end along y and around it; `layers`: down either face of the wedge.
+    The ellipsoid has the semi-axes `axes` [m]. `uneven` is the relative variation of its radius, from a random
+    `seed`. The wedge has `length`, `width` and `depth` [m] at its middle, and closes like an ellipse towards its
+    ends. `rings` and `around` are the numbers of facets from end to end along y and around y. `layers` is the
+    number down each face of the wedge.
     """
 
     axes: tuple[float, float, float] = (0.03, 0.035, 0.02)
@@ -52,7 +53,7 @@ class Laceration:
 
 
 def lacerated(shape: Laceration) -> Skin:
-    """Return the surface with the wedge in it, closed, lengths in metres."""
+    """Return the closed surface with the wedge, in metres."""
     points, triangles = ellipsoid(shape)
     top = 1 + np.arange(shape.rings - 1) * shape.around
     torn = top[np.abs(points[top, 1]) < 0.5 * shape.length]
@@ -77,8 +78,11 @@ def lacerated(shape: Laceration) -> Skin:
 
 
 def ellipsoid(shape: Laceration) -> tuple[Array, Indices]:
-    """Return points and triangles of the uneven ellipsoid before it is torn: the two poles at either end of y, and
-    between them rings of nodes around it, the first of each on top, at x = 0."""
+    """Return points and triangles of the uneven ellipsoid without the wedge.
+
+    Its nodes are two poles at the ends of y, and rings of nodes around y. The first node of each ring is on top, at
+    x = 0.
+    """
     tilt = np.pi * np.arange(1, shape.rings) / shape.rings
     turn = 2.0 * np.pi * np.arange(shape.around) / shape.around
     ring = np.stack(np.broadcast_arrays(np.sin(turn), 0.0, np.cos(turn)), axis=1)
@@ -97,7 +101,7 @@ def ellipsoid(shape: Laceration) -> tuple[Array, Indices]:
 
 
 def unevenness(unit: Array, seed: int) -> Array:
-    """Return a smooth random function of directions (n, 3), of values about 1, shape `(n,)`."""
+    """Return a smooth random function of directions (n, 3), with values of order 1, shape `(n,)`."""
     random = np.random.default_rng(seed)
     waves = random.normal(size=(WAVES, 3))
     waves *= (random.uniform(LONGEST, SHORTEST, WAVES) / np.linalg.norm(waves, axis=1))[:, None]
@@ -106,8 +110,10 @@ def unevenness(unit: Array, seed: int) -> Array:
 
 
 def sheet(points: Array, rim: Indices, bottom: Indices, ends: Indices, layers: int) -> tuple[Array, Indices]:
-    """Return the points with those of one face of the wedge behind them, and its triangles: from the nodes of the `rim`
-    down to those of the `bottom`, both of which come together at the `ends`."""
+    """Return the points plus the points of one face of the wedge, and the triangles of the face.
+
+    The face extends from the nodes of the `rim` down to the nodes of the `bottom`; both lines meet at the `ends`.
+    """
     share = np.linspace(0.0, 1.0, layers + 1)[1:-1, None, None]
     between = (1.0 - share) * points[rim] + share * points[bottom]
     inner = len(points) + np.arange(between[..., 0].size).reshape(between.shape[:2])

@@ -1,4 +1,4 @@
-"""From points and tetrahedra to a checked `skfem.MeshTet` with named boundaries and subdomains."""
+"""Checked `skfem.MeshTet` with named boundaries and subdomains from points and tetrahedra."""
 
 from collections.abc import Mapping
 from copy import copy
@@ -17,11 +17,11 @@ Named = Mapping[str, NDArray[np.integer]]
 def named_mesh(
     points: Array, tets: NDArray[np.integer], surfaces: Named, volumes: Named, parts: int | None = 1
 ) -> skfem.MeshTet:
-    """Return a checked mesh with its surfaces and volumes named.
+    """Return a checked mesh with named surfaces and volumes.
 
-    Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name → tet
-    indices; `parts` as in `meshes.checks.check`. Raises `MeshError` from there, and when a named triangle is no
-    facet.
+    Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name → tet indices;
+    `parts` as in `meshes.checks.check`. Raises the `MeshError` of this function, and `MeshError` if a named
+    triangle is not a facet.
     """
     mesh = checked_mesh(points, tets, parts=parts)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
@@ -29,10 +29,10 @@ def named_mesh(
 
 
 def with_boundaries(mesh: skfem.MeshTet, boundaries: Named) -> skfem.MeshTet:
-    """Return the mesh with boundaries named, facet numbers by name, beside those that it has.
+    """Return the mesh with additional named boundaries, given as facet numbers by name.
 
-    As scikit-fem's own, but that the facets stay numbered: to number those of a large mesh again takes as long as all
-    the rest of making it.
+    scikit-fem's own function would number the facets again, which for a large mesh takes as long as the rest of its
+    construction.
     """
     named = copy(mesh)
     named._boundaries = {**(mesh.boundaries or {}), **boundaries}
@@ -42,11 +42,11 @@ def with_boundaries(mesh: skfem.MeshTet, boundaries: Named) -> skfem.MeshTet:
 def checked_mesh(
     points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int | None = 1
 ) -> skfem.MeshTet:
-    """Return the `bare_mesh` of points and tets that pass `meshes.checks.check`, whose errors are raised."""
+    """Return the `bare_mesh` of points and tets. Raises the `MeshError` of `meshes.checks.check`."""
     check(points, tets, twins, parts)
     return bare_mesh(points, tets)
 
 
 def bare_mesh(points: Array, tets: NDArray[np.integer]) -> skfem.MeshTet:
-    """Return `skfem.MeshTet` in the column layout it keeps, nothing named; points `(n, 3)` [m], tets `(m, 4)`."""
+    """Return a `skfem.MeshTet` without names from points `(n, 3)` [m] and tets `(m, 4)`."""
     return skfem.MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(tets.T, dtype=np.int64))

@@ -1,4 +1,4 @@
-"""How well shaped the tetrahedra of a mesh are."""
+"""Shape quality of the tetrahedra of a mesh."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 @dataclass(frozen=True)
 class Quality:
-    """Extremes and a median over all tetrahedra; the regular one has 70.5° and ratio 1."""
+    """Extremes and a median over all tetrahedra; the regular tetrahedron has 70.5° and ratio 1."""
 
     dihedral_min: float  # smallest angle between two facets [degree]
     radius_ratio_min: float  # smallest 3 × inscribed / circumscribed radius [-]
@@ -25,7 +25,7 @@ class Quality:
 
 
 def quality(mesh: skfem.MeshTet) -> Quality:
-    """Measure the quality of a tetrahedral mesh."""
+    """Return the quality of a tetrahedral mesh."""
     corners = mesh.p.T[mesh.t.T]
     edges = np.linalg.norm(_edges(corners), axis=2)
     ratios = radius_ratios(corners)
@@ -39,7 +39,7 @@ def quality(mesh: skfem.MeshTet) -> Quality:
 
 
 def size_at(mesh: skfem.MeshTet, point: NDArray[np.floating]) -> float:
-    """Return the mean length of the edges that meet in the node nearest to a point (3,) [m]."""
+    """Return the mean length of the edges at the node nearest to a point (3,) [m]."""
     node = np.linalg.norm(mesh.p.T - point, axis=1).argmin()
     others = np.setdiff1d(mesh.t[:, (mesh.t == node).any(axis=0)], node)
     return float(np.linalg.norm(mesh.p[:, others].T - mesh.p[:, node], axis=1).mean())
@@ -73,7 +73,7 @@ def _edges(corners: Array) -> Array:
 
 
 def _facet_normals(corners: Array) -> Array:
-    """Return the outward normals of the four facets, twice their areas long, shape `(m, 4, 3)`."""
+    """Return the outward normals of the four facets with the length of twice their areas, shape `(m, 4, 3)`."""
     facets = corners[:, FACETS_OF_TET]
     normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])
     inward = np.sum(normals * (corners - facets[:, :, 0]), axis=2, keepdims=True)

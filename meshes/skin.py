@@ -1,6 +1,6 @@
 """Closed triangulated surfaces (STL, OBJ, PLY, VTK PolyData) filled with graded tetrahedra by gmsh.
 
-gmsh neither ends nor fails on some surfaces that cross themselves, so a surface is checked here first.
+gmsh runs without end on some surfaces that cross themselves. A surface is therefore checked here first.
 """
 
 import re
@@ -26,32 +26,32 @@ from meshes.groups import cells_of
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-FORMATS = (".stl", ".obj", ".ply", ".vtp")  # and .vtk that holds PolyData
-POLYDATA = (".vtp", ".vtk")  # that VTK reads itself: meshio knows its volume meshes alone
-WELD = 1e-7  # over the surface's diagonal: nodes this near are one; STL writes single precision and every corner anew
-SHARP = 40.0  # degrees between facets beyond which their common edge stays an edge of the organ
-BLOCK = 2_000_000  # pairs of triangles tested at a time, to bound memory
+FORMATS = (".stl", ".obj", ".ply", ".vtp")  # and .vtk with PolyData
+POLYDATA = (".vtp", ".vtk")  # read by VTK, because meshio only reads volume meshes of these formats
+WELD = 1e-7  # of the surface's diagonal: nodes as near are merged; STL repeats corners in single precision
+SHARP = 40.0  # degrees between facets: with a larger angle their common edge stays an edge of the organ
+BLOCK = 2_000_000  # pairs of triangles that are tested together, to limit memory
 
 
 @dataclass(frozen=True)
 class Skin:
-    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`. Made by `read_surface`."""
+    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`; made by `read_surface`."""
 
     points: Array
     triangles: Indices
 
     @property
     def volume(self) -> float:
-        """Volume inside [m³]: Σ ± a·(b × c)/6, the signs by which neighbours turn alike."""
+        """Volume inside [m³]: Σ ± a·(b × c)/6, with signs that make the orientation of all triangles equal."""
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
         return abs(float(_turns(self.triangles) @ np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6
 
 
 def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
-    """Read the surface of a file, `metres_per_unit` being the length of one file unit [m].
+    """Return the surface of a file; `metres_per_unit` is the length of one file unit [m].
 
-    Raises `MeshError`, with the file named, for a file that cannot be read and a surface that is open, not a
-    manifold, in several pieces or crosses itself.
+    Raises `MeshError` with the name of the file if it cannot be read. It is also raised for a surface that is open,
+    is not a manifold, has several pieces or crosses itself.
     """
     try:
         points, triangles = welded(*_triangles(Path(path)))
@@ -64,10 +64,11 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
 
 
 def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Mesh the inside of a surface by gmsh, graded toward the sites, shape `(p, 3)` [m]; boundary surface.
+    """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m], with the boundary
+    "surface".
 
-    The surface is cut into patches at its sharp edges, each triangulated anew with nodes on the given facets.
-    Raises `MeshError` where gmsh fails.
+    The surface is cut into patches at its sharp edges. Each patch is triangulated again with nodes on the given
+    facets. Raises `MeshError` if gmsh fails.
     """
     unit = float(np.ptp(skin.points, axis=0).max())
     with session() as gmsh:
@@ -77,7 +78,7 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
         try:
             gmsh.model.mesh.classifySurfaces(np.radians(SHARP), True, True, np.pi)
             gmsh.model.mesh.createGeometry()
-        except Exception as error:  # gmsh raises nothing more specific
+        except Exception as error:  # gmsh raises no more specific error
             raise MeshError(f"gmsh finds no geometry in the surface: {error}; remesh it more evenly") from error
         loop = gmsh.model.geo.addSurfaceLoop([entity for _, entity in gmsh.model.getEntities(2)])
         gmsh.model.geo.addVolume([loop])
@@ -87,7 +88,7 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
 
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Return the triangles with nodes at one place joined; triangles that lose a corner by joining are left out."""
+    """Return points and triangles with coincident nodes merged; triangles that lose a corner are left out."""
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
@@ -99,19 +100,19 @@ def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def check_closed(points: Array, triangles: Indices) -> None:
-    """Refuse a surface whose edges do not each belong to two triangles, or that falls into pieces.
+    """Raise `MeshError` if an edge of a surface does not belong to two triangles, or if it has several pieces.
 
-    Points of shape `(n, 3)`, triangles `(m, 3)`. Raises `MeshError`.
+    Points have shape `(n, 3)`, triangles `(m, 3)`.
     """
     if not len(triangles):
-        raise MeshError("it holds no triangle whose corners lie apart: a closed surface is wanted")
+        raise MeshError("it has no triangle with three distinct corners: give a closed surface")
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     if (count > 2).any():
         where = points[unique[count > 2][0]].mean(axis=0)
         raise MeshError(
-            f"its surface is no manifold, {int((count > 2).sum())} edges belong to more than two triangles (the first "
-            f"at {_show(where)}): delete inner walls and doubled facets"
+            f"its surface is not a manifold, {int((count > 2).sum())} edges belong to more than two triangles (the "
+            f"first at {_show(where)}): delete inner walls and doubled facets"
         )
     if (count < 2).any():
         where = points[unique[count < 2][0]].mean(axis=0)
@@ -122,14 +123,14 @@ def check_closed(points: Array, triangles: Indices) -> None:
     joins = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(points),) * 2)
     pieces = connected_components(joins, directed=False)[0]
     if pieces > 1:
-        raise MeshError(f"its surface falls into {pieces} separate pieces: keep the outer one, one organ a file")
+        raise MeshError(f"its surface has {pieces} separate pieces: keep the outer piece, one organ per file")
 
 
 def check_simple(points: Array, triangles: Indices) -> None:
-    """Refuse a surface that crosses or folds onto itself; points of shape `(n, 3)`, triangles `(m, 3)`.
+    """Raise `MeshError` for a surface that crosses or folds onto itself; points `(n, 3)`, triangles `(m, 3)`.
 
-    Two triangles cross where an edge of one pierces the other; neighbours that share an edge fold where they lie on
-    the same side of it. Raises `MeshError`.
+    Two triangles cross if an edge of one pierces the other. Neighbours fold if they lie on the same side of their
+    common edge.
     """
     crossing = _crossing(points, triangles, _near_pairs(points, triangles))
     if len(crossing):
@@ -141,7 +142,7 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
-    """Read points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons of more corners are refused."""
+    """Return points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons with more corners are refused."""
     if path.suffix.lower() == ".ply" and path.is_file():
         _check_ply_header(path)
     if path.suffix.lower() in POLYDATA:
@@ -149,11 +150,11 @@ def _triangles(path: Path) -> tuple[Array, Indices]:
     else:
         points, triangles = _meshio_arrays(path)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise MeshError(f"its points have shape {points.shape}: three coordinates each are wanted")
+        raise MeshError(f"its points have shape {points.shape}: each point needs three coordinates")
     if not np.isfinite(points).all():
         raise MeshError("some of its nodes have coordinates that are not finite")
     if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
-        raise MeshError(f"some of its triangles name nodes outside the {len(points)} that it holds: correct them")
+        raise MeshError(f"some of its triangles name nodes outside the {len(points)} nodes of the file: correct them")
     check_span(points)
     return points, np.asarray(triangles, dtype=np.int64)
 
@@ -163,13 +164,15 @@ def _meshio_arrays(path: Path) -> tuple[Array, Indices]:
     kinds = sorted({block.type for block in data.cells} - {"vertex", "line"})
     if kinds != ["triangle"]:
         held = f"{', '.join(kinds)} elements" if kinds else "no elements"
-        raise MeshError(f"it holds {held}: a surface of triangles is wanted")
+        raise MeshError(f"it has {held}: give a surface of triangles")
     return np.asarray(data.points, dtype=float), cells_of(data, "triangle")
 
 
 def polydata_arrays(path: Path) -> tuple[Array, Indices]:
-    """Read points and triangles of VTK PolyData, strips of triangles taken apart; on some torn files VTK comes to no
-    end: call it in a process of its own. Raises `MeshError`.
+    """Return points and triangles of VTK PolyData; strips are split into triangles.
+
+    Call this function in a separate process, because VTK does not finish on some damaged files. Raises `MeshError`
+    for other contents.
     """
     try:
         import pyvista as pv
@@ -177,16 +180,17 @@ def polydata_arrays(path: Path) -> tuple[Array, Indices]:
         raise MeshError("VTK PolyData is read by pyvista: pip install 'suturefem[pictures]', or save as .stl") from None
     found = pv.read(path)
     if not isinstance(found, pv.PolyData):
-        raise MeshError(f"it holds {type(found).__name__}: a surface is wanted, as PolyData")
+        raise MeshError(f"it is a {type(found).__name__}: give a surface as PolyData")
     surface = found.triangulate() if found.n_strips else found
     if not surface.is_all_triangles:
-        raise MeshError("it holds polygons of more corners: a surface of triangles is wanted")
+        raise MeshError("it has polygons with more than three corners: give a surface of triangles")
     return np.asarray(surface.points, dtype=float), np.asarray(surface.regular_faces, dtype=np.int64)
 
 
 def _check_ply_header(path: Path) -> None:
-    """Refuse a PLY file whose header does not end, or tells of more than there is: meshio reads on for ever, or for
-    hours (meshio 5.3).
+    """Raise `MeshError` if the header of a PLY file does not end, or declares more elements than the file can have.
+
+    meshio would read such a file for hours or without end (meshio 5.3).
     """
     header, size = [], path.stat().st_size
     with path.open("rb") as file:
@@ -197,8 +201,8 @@ def _check_ply_header(path: Path) -> None:
         else:
             raise MeshError("its header does not end, no line reads end_header: the file is cut short or damaged")
     told = [int(found[1]) for line in header if (found := re.match(rb"element +\w+ +(\d{1,100})", line))]
-    if max(told, default=0) > size:  # of which each takes a byte at least
-        raise MeshError(f"its header tells of {max(told)} elements, and the file has {size} bytes: it is damaged")
+    if max(told, default=0) > size:  # each element needs at least one byte
+        raise MeshError(f"its header declares {max(told)} elements, and the file has {size} bytes: it is damaged")
 
 
 def _distinct(triangles: Indices) -> NDArray[np.bool_]:
@@ -209,7 +213,8 @@ def _distinct(triangles: Indices) -> NDArray[np.bool_]:
 def _near_pairs(points: Array, triangles: Indices) -> Indices:
     """Return the pairs of triangles whose boxes touch, shape `(k, 2)`.
 
-    Each triangle is asked for those no larger than itself, so the search stays local on graded surfaces too.
+    Each triangle is only compared with triangles that are not larger, so that the search is local on graded
+    surfaces too.
     """
     corners = points[triangles]
     centres = corners.mean(axis=1)
@@ -232,7 +237,7 @@ def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
 
 
 def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Return whether each pair of triangles, shape `(k, 3)` each, has points in common other than at common nodes."""
+    """Return whether each pair of triangles, shape `(k, 3)` each, has common points other than common nodes."""
     common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
     crossed = np.asarray(common == 3)
     neighbours = common == 2
@@ -247,7 +252,7 @@ def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
 
 
 def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
-    """Return whether each of `triangles` has nodes on both sides of the plane of its partner in `others`."""
+    """Return whether each of the `triangles` has nodes on both sides of the plane of its partner in `others`."""
     a, b, c = np.moveaxis(points[others], 1, 0)
     height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
     height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
@@ -269,7 +274,7 @@ def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 
 def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Return whether triangles that share an edge lie upon each other, within 0.1°."""
+    """Return whether triangles that share an edge lie on each other, within 0.1°."""
     common = (first[:, :, None] == second[:, None, :]).any(axis=2)
     opposite = first[~common]
     other = second[~(second[:, :, None] == first[:, None, :]).any(axis=2)]
@@ -285,13 +290,14 @@ def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]
 
 
 def _turns(triangles: Indices) -> Array:
-    """Return the signs `(m,)` by which the triangles of a closed manifold turn alike, spread from the first
-    over edges.
+    """Return signs `(m,)` that make the orientation of all triangles of a closed manifold equal.
+
+    The signs are propagated over edges from the first triangle.
     """
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(edges, axis=1).T)
     one, other = order[::2], order[1::2]
-    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # neighbours pass an edge in opposite ways
+    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # equal turns pass it in opposite ways
     shape = (len(triangles),) * 2
     graph = coo_array((np.tile(alike, 2), (np.r_[one, other] // 3, np.r_[other, one] // 3)), shape=shape).tocsr()
     walk, before = breadth_first_order(abs(graph), 0, directed=False)

@@ -1,4 +1,4 @@
-"""Length units of mesh files; everything inside the code is in metres."""
+"""Length units of mesh files; the code uses only metres."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ METRES: Mapping[str, float] = MappingProxyType(
 
 
 def metres_per_unit(unit: str | float) -> float:
-    """Return the metres in one file unit, from its name (`"mm"`) or from the number itself [m].
+    """Return the metres per file unit, from its name (`"mm"`) or from the number itself [m].
 
     Raises `MeshError` for an unknown name and for a number that is not positive and finite.
     """

@@ -1,7 +1,8 @@
-"""A block with a wound cut down from the middle of its top: a closed slit, or an opening of elliptical outline.
+"""A block with a wound cut down from the middle of its top: a closed slit, or an opening with an elliptical
+outline.
 
-The mesh is its own mirror image across the wound's plane, so the two lips match node by node and facet by facet:
-gmsh meshes one half only. The nodes of a closed slit's lips are there twice, at the same places.
+The mesh is symmetric about the wound's plane, so that the two lips match node by node and facet by facet: gmsh
+meshes only one half. A closed slit has two coincident nodes at each place, one for each lip.
 """
 
 from collections.abc import Sequence
@@ -36,15 +37,16 @@ Indices = NDArray[np.int64]
 
 LIPS = ("lip_left", "lip_right")
 FLOOR = "wound_floor"
-NARROWEST = 1e-5  # of the block's longest side: of cuts near its tolerance of 1e-7 gmsh makes no mesh in any time
+NARROWEST = 1e-5  # of the block's longest side: gmsh does not finish with cuts near its tolerance of 1e-7
 
 
 @dataclass(frozen=True)
 class Wound:
-    """A cut from the top down to `depth`, `length` long along the axis `along`, centred at x = y = 0 [m].
+    """A cut from the top down to `depth`, with a `length` along the axis `along`, centred at x = y = 0 [m].
 
-    `width` is zero for a closed slit, else the widest opening of an ellipse with upright walls. The left lip is that
-    at lower x (along y) or lower y (along x). Raises `MeshError` unless lengths are positive and finite.
+    `width` is zero for a closed slit, otherwise the widest opening of an ellipse with vertical walls. The left lip
+    is at lower x (wound along y) or lower y (wound along x). Raises `MeshError` unless lengths are positive and
+    finite.
     """
 
     length: float
@@ -62,11 +64,11 @@ class Wound:
 
     @property
     def normal_axis(self) -> int:
-        """Axis that the lips face."""
+        """Axis normal to the lips."""
         return 0 if self.along == "y" else 1
 
     def check_fits(self, size: Sequence[float]) -> None:
-        """Refuse a wound that is larger than the block of a size `(3,)` [m]."""
+        """Raise `MeshError` for a wound that is larger than the block of a size `(3,)` [m]."""
         extent(size)
         side = size[1 - self.normal_axis]
         if self.depth > size[2] * (1 + ON_PLANE):
@@ -87,8 +89,10 @@ class Wound:
 
 @dataclass(frozen=True)
 class Lips:
-    """Matching nodes `(k, 2)` and facets `(m, 2)` of the left and the right lip, each pair mirrored in the wound's
-    plane; in a closed slit at the same place. A node at the end of the wound is its own partner.
+    """Matching nodes `(k, 2)` and facets `(m, 2)` of the left and the right lip.
+
+    Each pair is mirrored in the wound's plane; in a closed slit its two parts coincide. A node at the end of the
+    wound is its own partner.
     """
 
     nodes: Indices
@@ -98,10 +102,11 @@ class Lips:
 def wounded_block_structured(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Mesh the structured block with a closed slit; for sizes, sites and planes see `graded_block_structured`.
+    """Return a structured mesh of a block with a closed slit; for sizes, sites and planes see
+    `graded_block_structured`.
 
-    Boundaries are those of the block, lip_left and lip_right. Raises `MeshError` as that function does, for a
-    wound that does not fit, and for an open one.
+    Boundaries are the boundaries of the block, lip_left and lip_right. Raises `MeshError` as
+    `graded_block_structured` does, for a wound that does not fit, and for an open wound.
     """
     wound.check_fits(size)
     if wound.width:
@@ -111,7 +116,7 @@ def wounded_block_structured(
     length, depth = wound.length / 2, wound.depth
     cuts = ((*frame.planes[0], 0.0), (*frame.planes[1], -length, length), (*frame.planes[2], -depth))
     lines = [graded_lines(frame.lower[k], frame.upper[k], points[:, k], grading, cuts[k]) for k in range(3)]
-    # A diagonal must start at the slit's lower corners: across them it would leave a facet uncut.
+    # A diagonal must start at the slit's lower corners: with the other diagonal a facet would not be cut.
     corner = [np.abs(lines[k] - place).argmin() for k, place in enumerate((0.0, length, -depth))]
     tets = split(lines, mirrored=bool(sum(corner) % 2))
     return frame.finish(*_slit(grid_points(lines), tets, frame))
@@ -120,11 +125,11 @@ def wounded_block_structured(
 def wounded_block_gmsh(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Mesh the wounded block by gmsh, sized by the distance to the nearest site or its mirror image across the wound.
+    """Return a mesh of the wounded block by gmsh, graded toward the sites and their mirror images across the wound.
 
-    Sites have shape `(p, 3)` [m]. Boundaries are those of the block, lip_left, lip_right and, in an open wound
-    that does not go through, wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit,
-    a site outside the block, and where gmsh cannot load.
+    Sites have shape `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
+    wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit, a site
+    outside the block, and if gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
@@ -143,7 +148,7 @@ def wounded_block_gmsh(
 
 
 def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
-    """Return the matching nodes and facets of the two lips of a wounded block made here.
+    """Return the matching nodes and facets of the two lips of a wounded block from this module.
 
     Raises `MeshError` for any other mesh.
     """
@@ -154,7 +159,7 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
     partner = np.arange(mesh.nvertices)
     away, place = cKDTree(mesh.p.T[nodes[1]]).query(mesh.p.T[nodes[0]] * mirror)
     if nodes[0].size != nodes[1].size or np.max(away) > 0.0:
-        raise MeshError("the lips are no mirror images of one another: only blocks made by this module have pairs")
+        raise MeshError("the lips are not mirror images of one another: only blocks made by this module have pairs")
     partner[nodes[0]] = nodes[1][place]
     by_nodes = {frozenset(triangle): facet for facet, triangle in zip(right, mesh.facets[:, right].T, strict=True)}
     matching = [by_nodes[frozenset(triangle)] for triangle in partner[mesh.facets[:, left]].T]
@@ -163,7 +168,7 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
 
 @dataclass(frozen=True)
 class _Frame:
-    """A wounded block of a size `(3,)` [m] in the wound's own axes: x across, y along."""
+    """A wounded block of a size `(3,)` [m] in the wound's axes: x normal to the wound, y along it."""
 
     size: Sequence[float]
     wound: Wound
@@ -171,7 +176,7 @@ class _Frame:
 
     @property
     def order(self) -> list[int]:
-        """The block's axes in the wound's order."""
+        """The block's axes in the order of the wound's axes."""
         return [0, 1, 2] if self.wound.normal_axis == 0 else [1, 0, 2]
 
     @property
@@ -186,23 +191,23 @@ class _Frame:
 
     @property
     def planes(self) -> Planes:
-        """Coordinates that facets follow [m]."""
+        """Coordinates of planes with facets, by axis [m]."""
         x, y, z = (self.block_planes[k] for k in self.order)
         return x, y, z
 
     @property
     def unit(self) -> float:
-        """Length that is 1 in gmsh's model [m]."""
+        """Unit of length in gmsh's model [m]."""
         return float(max(self.size))
 
     @property
     def slack(self) -> float:
-        """Distance within which a node lies in a plane [m]."""
+        """Largest distance of a node in a plane from the plane [m]."""
         return ON_PLANE * self.unit
 
     @property
     def ends(self) -> bool:
-        """Whether the wound cuts the block's sides, and so has no ends of its own."""
+        """Whether the wound cuts the block's sides, so that it has no ends inside the block."""
         return self.wound.length >= (self.upper - self.lower)[1] * (1 - ON_PLANE)
 
     @property
@@ -211,38 +216,38 @@ class _Frame:
         return self.wound.depth >= -self.lower[2] * (1 - ON_PLANE)
 
     def local(self, points: Array) -> Array:
-        """Return points of the block, shape `(…, 3)`, in the wound's axes; the map is its own inverse."""
+        """Return points of the block, shape `(…, 3)`, in the wound's axes; the same map leads back."""
         return np.array(points[..., self.order])
 
     def finish(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
-        """Return the checked mesh in the block's own axes, everything named."""
+        """Return the checked mesh in the block's axes, with all boundaries named."""
         if self.wound.normal_axis == 1:
-            tets = tets[:, [1, 0, 2, 3]]  # exchanging x and y turns them inside out
+            tets = tets[:, [1, 0, 2, 3]]  # exchanging x and y inverts the tetrahedra
         parts = 2 if self.ends and self.through else 1
         mesh = with_faces(checked_mesh(self.local(points), tets, twins, parts), *extent(self.size))
         return mesh.with_boundaries(self._wound_facets(mesh))
 
     def _wound_facets(self, mesh: skfem.MeshTet) -> dict[str, Indices]:
-        """Return the facets that are on no face of the block: floor and lips."""
+        """Return the boundary facets that are not on a face of the block: floor and lips."""
         named = np.concatenate(list((mesh.boundaries or {}).values()))
         facets = np.setdiff1d(mesh.boundary_facets(), named)
         floor = (np.abs(mesh.p[2, mesh.facets[:, facets]] + self.wound.depth) <= self.slack).all(axis=0)
         wall = facets[~floor]
         if not wall.size:
             raise MeshError(
-                f"width = {self.wound.width} m of the wound: gmsh lost so narrow a cut where it crosses planes inside "
-                "the block; widen it, cut a closed slit, or leave out the regions' borders"
+                f"width = {self.wound.width} m of the wound: gmsh loses a cut as narrow as this if it crosses planes "
+                "inside the block; widen it, cut a closed slit, or leave out the regions' borders"
             )
-        # The cell behind a facet tells its side, even where both lips lie in one plane.
+        # The cell behind a facet determines its side, even if both lips lie in one plane.
         side = mesh.p[self.wound.normal_axis][mesh.t[:, mesh.f2t[0, wall]]].mean(axis=0)
         found = {LIPS[0]: wall[side < 0], LIPS[1]: wall[side > 0]}
         return found | ({FLOOR: facets[floor]} if floor.any() else {})
 
 
 def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, Indices]:
-    """Return points, tetrahedra and coincident pairs of the block with its slit opened.
+    """Return points, tetrahedra and coincident pairs of nodes of the block with its slit opened.
 
-    The nodes inside the slit get a twin for the right lip; the plane of the slit must be made of facets.
+    The nodes inside the slit get a twin for the right lip. The plane of the slit must consist of facets.
     """
     slack, wound = frame.slack, frame.wound
     x, y, z = points.T
@@ -271,10 +276,10 @@ def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indice
 
 
 def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Cut the face x = 0 along the slit's outline, and from its lower corners to the top.
+    """Cut the face x = 0 along the slit's outline, and along lines from its lower corners to the top.
 
-    A triangle with two sides on the outline would have no node of its own to open by; those lines keep every
-    triangle to one side.
+    A triangle with two sides on the outline would have no inner node and could not open. With these lines every
+    triangle has at most one side on the outline.
     """
     length, depth = wound.length / 2, wound.depth
     foot = length - depth if depth < 0.9 * length and not frame.through else 0.0
@@ -293,7 +298,7 @@ def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
 
 
 def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Take the elliptical prism of the wound out of the half block."""
+    """Remove the elliptical prism of the wound from the half block."""
     along, across, depth = in_unit([wound.length / 2, wound.width / 2, wound.depth], frame.unit).tolist()
     disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))
     if along > across:

@@ -1,7 +1,8 @@
-"""Banded storage of the thread's matrices, as LAPACK's `gbtrf` wants it, and the sums that fill it.
+"""Banded storage of the thread's matrices in the layout of LAPACK's `gbtrf`, and the sums that fill it.
 
-The unknown c i + a is coordinate a of control point i, c the number of coordinates of a point. With h diagonals each
-side the storage has 3h + 1 rows: `gbtrf` keeps room for the fill of row exchanges above the band.
+The unknown c i + a is coordinate a of control point i; c is the number of coordinates of a point. With h diagonals
+on each side the storage has 3h + 1 rows. The h rows above the band are memory for the fill of row exchanges in
+`gbtrf`.
 """
 
 from dataclasses import dataclass
@@ -18,16 +19,17 @@ def half_band_of(band: Array) -> int:
 
 
 def diagonal_of(band: Array) -> int:
-    """Return the row of the banded storage that holds the main diagonal."""
+    """Return the row of the banded storage with the main diagonal."""
     return 2 * half_band_of(band)
 
 
 @dataclass(frozen=True)
 class Elements:
-    """Groups of `reach` neighbouring control points, from `first` (m,) on, and their places in the thread's matrices.
+    """Groups of `reach` neighbouring control points, from `first` (m,) on, and their places in the thread's
+    matrices.
 
-    The thread has `n` points of `coordinates` each, of which an element depends on the first `seen`;
-    `half_band` is that of the storage.
+    The thread has `n` points with `coordinates` each. An element depends on the first `seen` of them. `half_band`
+    belongs to the storage.
     """
 
     first: Indices
@@ -57,13 +59,13 @@ class Elements:
         return np.asarray((2 * self.half_band + row - column) * (self.coordinates * self.n) + column).ravel()
 
     def vector(self, blocks: Array) -> Array:
-        """Sum vectors of the elements `(m, reach, seen)` into control-point values `(n, coordinates)`."""
+        """Return the sum of element vectors `(m, reach, seen)` at the control points, shape `(n, coordinates)`."""
         size = self.coordinates * self.n
         summed = np.bincount(self._vector_index, blocks.ravel(), size)
         return summed.astype(np.float64, copy=False).reshape(self.n, -1)
 
     def band(self, blocks: Array) -> Array:
-        """Sum matrices of the elements `(m, reach, reach, seen, seen)` into banded storage."""
+        """Return the sum of element matrices `(m, reach, reach, seen, seen)` in banded storage."""
         rows = 3 * self.half_band + 1
         summed = np.bincount(self._band_index, blocks.ravel(), rows * self.coordinates * self.n)
         return summed.astype(np.float64, copy=False).reshape(rows, -1)

@@ -1,7 +1,7 @@
 """Cross-sections of suture threads, and a catalogue of them: USP size × material.
 
-Every number carries its source, or its range and the word assumption. "Abstract read" marks a source of which no
-more than that was at hand; a range for which a source is named but was not looked up is an assumption.
+Every number has its source, or its range and the word assumption. "Abstract read" marks a source of which only the
+abstract was read. A range with a named source that was not read is an assumption.
 """
 
 import difflib
@@ -13,14 +13,14 @@ from types import MappingProxyType
 
 from thread.errors import ThreadError
 
-# EI and GJ of a braid over those of a solid rod of its diameter: the filaments slide on one another.
-# Assumption, within 0.01 … 0.1. To be looked up: Chu & Kizil, Surg Gynecol Obstet 1989, on the stiffness of commercial
+# EI and GJ of a braid over EI and GJ of a solid rod with its diameter: the filaments slide on one another.
+# Assumption, within 0.01 … 0.1. Not read yet: Chu & Kizil, Surg Gynecol Obstet 1989, on the stiffness of commercial
 # sutures.
 BRAID_BENDING_FACTOR = 0.05
 # Solid part of a braid's nominal cross-section. Assumption, within 0.6 … 0.8: USP <861> measures the
 # diameter under a presser foot, and there is air between the filaments.
 BRAID_SOLID_FRACTION = 0.7
-# Poisson's ratio of the polymers and of gut. Assumption; it enters the torsional stiffness alone.
+# Poisson's ratio of the polymers and of gut. Assumption; it only enters the torsional stiffness.
 POLYMER_POISSON_RATIO = 0.4
 
 
@@ -28,11 +28,11 @@ POLYMER_POISSON_RATIO = 0.4
 class Section:
     """Round cross-section of a thread; raises `ThreadError` for a value that is not physical.
 
-    `youngs_modulus` is the apparent modulus, axial force over the area of the full circle and strain: that
-    is what a tensile test on a suture reports, so the axial stiffness of a braid is not reduced a second
-    time. `density` is that of the material, `solid_fraction` the part of the circle it fills.
-    `bending_factor` is the bending and torsional stiffness over that of a solid rod, 1 for a monofilament
-    and far less for a braid.
+    `youngs_modulus` is the apparent modulus: axial force over the area of the full circle and over strain. A
+    tensile test on a suture reports this modulus, so that the axial stiffness of a braid is not reduced a second
+    time. `density` is the density of the material, and `solid_fraction` the part of the circle that it fills.
+    `bending_factor` is the ratio of bending and torsional stiffness to a solid rod: 1 for a monofilament and far
+    less for a braid.
     """
 
     diameter: float  # [m]
@@ -71,7 +71,7 @@ class Section:
 
     @property
     def rhoJ(self) -> float:
-        """Polar moment of inertia of the mass per length, spread evenly over the circle [kg m]."""
+        """Polar moment of inertia per length, with the mass distributed uniformly over the circle [kg m]."""
         return self.rhoA * self.diameter**2 / 8
 
     @property
@@ -92,7 +92,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Size:
-    """A USP size and its limits on the average diameter, for sutures not made of collagen."""
+    """A USP size and its limits on the average diameter, for sutures without collagen."""
 
     usp: str
     metric: float  # European Pharmacopoeia number, tenths of a millimetre
@@ -100,7 +100,7 @@ class Size:
     d_max: float  # [mm]
     source: str
     knot_nonabsorbable: float | None = None  # least average knot-pull strength, class I [N]
-    knot_absorbable: float | None = None  # the same of a synthetic absorbable suture [N]
+    knot_absorbable: float | None = None  # the same for a synthetic absorbable suture [N]
 
     @property
     def diameter(self) -> float:
@@ -140,9 +140,9 @@ SIZES = (
     Size("7", 9.0, 0.900, 0.999, WEB),
 )
 
-# Collagen (gut) runs one size larger for the same USP number: it has the diameter of the next larger metric
-# number. Assumption after a public web table; USP–NF, Absorbable Surgical Suture, has a table of its own for collagen.
-# Known from 9-0 to 3.
+# Collagen (gut) is one size larger for the same USP number: it has the diameter of the next larger metric number.
+# Assumption after a public web table; USP–NF, Absorbable Surgical Suture, has a separate table for collagen. Known
+# from 9-0 to 3.
 COLLAGEN_SIZES = ("9-0", "8-0", "7-0", "6-0", "5-0", "4-0", "3-0", "2-0", "0", "1", "2", "3")
 
 
@@ -156,7 +156,7 @@ class SutureMaterial:
     density_source: str
     modulus_range: tuple[float, float] | None  # [Pa]
     range_source: str
-    modulus: float | None  # the catalogue's choice [Pa]; None where no source gives one
+    modulus: float | None  # the catalogue's choice [Pa]; None if no source gives a modulus
     modulus_source: str
     poisson_ratio: float = POLYMER_POISSON_RATIO
     poisson_source: str = "assumption"
@@ -203,7 +203,7 @@ MATERIALS = (
     ),
     SutureMaterial(
         "silk", True, 1300.0, BULK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
-        f"8.701 GPa, the highest of those not absorbable: {NALEWAY}",
+        f"8.701 GPa, the highest of the non-absorbable sutures: {NALEWAY}",
     ),
     SutureMaterial(
         "polyglycolic acid", True, 1530.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN_RANGE,
@@ -211,7 +211,7 @@ MATERIALS = (
     ),
     SutureMaterial(
         "polyglactin 910", True, 1500.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
-        f"{WITHIN_RANGE}; the rapid kind has 9.32 GPa, the highest of those absorbable: {NALEWAY}",
+        f"{WITHIN_RANGE}; the rapid kind has 9.32 GPa, the highest of the absorbable sutures: {NALEWAY}",
         absorbable=True, synonyms=("polyglactin",),
     ),
     SutureMaterial(
@@ -225,7 +225,7 @@ MATERIALS = (
     ),
     SutureMaterial(
         "UHMWPE", True, 970.0, BULK, None, "none found", None,
-        "none found but that it is stiffer than polyester", synonyms=("polyethylene",),
+        "none found; it is stiffer than polyester", synonyms=("polyethylene",),
     ),
 )  # fmt: skip
 
@@ -233,7 +233,8 @@ MATERIALS = (
 MANUAL = "Covidien, product manual of sutures SL5628g (excerpt read)"
 TABLE = "a public table of major commercial polymeric sutures (excerpt read)"
 LISTS = "public lists of suture brands, which agree (excerpts read)"
-# Brand, what it is made of, and where that was read. Of what no material above is, the catalogue has no stiffness.
+# Brand, its material, and the source of the material. The catalogue has no stiffness for a material that is not
+# listed above.
 BRANDS = (
     ("Prolene", "polypropylene", TABLE),
     ("Surgipro", "polypropylene", MANUAL),
@@ -266,7 +267,7 @@ BRANDS = (
 
 
 def _key(text: str) -> str:
-    """Return a spelling reduced to what distinguishes materials: lower case letters and digits."""
+    """Return a name reduced to lower case letters and digits, which distinguish materials."""
     return re.sub(r"[^a-z0-9]", "", text.casefold())
 
 
@@ -292,10 +293,11 @@ def names() -> tuple[str, ...]:
 
 
 def suture(name: str) -> Section:
-    """Return the section of a suture by USP size and material or brand, e.g. "2-0 polypropylene", "Prolene 2-0".
+    """Return the section of a suture named by USP size and material or brand, e.g. "2-0 polypropylene", "Prolene
+    2-0".
 
-    Their order, case, spaces, "2/0" and "USP" do not matter. Raises `ThreadError` with the nearest names for a suture
-    that the catalogue does not have.
+    Order, case and spaces do not matter, and "2/0" and "USP" are understood. Raises `ThreadError` with the nearest
+    names for an unknown suture.
     """
     size, material = _parse(name)
     if material.modulus is None:
@@ -316,8 +318,8 @@ def suture(name: str) -> Section:
 def knot_pull(name: str) -> float | None:
     """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N] (`KNOT_PULL`).
 
-    None means that no source gives a strength: collagen and steel have tables of their own. Raises
-    `ThreadError` as `suture` does.
+    None means that no source gives a strength: collagen and steel have separate tables. Raises `ThreadError` as
+    `suture` does.
     """
     size, material = _parse(name)
     if material.collagen or material.name == "steel":
@@ -334,11 +336,11 @@ def _parse(name: str) -> tuple[Size, SutureMaterial]:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Return the USP number and the key of the material in a name, in either order; empty where there are none."""
+    """Return the USP number and the key of the material from a name in either order; empty if not found."""
     if not isinstance(name, str):
-        raise ThreadError(f"suture = {name!r} is no name; give for example '2-0 polypropylene'")
+        raise ThreadError(f"suture = {name!r} is not a name; give for example '2-0 polypropylene'")
     text = name.strip().casefold()
-    if _key(text) in MATERIAL_OF:  # nylon 6 is a material, and no size of nylon
+    if _key(text) in MATERIAL_OF:  # nylon 6 is a material and not a size of nylon
         return "", _key(text)
     first = re.fullmatch(rf"{SIZE_WORDS}\s*[-,]?\s*{MATERIAL_WORDS}", text)
     last = re.fullmatch(rf"{MATERIAL_WORDS}[\s,]+{SIZE_WORDS}", text)
@@ -351,7 +353,7 @@ def _split(name: str) -> tuple[str, str]:
 def _usp(text: str) -> str:
     """Return the canonical USP number: "2 / 0" and "00" are "2-0".
 
-    "1-0" stays as it is and is unknown, for some authors mean 0 by "1-0" and some 1.
+    "1-0" is not changed and is unknown, because some authors mean 0 by "1-0" and others 1.
     """
     compact = re.sub(r"\s", "", text).replace("/", "-")
     zeros = len(compact)
@@ -359,11 +361,11 @@ def _usp(text: str) -> str:
 
 
 def _miss(name: str, usp: str, word: str) -> str:
-    """Return why there is no such suture, with the nearest that there are."""
+    """Return the message for an unknown suture, with the nearest known sutures."""
     if word in UNKNOWN_OF:
         return (
-            f"suture = {name!r}: {UNKNOWN_OF[word]}, of which the catalogue has no stiffness; give diameter, "
-            "youngs_modulus and density instead"
+            f"suture = {name!r}: {UNKNOWN_OF[word]}, and the catalogue has no stiffness of this material; give "
+            "diameter, youngs_modulus and density instead"
         )
     alike = difflib.get_close_matches(word, MATERIAL_OF, n=1)
     sizes = [usp] if usp in SIZE_OF else difflib.get_close_matches(usp, SIZE_OF, n=3, cutoff=0.5)
@@ -376,7 +378,7 @@ def _miss(name: str, usp: str, word: str) -> str:
 
 
 def _diameter(name: str, size: Size, material: SutureMaterial) -> float:
-    """Return the nominal diameter [m], for collagen that of the next larger metric number.
+    """Return the nominal diameter [m]; for collagen the diameter of the next larger metric number.
 
     Raises `ThreadError` for a collagen size that the catalogue does not know.
     """

@@ -1,4 +1,4 @@
-"""A spline that is cut: four knots at one place, inserted exactly (Boehm), which leave its functions what they are."""
+"""Cutting of a spline: four knots at one place, inserted exactly (Boehm), which do not change its functions."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,12 @@ from thread.arrays import Array
 from thread.errors import ThreadError
 from thread.spline import DEGREE, Spline
 
-SLIVER = 0.1  # of a span: a cut nearer to a knot is at the knot
+SLIVER = 0.1  # of a span: a cut that is nearer to a knot is made at the knot
 
 
 def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
-    """Return the spline with further simple `knots` [m], and `fields` (n, c) on it: the same functions (Boehm 1980)."""
+    """Return the spline with additional simple `knots` [m], and unchanged functions `fields` (n, c) on it (Boehm
+    1980)."""
     width = [field.shape[1] for field in fields]
     curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
     for knot in knots:
@@ -23,10 +24,13 @@ def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple
 
 
 def cut(spline: Spline, s: float, fields: Sequence[Array]) -> tuple[Spline, float, list[Array]]:
-    """Return the spline cut at `s` [m], the place of the cut, and `fields` (n, c) on it: the same functions on either
-    side. A break nearer to `s` than SLIVER of its span is cut instead: a sliver would have next to no mass.
+    """Return the spline cut at `s` [m], the abscissa of the cut, and unchanged functions `fields` (n, c) on both
+    sides.
 
-    Raises `ThreadError` for an abscissa at an end of the spline, or of one of its pieces, or beyond.
+    If a break is nearer to `s` than SLIVER of the span, the cut is made at the break, because a sliver would have
+    almost no mass.
+
+    Raises `ThreadError` for an abscissa at an end of the spline or of a piece, or outside the spline.
     """
     breaks = spline.breaks
     span = int(np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(breaks) - 2))
@@ -34,9 +38,9 @@ def cut(spline: Spline, s: float, fields: Sequence[Array]) -> tuple[Spline, floa
     place = nearest if abs(nearest - s) < SLIVER * (breaks[span + 1] - breaks[span]) else float(s)
     if not spline.start < place < spline.end or place in spline.cuts:
         raise ThreadError(f"cut at {s:.6g} m: the thread ends there, or beyond; cut between {breaks[0]:.6g} and "
-                          f"{breaks[-1]:.6g} m where it is whole")  # fmt: skip
+                          f"{breaks[-1]:.6g} m, inside a piece")  # fmt: skip
     there = int(np.sum(spline.knots == place))
     touching, fields = insert_knots(spline, np.full(DEGREE - there, place), fields)
-    after = int(np.searchsorted(touching.knots, place))  # the first of three knots: the point before goes through it
+    after = int(np.searchsorted(touching.knots, place))  # first of three knots; the point before is on the curve
     knots = np.insert(touching.knots, after, place)
     return Spline(knots), place, [np.insert(field, after - 1, field[after - 1], axis=0) for field in fields]

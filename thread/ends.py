@@ -1,6 +1,6 @@
-"""What holds the two ends of a thread: nothing, a fixed point, a clamp, a dead load or a moving hand.
+"""Conditions at the two ends of a thread: free, a fixed point, a clamp, a dead load or a moving hand.
 
-A held end of a thread with twist may also turn the thread about its tangent, as fingers turn a needle.
+A held end of a thread with twist can also turn the thread about its tangent, as fingers turn a needle.
 """
 
 from dataclasses import dataclass, field
@@ -14,42 +14,48 @@ ZERO = np.zeros(3)
 
 
 def check_rows(name: str, rows: Array, columns: str) -> None:
-    """Refuse a table that has not the `columns`, the first of them rising times. Raises `ThreadError`."""
+    """Raise `ThreadError` if a table does not have the given `columns`, or if the times in the first do not
+    increase."""
     if np.shape(rows)[1:] != (len(columns.split(", ")),) or not len(rows) or not np.isfinite(rows).all():
         raise ThreadError(f"{name} of shape {np.shape(rows)}; allowed are rows of {columns}, all finite")
     if (np.diff(rows[:, 0]) <= 0.0).any():
-        raise ThreadError(f"{name}: its times do not rise; sort them and drop repeats")
+        raise ThreadError(f"{name}: its times do not increase; sort them and remove repeated times")
 
 
 @dataclass(frozen=True)
 class Free:
-    """An end that nothing holds."""
+    """An end that is free."""
 
     def position(self, time: float | Array) -> Array | None:
-        """Return the prescribed position [m] at `time` [s], shape `(3,)`, at times (k,) `(k, 3)` or what is the same at
-        all of them; None means that the end is free to move."""
+        """Return the prescribed position [m] at `time` [s], or None if the end is free to move.
+
+        The shape is `(3,)` for one time. For several times (k,) it is `(k, 3)`, or `(3,)` if the position is
+        constant.
+        """
         return None
 
     def angle(self, time: float) -> float | None:
-        """Return the prescribed angle of the section about the tangent [rad], right-handed towards rising s.
+        """Return the prescribed angle of the section about the tangent [rad], right-handed towards increasing s.
 
-        None means that no torque holds the section. Only a thread with twist reads the angle.
+        None means that no torque holds the section. Only a thread with twist uses the angle.
         """
         return None
 
     def force(self, time: float | Array, share: float = 1.0) -> Array:
-        """Return the dead load [N] at `time` [s], shape as for `position`; in statics that at a `share` of the load
-        steps, which end at `time`."""
+        """Return the dead load [N] at `time` [s], shape as for `position`.
+
+        In statics it is the load at a `share` of the load steps, which end at `time`.
+        """
         return ZERO
 
 
 @dataclass(frozen=True)
 class Turning(Free):
-    """An end that a hand may turn about the tangent.
+    """An end that a hand can turn about the tangent.
 
-    `turn`, shape `(k, 2)`: time [s] and angle [rad], linear in between, zero at the start; None means that the
-    end turns freely. Where the tangent moves, the angle is measured from a frame that follows the tangent
-    without spinning (`thread.frames`).
+    `turn`, shape `(k, 2)`: time [s] and angle [rad], linear in between, zero at the start; None means that the end
+    turns freely. If the tangent moves, the angle is measured from a frame that follows the tangent without spinning
+    (`thread.frames`).
     """
 
     turn: Array | None = field(default=None, kw_only=True)
@@ -61,13 +67,14 @@ class Turning(Free):
                 raise ThreadError("end: the angle of turn at t = 0 must be 0")
 
     def angle(self, time: float) -> float | None:
-        """Return the angle at `time` [rad], after the last row of `turn` that row's angle; None means a free turn."""
+        """Return the angle at `time` [rad], constant after the last row of `turn`; None means that the end turns
+        freely."""
         return None if self.turn is None else float(np.interp(time, self.turn[:, 0], self.turn[:, 1]))
 
 
 @dataclass(frozen=True)
 class Fixed(Turning):
-    """An end that stays at `point`, shape `(3,)` [m], its tangent free."""
+    """An end at a fixed `point`, shape `(3,)` [m], with a free tangent."""
 
     point: Array
 
@@ -78,7 +85,8 @@ class Fixed(Turning):
 
 @dataclass(frozen=True)
 class Clamped(Fixed):
-    """An end that stays at `point` and leaves it along `direction` (unit, towards rising s); the end may stretch.
+    """An end at a fixed `point` with the tangent `direction` (unit vector, towards increasing s); the thread can
+    stretch there.
 
     Without a `turn` the end does not turn. Raises `ThreadError` for a direction that is not a unit vector.
     """
@@ -99,8 +107,8 @@ class Clamped(Fixed):
 class Pulled(Free):
     """A dead load on the end, `load` (3,) [N].
 
-    Its `course`, shape `(k, 2)`: time [s] and factor [-], linear in between. None means that the whole load acts at all
-    times, and in statics grows with the load steps.
+    Its `course` has shape `(k, 2)`: time [s] and factor [-], linear in between. None means that the whole load acts
+    at all times; in statics it then grows with the load steps.
     """
 
     load: Array
@@ -113,16 +121,16 @@ class Pulled(Free):
             check_rows("pulled end: course", self.course, "t, factor")
 
     def force(self, time: float | Array, share: float = 1.0) -> Array:
-        """Return the load [N], or the part of it that its course has reached."""
+        """Return the load [N] times the present factor of its course."""
         if self.course is None:
             return share * self.load
-        grown = np.where(np.asarray(time) > 0.0, 1.0, share)  # at a start at rest no time passes, and the share grows
+        grown = np.where(np.asarray(time) > 0.0, 1.0, share)  # in an equilibrium at the start the time is 0
         return np.multiply.outer(grown * np.interp(share * time, *self.course.T), self.load)
 
 
 @dataclass(frozen=True)
 class Driven(Turning):
-    """An end that a hand moves through `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
+    """An end that a hand moves along `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
 
     waypoints: Array
 
@@ -131,7 +139,7 @@ class Driven(Turning):
         check_rows("driven end: waypoints", self.waypoints, "t, x, y, z")
 
     def position(self, time: float | Array) -> Array | None:
-        """Return the point on the way at `time`, after the last waypoint that waypoint [m]."""
+        """Return the interpolated point at `time` [m]; after the last waypoint it is constant."""
         t, *places = self.waypoints.T
         return np.array([np.interp(time, t, each) for each in places]).T
 

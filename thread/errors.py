@@ -2,4 +2,4 @@
 
 
 class ThreadError(ValueError):
-    """A thread, section or path that cannot be; the message names the value, what is allowed, the remedy."""
+    """An impossible thread, section or path; the message has the value, the allowed values and the remedy."""

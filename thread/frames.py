@@ -1,19 +1,19 @@
 """The reference frame from which the twist of a thread is measured: its transport and its own twist.
 
-A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁, with a₁(s) a reference frame that
-follows the tangent t in time by parallel transport: at every s, a step turns the frame by the smallest rotation
-from the tangent t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth
-coordinate of a spline: Theetten, Grisoni, Andriot & Barsky 2008). So θ' is not the whole twist. The frame's axial
-vector along s turns with the frame and gains that of the rotation itself; its component along t is
+A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁. The reference frame a₁(s) follows the
+tangent t in time by parallel transport: at every s, a step turns the frame by the smallest rotation from the
+tangent t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of
+a spline: Theetten, Grisoni, Andriot & Barsky 2008). θ' is therefore not the whole twist. The frame's axial vector
+along s turns with the frame, and the axial vector of the rotation itself is added. Its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
-and the twist per length is ω = θ' + τ. Nothing but T, T' and θ' at the point enters, and the data of the step (t_o,
-t_o', τ_o): the energies are local in the control points. θ means the same before and after the frame is
-transported, and θ̇ is the spin of the section about its tangent. At a clamped end the tangent rests, so θ there is
-the clamp's angle.
+and the twist per length is ω = θ' + τ. It depends only on T, T' and θ' at the point and on the data of the step
+(t_o, t_o', τ_o), so that the energies are local in the control points. θ has the same meaning before and after the
+transport of the frame, and θ̇ is the spin of the section about its tangent. At a clamped end the tangent is
+constant, so that θ there is the clamp's angle.
 
-With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o:   τ = τ_o + c·T/D − e·T/(r D),  affine in T'.
+With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o: τ = τ_o + c·T/D − e·T/(r D), affine in T'.
 """
 
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ from thread.quadrature import GaussRule
 from thread.spline import Spline
 from thread.vectors import IDENTITY, cross, dot, outer, reflected, transverse_part, unit_vector
 
-LARGEST_TURN = -0.5  # cosine of the largest turn of a tangent in one step (120°): at 180° no rotation is the smallest
-SUBSTEPS = 16  # of a span in the transport along the thread at the start
+LARGEST_TURN = -0.5  # cosine of the largest turn of a tangent in one step (120°); at 180° no unique rotation
+SUBSTEPS = 16  # per span, in the transport along the thread at the start
 
 # ε_ijk: the derivative of (T × t)_j by T_i is −ε_kij t_k.
 LEVI_CIVITA = np.zeros((3, 3, 3))
@@ -58,10 +58,10 @@ class Frame:
 
 @dataclass(frozen=True)
 class Stations:
-    """Places where the twist is evaluated: `reach` control points each group from `first` (m,) on.
+    """Points at which the twist is evaluated, in groups of `reach` control points from `first` (m,) on.
 
-    `s` (m, g) [m], and `home` (m, g) [m], which tells their pieces of a cut thread; weights `w` (m, g) [m]; rows `T`,
-    `K`, `theta`, `theta_s`, each (m, g, reach), give T, T', θ and the twist of θ.
+    `s` (m, g) [m] are their abscissae, and `home` (m, g) [m] identifies their piece of a cut thread. `w` (m, g) [m]
+    are weights. Rows `T`, `K`, `theta`, `theta_s`, (m, g, reach) each, give T, T', θ and the twist of θ.
     """
 
     first: Indices
@@ -104,15 +104,16 @@ def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
 
 
 def turned(x: Array, t_o: Array, t: Array) -> Array:
-    """Return `x` across t_o after the smallest rotation that brings the unit tangent `t_o` to `t`; all (..., 3)."""
+    """Return `x`, normal to t_o, after the smallest rotation from the unit tangent `t_o` to `t`; all (..., 3)."""
     return x - (dot(x, t) / (1.0 + dot(t_o, t)))[..., None] * (t_o + t)
 
 
 def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
-    """Return the frame without twist of a thread at rest, transported along the curve from its start (Bishop's frame).
+    """Return the frame without twist of a thread at rest, transported along the curve (Bishop's frame).
 
-    At the start a₁ points as nearly as possible `towards` (3,), on a piece of a cut thread as at the end of the piece
-    before it. Raises `ThreadError` where `towards` is along the thread.
+    At the start a₁ is as near as possible to the direction `towards` (3,). On each further piece of a cut thread,
+    a₁ starts as near as possible to its direction at the end of the previous piece. Raises `ThreadError` if
+    `towards` is along the thread.
     """
     inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
     a, piece = np.empty((*stations.s.shape, 3)), spline.piece_of(stations.home)
@@ -128,11 +129,14 @@ def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array
 
 
 def transported(spline: Spline, q: Array, s: Array, home: float, towards: Array) -> Array:
-    """Return a direction across the thread at abscissae `s` (m,) [m], on the piece that holds `home` [m], transported
-    without twist from the first, where it points as nearly as possible `towards` (3,); shape `(m, 3)`.
+    """Return a direction normal to the thread, transported without twist along the abscissae `s` (m,) [m],
+    `(m, 3)`.
 
-    The transport is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError` where
-    `towards` is along the thread.
+    The abscissae are on the piece that contains `home` [m]. At the first one the direction is as near as possible
+    to `towards` (3,).
+
+    The transport is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError`
+    if `towards` is along the thread.
     """
     P, T = spline.curve(q, s, np.full(s.shape, home))[..., :3].swapaxes(0, 1)[:2]
     t = unit_vector(T)
@@ -147,7 +151,7 @@ def transported(spline: Spline, q: Array, s: Array, home: float, towards: Array)
 
 
 def double_reflection(chord: Array, t: Array, t_next: Array, a: Array) -> Array:
-    """Return `a` (3,) across t, transported to the end of a chord where the tangent is `t_next`."""
+    """Return `a` (3,), normal to t, transported to the end of a chord with the tangent `t_next`."""
     mirrored, a = reflected(t, chord), reflected(a, chord)
     return reflected(a, t_next - mirrored)
 
@@ -167,9 +171,9 @@ def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
 
 
 def interpolate_frame(spline: Spline, frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
-    """Return the frame, known at the stations `known` of a `spline`, at other `stations` of the curve `q`.
+    """Return the frame at `stations` of the curve `q`, interpolated from the stations `known` of a `spline`.
 
-    Its twist and its first direction are interpolated along s, on each piece of the spline.
+    The twist and the first direction are interpolated along s, on each piece of the spline.
     """
     at = lambda values: spline.interpolate(stations.s, stations.home, known.s, known.home, values)  # noqa: E731
     T, K = stations.curve(q)
@@ -179,7 +183,7 @@ def interpolate_frame(spline: Spline, frame: Frame, known: Stations, stations: S
 
 
 def turns_too_far(frame: Frame, T: Array) -> bool:
-    """Return whether a tangent has turned so far from the frame's that the smallest rotation is in doubt."""
+    """Return whether a tangent has turned from the frame's tangent by more than the largest allowed turn."""
     return bool((dot(frame.t, unit_vector(T)) <= LARGEST_TURN).any())
 
 

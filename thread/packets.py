@@ -1,16 +1,18 @@
-"""Knots that travel with the holes: the thread as one spline of place and rest abscissa, (P, S), on fixed knots χ.
+"""Knots that travel with the holes: the thread as one spline of position and rest abscissa, (P, S), on fixed knots
+χ.
 
     P(χ) = Σ b_i(χ) q_i,     S(χ) = Σ b_i(χ) S_i,     S_i = a_i + Σ_k b_ik s_k
 
-Hole k stands at one knot χ_k for ever: a double one where it imposes a direction, since the curvature may jump there,
-a simple one where it does not. Its abscissa s_k moves the control values S_i. The material knots next to it, τ, are a
-packet that moves rigidly, τ = s_k ± δ, with δ growing geometrically from a part of √(EI/T) on; what is left of a strand
-is divided affinely between the edges of its two packets. S_i are the Greville means of the τ, so that S rises with χ.
-A packet in a strand that is straight beyond it leaves the energy as it is where it goes: no hole feels a lattice.
-Where a strand bends between its packets, its spans are as short as that asks for.
+Hole k stays at one knot χ_k: a double knot if it imposes a direction, because the curvature can jump there, and a
+simple knot otherwise. Its abscissa s_k moves the control values S_i. The material knots τ next to the hole are a
+packet. The packet moves rigidly with the hole, τ = s_k ± δ. Its spans δ grow geometrically, from a fraction of
+√(EI/T) on. The rest of a strand is divided affinely between the edges of its two packets. S_i are the Greville
+means of the τ, so that S increases with χ. If the strand is straight outside the packet, a motion of the packet
+does not change the energy: no hole feels a lattice. If a strand bends between its packets, its spans are short
+enough for the bend.
 
-Where the thread is cut, χ has a knot of multiplicity four: strands end there as at the thread's own ends, and nothing
-goes across.
+At a cut of the thread, χ has a knot of multiplicity four. Strands end there as at the thread's own ends, and no
+function crosses the cut.
 """
 
 from collections.abc import Sequence
@@ -24,23 +26,26 @@ from thread.errors import ThreadError
 from thread.spline import DEGREE, ORDERS, Spline
 
 GROWTH = 1.7  # ratio of neighbouring spans
-FAR = 5.0  # √(EI/T) to which a packet reaches: e^−5 of the bend is left there
+FAR = 5.0  # reach of a packet in √(EI/T): the bend has decayed to e^−5 there
 FIRST = 0.5  # of √(EI/T): the span next to a hole
-SLOPE = (GROWTH - 1.0) / GROWTH**0.5  # by which spans grow with the distance from shorter ones
-TURN = 0.35  # rad, by which the thread turns in a span between packets at most, as they are made
-TURNED, FLAT = 1.8, 0.25  # times that: spans are made anew where they turn further, or all of a strand by less
-COARSE, FINE = 1.3, 0.4  # times that: a packet that begins with a longer or a shorter span is made anew
-GROWN = 1.5  # ratio by which the spans between two packets may grow or shrink
-RIGID = 2  # spans at least that move rigidly with a hole: control values at it then depend on its abscissa alone
-SHARE = 0.3  # of a strand that the packet of one of its ends takes at most
-EQUAL = 1e-9  # of lengths: so much more or less is round-off, and decides on no number of spans
-END = -1  # in place of a hole: an end of the thread, or of one of its pieces
+SLOPE = (GROWTH - 1.0) / GROWTH**0.5  # growth of spans with the distance from shorter spans
+TURN = 0.35  # rad, largest turn of the thread in a span between packets, when the spans are made
+TURNED, FLAT = 1.8, 0.25  # times TURN: spans are made anew if one turns further, or if all of a strand turn by less
+COARSE, FINE = 1.3, 0.4  # times the wanted first span: a packet with a longer or a shorter first span is made anew
+GROWN = 1.5  # largest ratio by which the spans between two packets can grow or shrink
+RIGID = 2  # least number of spans that move rigidly with a hole: its control values then depend only on its abscissa
+SHARE = 0.3  # of a strand: largest share of one packet
+EQUAL = 1e-9  # of lengths: a smaller difference is round-off and does not change a number of spans
+END = -1  # instead of a hole: an end of the thread or of a piece
 
 
 @dataclass(frozen=True)
 class Hold:
-    """A hole as the knots see it: its number among the holds, abscissa `s` [m], whether it imposes a direction, and the
-    length `first` [m] of the span next to it."""
+    """A hole in the description of the knots.
+
+    Its `number` among the holds, abscissa `s` [m], whether it imposes a direction, and the length `first` [m] of
+    the span next to it.
+    """
 
     number: int
     s: float
@@ -50,13 +55,13 @@ class Hold:
 
 @dataclass(frozen=True)
 class Bends:
-    """Where a thread bends: `spans` (k,) [m] that it asks for at the abscissae `at` (k,) [m]."""
+    """Bends of a thread: the lengths `spans` (k,) [m] that they need at the abscissae `at` (k,) [m]."""
 
     at: Array
     spans: Array
 
     def between(self, low: float, high: float) -> "Bends":
-        """Return those between two abscissae, counted from the first."""
+        """Return the bends between two abscissae, with abscissae counted from `low`."""
         inside = (self.at > low) & (self.at < high)
         return Bends(self.at[inside] - low, self.spans[inside])
 
@@ -65,21 +70,28 @@ STRAIGHT = Bends(np.zeros(0), np.zeros(0))
 
 
 def bends_of(at: Array, curvature: Array, scale: float) -> Bends:
-    """Return the bends of a thread with a `curvature` (k,) [1/m] at the abscissae `at` (k,) [m], by TURN times `scale`
-    a span."""
+    """Return the bends of a thread with a `curvature` (k,) [1/m] at the abscissae `at` (k,) [m].
+
+    A span turns by TURN times `scale`.
+    """
     bent = curvature > 0.0
     return Bends(at[bent], TURN * scale / curvature[bent])
 
 
 @dataclass(frozen=True)
 class Travel:
-    """How knots travel: `knots` χ, S_i = `a` (n,) [m] + `b` (n, m) s; the break at which each hold stands, `at` (m,),
-    and the holds at both ends of the strand of each span, `between` (spans, 2), END for an end of a piece of the
-    thread, whose abscissa is in `limits` (spans, 2) [m], which is zero at a hold. As it was made: the numbers of the
-    `holds` (k,), the spans next to every hold, `first` (m,) [m], and of each strand the length of its packets, `rigid`,
-    and of the `middle` between them [m], and whether its spans are shorter than they would be were it straight, `bent`;
-    the `strand` in whose middle each control point is, −1 for those of packets, (n,); and what it was made for: spans
-    no `longest` [m], and FIRST √(EI/T) and TURN times `scale`."""
+    """The travel of knots: `knots` χ, and S_i = `a` (n,) [m] + `b` (n, m) s.
+
+    `at` (m,) is the break of each hold. `between` (spans, 2) are the holds at both ends of the strand of each span,
+    END for an end of a piece of the thread. `limits` (spans, 2) [m] has the abscissa of this end, and zero for a
+    hold.
+
+    The other fields describe how the travel was made. `holds` (k,) are the numbers of the holds, and `first` (m,)
+    [m] the spans next to every hold. For each strand, `rigid` [m] is the length of its packets, and `middle` [m]
+    the length between them. `bent` says whether bends made its spans shorter. `strand` (n,) is the strand whose
+    middle contains each control point, −1 for control points of packets. Spans are not longer than `longest` [m];
+    FIRST √(EI/T) and TURN were multiplied by `scale`.
+    """
 
     knots: Array
     a: Array
@@ -97,12 +109,12 @@ class Travel:
     scale: float
 
     def is_like(self, other: "Travel") -> bool:
-        """Return whether knots are the same and travel alike."""
+        """Return whether both have the same knots with the same travel."""
         same = self.knots.size == other.knots.size and self.b.shape == other.b.shape
         return self is other or bool(same and (self.a == other.a).all() and (self.b == other.b).all())
 
     def wanted(self, layers: Array) -> Array:
-        """Return the spans next to holes that bend over `layers` (m,) [m], shape `(m,)` [m]."""
+        """Return the wanted spans next to holes with boundary layers `layers` (m,) [m], shape `(m,)` [m]."""
         return np.minimum(FIRST * self.scale * layers, self.longest)
 
     def first_of_strands(self) -> Indices:
@@ -115,7 +127,7 @@ class Travel:
         return np.searchsorted(self.first_of_strands(), np.arange(len(self.between)), side="right") - 1
 
     def between_packets(self, s: Array) -> Array:
-        """Return how long the middles of the strands are with holds at `s` (m,) [m], shape `(strands,)` [m]."""
+        """Return the lengths of the middles of the strands with holds at `s` (m,) [m], shape `(strands,)` [m]."""
         first = self.first_of_strands()
         holds = self.between[first]
         ends = np.where(holds == END, self.limits[first], np.append(s, 0.0)[holds])
@@ -128,9 +140,13 @@ class Travel:
 
 @dataclass(frozen=True)
 class Strand:
-    """The spans between two neighbouring holds: the material knots behind the first are `constant` [m] + (1 −
-    `share`) s_left + `share` s_right, shape `(spans,)` each, the last of them the second hold itself; its packets are
-    `rigid` [m] together, it is `bent` between them, and the knots numbered `middle` are in there."""
+    """The spans between two neighbouring holes.
+
+    The material knots after the first hole are `constant` [m] + (1 − `share`) s_left + `share` s_right, shape
+    `(spans,)` each. The last one is the second hole. Its packets have the length `rigid` [m] together. `bent` says
+    whether bends made the spans between the packets shorter. `middle` are the numbers of the knots between the
+    packets.
+    """
 
     constant: Array
     share: Array
@@ -140,8 +156,11 @@ class Strand:
 
 
 def widths(first: float, longest: float, length: float) -> Array:
-    """Return the spans of a packet [m], from the hole on: geometric from `first` [m], none longer than `longest` [m],
-    to FAR times twice the first, in a strand of a `length` [m]."""
+    """Return the spans of a packet [m], from the hole on, in a strand of a `length` [m].
+
+    They grow geometrically from `first` [m], are not longer than `longest` [m], and end at FAR times twice the
+    first.
+    """
     first = min(first, longest, SHARE * length / (1.0 + GROWTH))
     spans = np.minimum(first * GROWTH ** np.arange(64), longest)
     reach = np.cumsum(spans)
@@ -151,9 +170,12 @@ def widths(first: float, longest: float, length: float) -> Array:
 
 
 def strand_of(length: float, longest: float, left: float | None, right: float | None, bends: Bends) -> Strand:
-    """Return the spans of a strand of a `length` [m], none longer than `longest` [m] as it is: packets that begin with
-    spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet, and between them spans
-    as short as the `bends` ask for, whose abscissae are counted from the strand's beginning."""
+    """Return the spans of a strand of a `length` [m], not longer than `longest` [m].
+
+    Packets begin with spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet.
+    The spans between the packets are as short as the `bends` need. The abscissae of the bends are counted from the
+    start of the strand.
+    """
     one, other = (np.zeros(0) if first is None else widths(first, longest, length) for first in (left, right))
     middle = length - one.sum() - other.sum()
     x = np.linspace(0.0, middle, 2001)
@@ -176,8 +198,11 @@ def strand_of(length: float, longest: float, left: float | None, right: float | 
 
 
 def divided(x: Array, wanted: Array, least: int) -> tuple[int, Array]:
-    """Return how many spans, `least` of them at least, are as long as is `wanted` (k,) [m] along `x` (k,) [m], and
-    where they end, `(spans,)` [m]."""
+    """Return the number of spans, at least `least`, with the lengths `wanted` (k,) [m] along `x` (k,) [m], and
+    their ends.
+
+    The ends have shape `(spans,)` [m].
+    """
     count = np.concatenate([[0.0], np.cumsum(np.diff(x) * 2.0 / (wanted[1:] + wanted[:-1]))])
     spans = max(int(np.ceil(count[-1] - EQUAL)), least)
     return spans, np.interp(np.linspace(0.0, count[-1], spans + 1)[1:], count, x)
@@ -193,12 +218,13 @@ def travelling(
     cuts: Sequence[float] = (),
     bends: Bends = STRAIGHT,
 ) -> Travel:
-    """Return how the knots of a thread of a rest `length` [m], cut at the abscissae `cuts` [m], travel with its
-    `holds`, which are `total` with those that it is not in. Spans are no longer than `longest` [m]; those next to an
-    end of the thread are as long as `ends` says [m], None where nothing bends the thread there; `scale` is what the
-    packets are made for (`Travel`); between them spans are as short as the `bends` ask for.
+    """Return the travel of the knots of a thread of a rest `length` [m], cut at the abscissae `cuts` [m].
 
-    Raises `ThreadError` where two holds are at one abscissa, or one at an end or at a cut.
+    The knots travel with the `holds`; `total` also counts holds outside the thread. Spans are not longer than
+    `longest` [m]. Spans next to an end of the thread have the lengths `ends` [m], None if no bend is expected
+    there. `scale` is the scale of the packets (`Travel`). Spans between packets are as short as the `bends` need.
+
+    Raises `ThreadError` if two holds are at one abscissa, or if a hold is at an end or at a cut.
     """
     first_at: dict[float, float | None] = {0.0: ends[0], length: ends[1]}
     stops: list[tuple[float, Hold | None]] = [(at, None) for at in (0.0, *cuts, length)]
@@ -206,9 +232,9 @@ def travelling(
     places = np.array([at for at, _ in stops])
     if np.any(np.diff(places) <= 1e-9 * length):
         raise ThreadError("holes: two are at one abscissa, or one at an end or a cut of the thread; put them apart")
-    room = SHARE / (1.0 + GROWTH) * np.diff(places)  # for the first span of a packet of RIGID ones
+    room = SHARE / (1.0 + GROWTH) * np.diff(places)  # for the first span of a packet of RIGID spans
     nearest = zip(stops[1:-1], np.minimum(room[:-1], room[1:]).tolist(), strict=True)
-    # The same on both sides of a hole: else S at its knot would be another abscissa than the hole's.
+    # The first spans are equal on both sides of a hole. Otherwise S at its knot would not be the hole's abscissa.
     alike = {at: min(hold.first, longest, most) for (at, hold), most in nearest if hold}
     rows, between, limits, breaks = [np.zeros(total + 1)], [], [], [0] * ORDERS
     at, rigid, bent = np.zeros(total, dtype=np.intp), np.zeros(len(places) - 1), np.zeros(len(places) - 1, dtype=bool)
@@ -239,7 +265,7 @@ def travelling(
     S = (material[1:-3] + material[2:-2] + material[3:-1]) / DEGREE
     knots = np.array(breaks, dtype=np.float64)
     for cut, after in zip(cuts, Spline(knots).piece_starts[1:], strict=True):
-        S[after - 1 : after + 1, -1] = cut  # to the last bit
+        S[after - 1 : after + 1, -1] = cut  # exactly
     numbers, first = np.array([hold.number for hold in holds], dtype=np.intp), np.zeros(total)
     first[numbers] = [hold.first for hold in holds]
     return Travel(

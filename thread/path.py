@@ -1,4 +1,4 @@
-"""The path a thread is laid along at the start: straight pieces joined by tangent circular arcs."""
+"""The path of a thread at the start: straight pieces joined by tangent circular arcs."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from thread.arrays import Array
 from thread.errors import ThreadError
 
-# Each corner takes this part of the shorter of its two segments when no radius is given: a choice between a
-# gentle bend and a path that stays near its corner, where a piercing often is.
+# Without a radius, each corner takes this part of the shorter of its two segments. It is a compromise between a
+# gentle bend and a path near the corner, where a piercing often is.
 TRIM = 0.25
-# The largest part of a segment one corner may take: just under a half, so that two neighbours leave a
-# straight piece.
+# The largest part of a segment that one corner takes: just under a half, so that a straight piece remains between
+# two corners.
 TRIM_MAX = 0.49
-# Turns below this are round-off, and within it of 180° a reversal, which no arc can round [rad].
+# A smaller turn is round-off. A turn that differs less from 180° is a reversal, which no arc can round [rad].
 ANGLE = 1e-7
 # Distances that differ by less than this part of the path's length are a tie.
 TIE = 1e-12
@@ -72,9 +72,9 @@ class RoundedPath:
     def passes(self, point: ArrayLike) -> tuple[Array, Array]:
         """Return every local minimum of the distance to a point, shape `(3,)` [m].
 
-        The minima are abscissae in rising order and distances, shapes `(m,)` [m]. A thread that passes a place
-        twice has two. Of an arc about the point only the ends count. Raises `ThreadError` for a point that is
-        not three finite coordinates.
+        The minima are abscissae in increasing order and distances, shapes `(m,)` [m]. A thread that passes a place
+        twice has two minima. On an arc about the point only the ends count. Raises `ThreadError` for a point that
+        is not three finite coordinates.
         """
         x = np.asarray(point, dtype=float)
         if x.shape != (3,) or not np.isfinite(x).all():
@@ -97,11 +97,12 @@ class RoundedPath:
         return k, np.clip(s - self.starts[k], 0.0, self.lengths[k])
 
     def _candidates_in_pieces(self, x: Array) -> Array:
-        """Return the distance from the beginning of each piece to the only candidate for nearest to x, shape `(k,)`.
+        """Return the distance from the beginning of each piece to its only candidate for the nearest point to x,
+        shape `(k,)`.
 
-        On an arc the candidate lies in the direction of x from the centre. Where this direction misses the arc
-        no point of the arc is a minimum, for a straight piece continues from either end. From the centre itself
-        all points are equally far, and the first is returned.
+        On an arc the candidate lies in the direction of x from the centre. If this direction misses the arc, no
+        point of the arc is a minimum, because a straight piece continues from either end. All points of the arc
+        have the same distance from the centre; for x at the centre the first point is returned.
         """
         along = np.sum((x - self.origins) * self.tangents, axis=1)
         cosine = 1 - self.curvatures * np.sum((x - self.origins) * self.normals, axis=1)
@@ -112,7 +113,7 @@ class RoundedPath:
         return np.asarray(np.clip(np.where(straight, along, on_arc), 0.0, self.lengths))
 
     def _is_minimum(self, at: Array, x: Array) -> NDArray[np.bool_]:
-        """Return whether the distance to x falls neither forward nor backward of each abscissa, shape `(k,)`.
+        """Return whether the distance to x decreases neither forward nor backward from each abscissa, shape `(k,)`.
 
         Half the squared distance has the slope (P − x)·P' along the path.
         """
@@ -126,12 +127,12 @@ class RoundedPath:
 def rounded_path(points: ArrayLike, radius: float | None = None) -> RoundedPath:
     """Return the path through points, shape `(m, 3)` [m], m ≥ 2, its corners rounded by arcs of `radius` [m].
 
-    Each arc is tangent to both segments of its corner. A corner shortens neither of its segments by more than
-    0.49 of the shorter: where `radius` would, the arc is smaller. A radius of None gives every corner a quarter
-    of its shorter segment.
+    Each arc is tangent to both segments of its corner. A corner takes at most 0.49 of the shorter segment; if
+    `radius` would take more, the arc is smaller. With a radius of None every corner takes a quarter of its shorter
+    segment.
 
-    Raises `ThreadError` for fewer than two points, values not finite, equal points in a row, a reversal, a
-    radius not positive.
+    Raises `ThreadError` for fewer than two points, values that are not finite, equal consecutive points, a
+    reversal, and a radius that is not positive.
     """
     vertices = _vertices(points)
     steps = np.diff(vertices, axis=0)
@@ -196,7 +197,7 @@ def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
 
 
 def _pieces(vertices: Array, directions: Array, lengths: Array, turns: Array, trims: Array) -> RoundedPath:
-    """Return the straight pieces and the arcs in their order; a corner without a turn has no arc."""
+    """Return the straight pieces and the arcs in order; a corner without a turn has no arc."""
     before, after = np.r_[0.0, trims], np.r_[trims, 0.0]
     corner = np.flatnonzero(turns > 0)
     bend = directions[1:][corner] - np.cos(turns[corner])[:, None] * directions[:-1][corner]

@@ -1,6 +1,7 @@
-"""The spline of (P, S) of a thread whose knots travel with its holes (`thread.packets`), at one place of the holes.
+"""The spline of (P, S) of a thread whose knots travel with its holes (`thread.packets`), at given abscissae of the
+holes.
 
-Its functions are those of the knots χ, and their derivatives by the rest abscissa S follow from the chain rule:
+Its functions are the functions of the knots χ. Their derivatives by the rest abscissa S follow from the chain rule:
 
     P_S = P'/S',   P_SS = (P'' − P_S S'')/S'²,   P_SSS = (P''' − 3 P_SS S' S'' − P_S S''')/S'³
 """
@@ -16,14 +17,17 @@ from thread.errors import ThreadError
 from thread.packets import Hold, Travel, travelling
 from thread.spline import ORDERS, Spline
 
-NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that holds it
+NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that contains it
 
 
 @dataclass(frozen=True)
 class Placed(Spline):
-    """A spline of (P, S): `knots` are χ, `places` (n,) [m] the control values of S, which rise, and are the same on
-    both sides of a cut; `travel` says how they move with the holes. Abscissae are S everywhere, as of any other spline.
-    Raises `ThreadError`."""
+    """A spline of (P, S) on knots χ, with the methods of `Spline`.
+
+    `knots` are χ. `places` (n,) [m] are the control values of S; they increase, and are equal on both sides of a
+    cut. `travel` says how they move with the holes. All abscissae are S, as in any other spline. Raises
+    `ThreadError` if the control values do not increase.
+    """
 
     places: Array
     travel: Travel
@@ -31,14 +35,14 @@ class Placed(Spline):
     def __post_init__(self) -> None:
         super().__post_init__()
         rise = np.diff(self.places)
-        rise[self.piece_starts[1:] - 1] += 1.0  # over a cut
+        rise[self.piece_starts[1:] - 1] += 1.0  # across a cut
         if not np.all(rise > 0.0):
-            raise ThreadError("knots: two holes are so near to one another that no thread is left between their knots")
+            raise ThreadError("knots: two holes are too close, no thread remains between their knots; put them apart")
 
     def moved(self, s: Array) -> "Placed":
         """Return the spline with its holes at `s` (m,) [m]."""
         placed = Placed(self.knots, self.travel.places(s), self.travel)
-        placed.__dict__["chi"] = self.chi  # whose functions do not move
+        placed.__dict__["chi"] = self.chi  # its functions do not change
         return placed
 
     @cached_property
@@ -58,7 +62,7 @@ class Placed(Spline):
 
     @cached_property
     def cuts(self) -> Array:
-        """Abscissae where the curve is cut, shape `(pieces − 1,)` [m]."""
+        """Abscissae of the cuts of the curve, shape `(pieces − 1,)` [m]."""
         return self.places[self.piece_starts[1:]]
 
     @property
@@ -75,12 +79,12 @@ class Placed(Spline):
 
     @cached_property
     def first(self) -> Indices:
-        """Index of the first of the four functions living on each span, shape `(spans,)`."""
+        """Index of the first of the four functions on each span, shape `(spans,)`."""
         return self.chi.first
 
     @cached_property
     def polynomials(self) -> Array:
-        """Local power coefficients in χ, as of `Spline`."""
+        """Local power coefficients in χ, as in `Spline`."""
         return self.chi.polynomials
 
     @cached_property
@@ -93,8 +97,10 @@ class Placed(Spline):
         return self.chi.through(values)
 
     def evaluate(self, parameter: Array, span: Indices | None = None) -> tuple[Array, Array, Array]:
-        """Return abscissae (m,) [m], S' (m,) [m] and the functions as of `basis`, `(m, 4, 4)`, at χ (m,) on the spans
-        (m,), None: those that hold them."""
+        """Return abscissae (m,) [m], S' (m,) [m] and the functions `(m, 4, 4)` as in `basis`, at parameters χ (m,).
+
+        `span` (m,) are the spans of the parameters; None: the spans that contain them.
+        """
         span = self.chi.spans_of(parameter) if span is None else span
         b = self.chi.basis_on(span, parameter)
         S, S1, S2, S3 = np.einsum("mki,mi->km", b, self.places[self.first[span][:, None] + np.arange(ORDERS)])
@@ -106,7 +112,10 @@ class Placed(Spline):
         return S, S1, by_S
 
     def parameter(self, s: Array, span: Indices | None = None) -> Array:
-        """Return χ of abscissae `s` (m,) [m], by Newton's method on the spans (m,), None: those that hold them."""
+        """Return χ of abscissae `s` (m,) [m], by Newton's method.
+
+        `span` (m,) are the spans of the abscissae; None: the spans that contain them.
+        """
         span = self.spans_of(s) if span is None else span
         low, high = self.chi.breaks[span], self.chi.breaks[span + 1]
         share = (s - self.breaks[span]) / (self.breaks[span + 1] - self.breaks[span])
@@ -119,15 +128,18 @@ class Placed(Spline):
         return np.asarray(chi)
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
-        """Evaluate the functions and their derivatives by S at abscissae `s`, as of `Spline`."""
+        """Return the functions and their derivatives by S at abscissae `s`, as in `Spline`."""
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
         return self.first[span], self.evaluate(self.parameter(s, span), span)[2]
 
 
 def through_holes(length: float, s: Array, directed: bool, longest: float) -> Placed:
-    """Return the spline of a slack thread of a rest `length` [m] whose knots travel with holes at `s` (m,) [m], all
-    `directed` or none: no span is longer than `longest` [m], and none much shorter before the thread bends."""
+    """Return the spline of a slack thread of a rest `length` [m] whose knots travel with holes at `s` (m,) [m].
+
+    All holes are `directed`, or none. No span is longer than `longest` [m], and no span is much shorter before the
+    thread bends.
+    """
     holds = [Hold(k, at, directed, longest) for k, at in enumerate(s.tolist())]
     travel = travelling(length, holds, len(holds), longest, (None, None))
     return Placed(travel.knots, travel.places(s), travel)

@@ -1,4 +1,4 @@
-"""A thread whose knots travel, as the kernels read it (`thread.kernels.travel`)."""
+"""A thread with travelling knots, in the form of the kernels (`thread.kernels.travel`)."""
 
 from collections.abc import Sequence
 
@@ -26,22 +26,25 @@ LOCAL = np.arange(ORDERS)
 
 
 def plain(x: Array) -> Array:
-    """Return an array as the kernels want it, in the order of C."""
+    """Return an array in the form of the kernels, in C order."""
     return np.ascontiguousarray(x, dtype=float)
 
 
 def rates_of(spline: Placed, b: Array) -> Array:
-    """Return the rates of Σ b_i S_i, `b` (spans, g, 4), by the abscissae of the holds at both ends of the strand, shape
-    `(spans, g, 2)`, zero for an end of the thread."""
+    """Return the rates of Σ b_i S_i by the abscissae of the holds at both ends of the strand, shape
+    `(spans, g, 2)`.
+
+    `b` has shape (spans, g, 4). The rate is zero for an end of the thread.
+    """
     travel, local = spline.travel, spline.first[:, None] + LOCAL
-    moves, out = np.pad(travel.b, ((0, 0), (0, 1))), np.zeros((*b.shape[:2], 2))  # the last column is that of END
+    moves, out = np.pad(travel.b, ((0, 0), (0, 1))), np.zeros((*b.shape[:2], 2))  # the last column is for END
     for side in range(2):
         out[:, :, side] = np.einsum("egi,ei->eg", b, moves[local, travel.between[:, side, None]])
     return out
 
 
 def ride_of(thread: Thread, gravity: Array) -> Ride:
-    """Return how the knots of a thread travel under `gravity` (3,) [m/s²], or (spans, 3) of each span."""
+    """Return the travel of a thread's knots under `gravity` (3,) [m/s²], or (spans, 3) with one vector per span."""
     spline = thread.spline
     if not isinstance(spline, Placed):
         return standing(thread)
@@ -80,7 +83,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
 
 
 def standing(thread: Thread) -> Ride:
-    """Return what the kernels read of a thread whose knots stand still: nothing."""
+    """Return the empty `Ride` of a thread with fixed knots."""
     none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     return Ride(
         False, none, plane, np.zeros((0, 2), np.int64), plane, block, block, plane, block, block, block, plane, block,
@@ -90,7 +93,7 @@ def standing(thread: Thread) -> Ride:
 
 
 def field_of(spline: Spline, c: Array) -> Field:
-    """Return an earlier curve with control values `c` (n, 3) [m] on its own spline."""
+    """Return the field of an earlier curve with control values `c` (n, 3) [m] on its own spline."""
     knots = plain(spline.parameters)
     S = spline.places if isinstance(spline, Placed) else spline.greville
     return Field(
@@ -99,8 +102,11 @@ def field_of(spline: Spline, c: Array) -> Field:
 
 
 def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
-    """Return the control values (n, c) on a thread's knots of the sum of `curves`, splines with control values (n', c),
-    by least squares weighted with the thread's mass: its momentum and its moment are those of the sum."""
+    """Return the control values (n, c) of the sum of `curves`, approximated on a thread's knots.
+
+    `curves` are splines with control values (n', c). The approximation is by least squares, weighted with the
+    thread's mass, and preserves the momentum and the moment of momentum of the sum.
+    """
     rule = gauss_rule(thread.spline, MASS_POINTS)
     where, total = rule.s.ravel(), 0.0
     ends = np.zeros((2, curves[0][1].shape[1]))
@@ -119,9 +125,11 @@ def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
 
 
 def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Array, Array]:
-    """Return the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives by the abscissae of the holes of the
-    potential of the weight and of the elastic energy, shape `(m,)` [N] each, of a thread whose knots travel; `gravity`
-    as for `ride_of`."""
+    """Return derivatives of the weight's potential and of the elastic energy of a thread with travelling knots.
+
+    The results are the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives of the weight's potential and
+    of the elastic energy by the abscissae of the holes, shape `(m,)` [N] each. `gravity` is as for `ride_of`.
+    """
     spline, ride = thread.spline, ride_of(thread, gravity)
     assert isinstance(spline, Placed) and isinstance(thread.axial, Continuous)
     weight, elastic = empty_ridden(spline), empty_ridden(spline)
@@ -135,7 +143,7 @@ def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Ar
 
 
 def empty_ridden(spline: Placed) -> Ridden:
-    """Return room for what the potential owes to the abscissae."""
+    """Return a `Ridden` with zero derivatives."""
     n, m = spline.travel.b.shape
     return Ridden(plain(spline.places), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
 
@@ -143,9 +151,12 @@ def empty_ridden(spline: Placed) -> Ridden:
 def ride(
     thread: Thread, how: Ride, fields: tuple[Field, Field], factor: float, q: Array, N: Array
 ) -> tuple[Array, Ridden]:
-    """Return inertia of the `factor` [1/s²] from earlier curves, with weight, shape `(n, c)` [N], and what the
-    potential owes to the abscissae, of a thread whose knots travel as `how` says, at control values `q` (n, c) under
-    the axial forces `N` (spans, a) [N]."""
+    """Return the forces of inertia and weight, shape `(n, c)` [N], and the derivatives by the abscissae of the
+    holes.
+
+    Inertia is `factor` [1/s²] times mass times the distance from the earlier curves `fields`. The knots travel by
+    `how`. The thread has control values `q` (n, c) and axial forces `N` (spans, a) [N].
+    """
     assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
     out, F, place = empty_ridden(thread.spline), np.zeros((thread.n, 3)), plain(q[:, :3])
     curve, at = thread.axial.curve, thread.axial.evaluate(place)
@@ -156,8 +167,10 @@ def ride(
 
 
 def with_tie(thread: Thread, how: Ride, q: Array, tie: float, ridden: Ridden) -> Ridden:
-    """Return what a potential owes to the abscissae with that of a tie besides, ½ tie ∫ρA |P(S) − P₀(S)|² dS, where the
-    thread is at P₀, its control values `q` (n, c) [m]; `tie` [1/s²]."""
+    """Return the derivatives by the abscissae with the additional potential ½ tie ∫ρA |P(S) − P₀(S)|² dS.
+
+    P₀ is the present curve with control values `q` (n, c) [m], and `tie` has the unit [1/s²].
+    """
     assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
     out, place = empty_ridden(thread.spline), plain(q[:, :3])
     here, none = field_of(thread.spline, place), field_of(thread.spline, np.zeros((thread.n, 3)))
@@ -167,15 +180,18 @@ def with_tie(thread: Thread, how: Ride, q: Array, tie: float, ridden: Ridden) ->
 
 
 def carried(spline: Placed, how: Ride, q: Array, rates: Array, dt: float) -> Array:
-    """Return how control values `q` (n, c) [m] move in `dt` [s] with holes that run at `rates` (m,) [m/s] along a
-    thread that stays where it is, shape `(n, c)` [m]."""
+    """Return the motion of control values `q` (n, c) [m] in `dt` [s] due to moving holes, shape `(n, c)` [m].
+
+    The holes move at `rates` (m,) [m/s] along a thread at rest.
+    """
     out = np.zeros((len(q), 3))
     carried_of(how, plain(spline.places), plain(q[:, :3]), plain(rates), float(dt), out)
     return np.pad(out, ((0, 0), (0, q.shape[1] - 3)))
 
 
 def with_riding_force(thread: Thread, how: Ride, points: Points, dz: Array, N: Array) -> Array:
-    """Return axial forces `N` (spans, a) [N] with what holes that move by the first column of `dz` (m, …) change."""
+    """Return axial forces `N` (spans, a) [N] including the change due to holes that move by the first column of
+    `dz` (m, …)."""
     assert isinstance(thread.axial, Continuous)
     N = plain(N.copy())
     riding_force_of(thread.axial.curve, how, points.at[0], np.ascontiguousarray(dz), N)

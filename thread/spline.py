@@ -11,10 +11,10 @@ from thread.arrays import Array, Indices
 from thread.errors import ThreadError
 
 DEGREE = 3
-ORDERS = 4  # b, b', b'', b''' : everything a cubic has
+ORDERS = 4  # b, b', b'', b''': all derivatives of a cubic
 
-# d^k/dx^k x^r = FALLING[k, r] x^(r-k); POWER holds the exponent where the factor is not zero.
-AT_A_TIME = 256  # spans on which all functions are evaluated together: on all of 5000 at once they fill a gigabyte
+# d^k/dx^k x^r = FALLING[k, r] x^(r-k); POWER is the exponent if the factor is not zero.
+AT_A_TIME = 256  # spans on which all functions are evaluated together: 5000 spans would need a gigabyte
 _R = np.arange(ORDERS)
 FALLING = np.array([[float(np.prod(np.arange(r - k + 1, r + 1))) if r >= k else 0.0 for r in _R] for k in _R])
 POWER = np.maximum(_R[None, :] - _R[:, None], 0)
@@ -24,9 +24,10 @@ POWER = np.maximum(_R[None, :] - _R[:, None], 0)
 class Spline:
     """A clamped cubic B-spline basis on a non-decreasing knot sequence.
 
-    `knots`: shape `(n + 4,)` [m of rest arc length], the first and the last four equal. Interior knots may be
-    double (C¹), triple (C⁰) or fourfold: there the curve is cut, no function lives on both sides, and every matrix
-    over the control points falls into blocks. Raises `ThreadError` for knots that are not such a sequence.
+    `knots`: shape `(n + 4,)` [m of rest arc length], the first four equal and the last four equal. Interior knots
+    can be double (C¹), triple (C⁰) or fourfold. At a fourfold knot the curve is cut: no function is non-zero on
+    both sides, and every matrix over the control points is block diagonal. Raises `ThreadError` for knots that are
+    not a sequence of this kind.
     """
 
     knots: Array
@@ -36,11 +37,11 @@ class Spline:
         if knots.ndim != 1 or knots.size < 2 * ORDERS or not np.all(np.isfinite(knots)):
             raise ThreadError(f"knots: shape {knots.shape}; allowed are at least 8 finite numbers in one row")
         if np.any(np.diff(knots) < 0) or knots[0] == knots[-1]:
-            raise ThreadError("knots: not in rising order; sort them")
+            raise ThreadError("knots: not in increasing order; sort them")
         if np.any(knots[:ORDERS] != knots[0]) or np.any(knots[-ORDERS:] != knots[-1]):
             raise ThreadError("knots: the spline is not clamped; repeat the first and the last knot four times")
         if np.any(knots[ORDERS:] <= knots[:-ORDERS]):
-            raise ThreadError("knots: a knot stands more than four times; four of them cut the curve already")
+            raise ThreadError("knots: a knot is repeated more than four times; four times already cut the curve")
 
     @property
     def n(self) -> int:
@@ -64,17 +65,17 @@ class Spline:
 
     @cached_property
     def interior(self) -> Array:
-        """Ends of the spans but the first and the last, shape `(spans − 1,)` [m]."""
+        """Ends of the spans except the first and the last, shape `(spans − 1,)` [m]."""
         return self.breaks[1:-1]
 
     @cached_property
     def cuts(self) -> Array:
-        """Abscissae where the curve is cut, shape `(pieces − 1,)` [m]."""
+        """Abscissae of the cuts of the curve, shape `(pieces − 1,)` [m]."""
         return self.knots[self.piece_starts[1:]]
 
     @property
     def pieces(self) -> int:
-        """Number of curves, one more than the cuts."""
+        """Number of pieces, one more than the number of cuts."""
         return self.cuts.size + 1
 
     @cached_property
@@ -95,31 +96,34 @@ class Spline:
 
     @cached_property
     def home(self) -> Array:
-        """An abscissa in the middle of the piece that each control point is of, shape `(n,)` [m]."""
+        """An abscissa in the middle of the piece of each control point, shape `(n,)` [m]."""
         return np.repeat(0.5 * (self.piece_ends[:-1] + self.piece_ends[1:]), self.piece_points)
 
     def piece_of(self, s: ArrayLike) -> Indices:
-        """Return the index of the piece that holds each abscissa; at a cut the one that begins there."""
+        """Return the index of the piece that contains each abscissa; at a cut the piece that begins there."""
         return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
 
     def has_left(self, s: Array, home: Array) -> NDArray[np.bool_]:
-        """Return whether abscissae `s` lie beyond the ends of the pieces that hold the abscissae `home`."""
+        """Return whether abscissae `s` lie outside the pieces that contain the abscissae `home`."""
         piece = self.piece_of(home)
         return np.asarray((s < self.piece_ends[piece]) | (s > self.piece_ends[piece + 1]))
 
     @cached_property
     def first(self) -> Indices:
-        """Index of the first of the four functions living on each span, shape `(spans,)`."""
+        """Index of the first of the four functions on each span, shape `(spans,)`."""
         return np.searchsorted(self.knots, self.breaks[:-1], side="right") - ORDERS
 
     @property
     def parameters(self) -> Array:
-        """Ends of the spans in the parameter of the knots, here the abscissa itself, shape `(spans + 1,)`."""
+        """Ends of the spans in the parameter of the knots, here the abscissa, shape `(spans + 1,)`."""
         return self.breaks
 
     def evaluate(self, parameter: Array, span: Indices) -> tuple[Array, Array, Array]:
-        """Return abscissae (m,) [m], their rates by the parameter (m,), and the functions as of `basis`, `(m, 4, 4)`,
-        at parameters (m,) on the spans (m,)."""
+        """Return abscissae (m,) [m], their rates by the parameter (m,), and the functions `(m, 4, 4)` as in
+        `basis`.
+
+        `parameter` (m,) are the parameters, and `span` (m,) their spans.
+        """
         return parameter, np.ones_like(parameter), self.basis_on(span, parameter)
 
     @cached_property
@@ -130,7 +134,7 @@ class Spline:
     def through(self, values: Array) -> Array:
         """Return the control values of the curve that has `values` (n, c) at the Greville abscissae."""
         low, high = self.piece_ends[:-1], self.piece_ends[1:]
-        # the mean of three ends may lie beyond them by round-off
+        # round-off can put the mean of three equal ends outside the piece
         at = np.clip(self.greville, np.repeat(low, self.piece_points), np.repeat(high, self.piece_points))
         each = zip(self.piece_starts, self.piece_points, strict=True)
         pieces = [
@@ -147,16 +151,17 @@ class Spline:
         return np.concatenate([self._polynomials_on(functions, part) for part in parts])
 
     def _polynomials_on(self, functions: BSpline, spans: Indices) -> Array:
-        """Expand the functions on some of the spans, of whose values most are zero."""
+        """Return the coefficients of the functions on some of the spans; most function values are zero there."""
         local = self.first[spans, None] + _R
         taylor = [functions(self.breaks[spans], nu=r) / FALLING[r, r] for r in range(ORDERS)]
         return np.array([np.take_along_axis(x, local, axis=1) for x in taylor]).swapaxes(0, 1)
 
     def spans_of(self, s: Array, home: Array | None = None) -> Indices:
-        """Return the index of the span that holds each abscissa; the outer spans hold abscissae beyond the ends.
+        """Return the index of the span that contains each abscissa; the outer spans include abscissae beyond the
+        ends.
 
-        `home` (m,) [m]: abscissae on the pieces that are meant, whose outer spans then hold what lies beyond
-        them; None means that each abscissa lies on its own piece.
+        `home` (m,) [m] are abscissae that identify the pieces. The outer spans of a piece then include abscissae
+        beyond its ends. None means that each abscissa lies on its own piece.
         """
         span = np.searchsorted(self.interior, s, side="right")
         if home is None or not self.cuts.size:
@@ -165,8 +170,10 @@ class Spline:
         return np.clip(span, ends[piece], ends[piece + 1] - 1)
 
     def folds(self, q: Array, s: Array) -> NDArray[np.bool_]:
-        """Tell in which spans a tangent of the curve with control points `q` (n, 3) turns by more than 90°, where none
-        of the abscissae `s` (m,) lies, shape `(spans,)`."""
+        """Return which spans without any of the abscissae `s` (m,) are folded, shape `(spans,)`.
+
+        In a folded span the tangent of the curve with control points `q` (n, 3) turns by more than 90°.
+        """
         ends = self.breaks[:-1], self.breaks[1:]
         before, after = (self.curve(q, place, home=0.5 * (ends[0] + ends[1]))[:, 1] for place in ends)
         folded = np.asarray(np.vecdot(before, after) < 0.0)
@@ -174,9 +181,11 @@ class Spline:
         return folded
 
     def interpolate(self, s: Array, home: Array, at: Array, at_home: Array, values: Array) -> Array:
-        """Interpolate `values` known at rising abscissae `at` at the abscissae `s`, each on its own piece of the curve.
+        """Return `values` from increasing abscissae `at`, interpolated at the abscissae `s`, each on its piece of
+        the curve.
 
-        `home` and `at_home` [m] name the pieces of `s` and of `at`, whose shapes they have; `values` have that of `at`.
+        `home` and `at_home` [m] identify the pieces of `s` and of `at` and have the shapes of `s` and of `at`.
+        `values` have the shape of `at`.
         """
         if self.pieces == 1:
             return np.interp(s, at.ravel(), values.ravel())
@@ -187,11 +196,11 @@ class Spline:
         return out
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
-        """Evaluate the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m], `home` as for
+        """Return the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m]; `home` as for
         `spans_of`.
 
-        Returns the index of the first function of each point, shape `(m,)`, and the values, shape `(m, 4, 4)`:
-        `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
+        The results are the index of the first function at each point, shape `(m,)`, and the values, shape
+        `(m, 4, 4)`: `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
         """
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
@@ -203,8 +212,7 @@ class Spline:
         return np.asarray(powers @ self.polynomials[span])
 
     def curve(self, q: Array, s: ArrayLike, home: Array | None = None) -> Array:
-        """Evaluate P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for
-        `spans_of`.
-        """
+        """Return P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for
+        `spans_of`."""
         first, b = self.basis(s, home)
         return np.asarray(b @ q[first[:, None] + _R])

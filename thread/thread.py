@@ -39,15 +39,15 @@ from thread.relaxation import POINTS, Memory, Series
 from thread.spline import Spline
 
 LOCAL = 4  # functions of a cubic on one span
-POSITION = 3  # coordinates of a place
+POSITION = 3  # coordinates of a position
 
 MASS_POINTS = 4  # exact for the product of two cubics
 BENDING_POINTS = 2
-OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural")  # parts that depend on it
+OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural")  # cached parts that depend on the memory
 
 
 class CrossSection(Protocol):
-    """The properties of a section that a thread reads; `thread.catalogue.Section` has them."""
+    """The properties of a section that a thread uses; `thread.catalogue.Section` has them."""
 
     @property
     def diameter(self) -> float:
@@ -75,10 +75,12 @@ class CrossSection(Protocol):
 
 
 def axial_points(spline: Spline) -> tuple[Array, Array]:
-    """Return the parameters of the points of the stretch, two a span, shape `(spans, 2)`, and which of them count:
-    where a span has one point, the second is the same. A span has two if it is the first or the last of its piece, if
-    it begins at a repeated knot or if it ends at a triple one: its Gauss points or, where knots travel, its middle and
-    that end."""
+    """Return the parameters of the points of stretch, two per span, shape `(spans, 2)`, and which of them count.
+
+    If a span has only one point, the second is the same and does not count. A span has two points if it is the
+    first or the last of its piece, if it begins at a repeated knot or if it ends at a triple one. These are its
+    Gauss points or, with travelling knots, its middle and this end.
+    """
     breaks, repeats = np.unique(spline.knots, return_counts=True)
     left, right = breaks[:-1, None], breaks[1:, None]
     two = ((repeats[:-1] > 1) | (repeats[1:] >= LOCAL - 1))[:, None]
@@ -93,8 +95,11 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
 
 
 def hole_rule(spline: Spline) -> GaussRule:
-    """Return the ends of the spans with half of each span as the weight where a hole stands, else zero, shape `(spans,
-    2)`: where knots travel, for else no knot stands at a hole."""
+    """Return the rule of the ends of the spans, shape `(spans, 2)`, with half of the span as weight at a hole, else
+    zero.
+
+    All weights are zero without travelling knots, because then no knot is at a hole.
+    """
     ends = np.stack([spline.parameters[:-1], spline.parameters[1:]], axis=1)
     held = np.zeros(len(spline.parameters), dtype=bool)
     if isinstance(spline, Placed):
@@ -104,11 +109,10 @@ def hole_rule(spline: Spline) -> GaussRule:
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
-    """Return quadrature weights in the parameter of the knots, at as many points as T has functions, which integrate
-    each of those functions exactly.
+    """Return quadrature weights, in the parameter of the knots, that integrate each function of T exactly.
 
-    The points `s` are one fewer than the control points in every piece. Raises `ThreadError` where a weight
-    is not positive: the spans are too unequal.
+    There are as many points `s` as functions of T: one fewer than control points in every piece. Raises
+    `ThreadError` if a weight is not positive, because the spans are too unequal.
     """
     if s.size != spline.n - spline.pieces:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
@@ -124,9 +128,9 @@ def exact_weights(spline: Spline, s: Array) -> Array:
 
 @dataclass(frozen=True)
 class Points:
-    """The thread of an iterate where its energies are evaluated: what energy, force and tangent share.
+    """The evaluated thread of an iterate, which energy, force and tangent share.
 
-    `strain` at the abscissae of `Thread.axial.s` [-]; `at`, one entry an energy.
+    `strain` at the abscissae of `Thread.axial.s` [-]; `at`, one entry per energy.
     """
 
     strain: Array
@@ -137,13 +141,13 @@ class Points:
 class Thread:
     """A spline thread with the section's mass and stiffness.
 
-    `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] sit on the
-    start and the end. `twist` adds the angle of the section to the coordinates of a control point, and its torsion.
-    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` those of
-    `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first direction
-    (`thread.energies.coil`); this direction points to `coil_towards` (3,) at the start of the thread as laid; None
-    means a direction chosen by the code. `relaxation`, how its stretch relaxes, None: not at all, and the `memory` that
-    the step has of earlier strains, None where it has none (`thread.relaxation`).
+    `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] are at the
+    start and the end. `twist` adds the angle of the section to the coordinates of a control point, and torsion.
+    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` the energies
+    of `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first
+    direction (`thread.energies.coil`). This direction points to `coil_towards` (3,) at the start of the initial
+    thread; None means a direction chosen by the code. `relaxation` is the relaxation of its stretch, None: no
+    relaxation. `memory` has the earlier strains that the step uses, None if there are none (`thread.relaxation`).
     """
 
     spline: Spline
@@ -160,9 +164,9 @@ class Thread:
 
     def __post_init__(self) -> None:
         if not self.damping >= 0.0:
-            raise ThreadError(f"damping: {self.damping} 1/s; allowed are numbers from 0 on")
+            raise ThreadError(f"damping: {self.damping} 1/s; allowed is 0 or more")
         if not min(self.point_masses) >= 0.0:
-            raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed are numbers from 0 on")
+            raise ThreadError(f"mass of an end: {min(self.point_masses)} kg; allowed is 0 or more")
         if self.twist and not self.bending:
             raise ThreadError("twist: a twisted thread without bending stiffness collapses; give it bending")
         if self.coil and not self.twist:
@@ -171,9 +175,7 @@ class Thread:
             raise ThreadError("relaxation: springs do not relax; take the continuous energy")
         fewest = self.n - self.spline.pieces
         if self.springs is not None and self.springs < fewest:
-            raise ThreadError(
-                f"springs: {self.springs}; {self.n} control points need at least {fewest}, else they move unseen"
-            )
+            raise ThreadError(f"springs: {self.springs}; {self.n} control points need at least {fewest} springs")
 
     @property
     def travels(self) -> bool:
@@ -181,20 +183,20 @@ class Thread:
         return isinstance(self.spline, Placed)
 
     def on(self, spline: Spline) -> "Thread":
-        """Return the thread on another spline, the same one if that is its own."""
+        """Return the thread on another spline; the same thread if the spline is its own."""
         return self if spline is self.spline else replace(self, spline=spline)
 
     def placed(self, s: Array) -> "Thread":
-        """Return the thread with its holes at `s` (m,) [m], the same one if its knots stand still or are there."""
+        """Return the thread with its holes at `s` (m,) [m]; the same thread if its knots are fixed or already there."""
         spline = self.spline
         if not isinstance(spline, Placed) or np.array_equal(spline.travel.places(s), spline.places):
             return self
         thread = replace(self, spline=spline.moved(s))
-        thread.__dict__["axial_parameters"] = self.axial_parameters  # on χ, which stay
+        thread.__dict__["axial_parameters"] = self.axial_parameters  # in χ, which is constant
         return thread
 
     def with_spline(self, spline: Spline) -> "Thread":
-        """Return the thread on another spline: with springs, as many more as the spline has functions of T more."""
+        """Return the thread on another spline; the number of springs grows with the number of functions of T."""
         more = spline.n - spline.pieces - (self.n - self.spline.pieces)
         return replace(self, spline=spline, springs=None if self.springs is None else self.springs + more)
 
@@ -205,7 +207,7 @@ class Thread:
 
     @cached_property
     def lever(self) -> Array:
-        """Lengths by which the coordinates move the thread, shape `(c,)`: 1 for x, y, z, the diameter [m] for θ."""
+        """Factors from coordinates to lengths, shape `(c,)`: 1 for x, y, z, and the diameter [m] for θ."""
         return np.array([1.0, 1.0, 1.0, self.section.diameter][: self.coordinates])
 
     @property
@@ -215,19 +217,19 @@ class Thread:
 
     @property
     def EA(self) -> float:
-        """Axial stiffness that the step meets [N]."""
+        """Axial stiffness in the step [N]."""
         if self.relaxation is None or self.memory is None:
             return self.section.EA
         return self.section.EA * float(self.relaxation.met(self.memory.dt))
 
     @property
     def EI(self) -> float:
-        """Bending stiffness [N m²], zero where bending is left out."""
+        """Bending stiffness [N m²]; zero without bending."""
         return self.section.EI if self.bending else 0.0
 
     @cached_property
     def points_of_span(self) -> Indices:
-        """Control points that live on each span, shape `(spans, 4)`."""
+        """Control points of each span, shape `(spans, 4)`."""
         return self.spline.first[:, None] + np.arange(LOCAL)
 
     @cached_property
@@ -237,24 +239,29 @@ class Thread:
 
     @cached_property
     def axial_rule(self) -> GaussRule:
-        """Rule of the stretching energy: the middle of each span, and the Gauss points of the two end spans, of a
-        span that begins at a repeated knot, and of one that ends at a triple knot or at a cut.
+        """Rule of the stretching energy, mostly with one point in the middle of each span.
 
-        A cubic cannot keep |T| = 1 all along a span whose curvature changes, and at the stiffness of a real suture a
-        full rule blocks its bending (membrane locking). These are n − 1 points a piece, as many as T has functions, so
-        nothing stretches unseen either; their weights integrate each of those functions exactly, so a uniform tension
-        is in equilibrium on any knots. The single point is written as two equal ones, to keep one shape for all spans.
+        The two end spans, a span that begins at a repeated knot, and a span that ends at a triple knot or at a cut
+        have two points (`axial_points`).
 
-        Between those points |T| may still fall to nothing, and a hole that imposes a sharp turn would find that out
-        (T·u = 0 holds for T = 0): `thread.kernels.curve.crushing`, on the rule of the bending, is against it, and
-        `barrier` at the knots of holes.
+        A cubic cannot keep |T| = 1 along a span with changing curvature. At the stiffness of a real suture, a full
+        rule blocks its bending (membrane locking). The rule has n − 1 points per piece, as many as T has functions,
+        so that every stretch is seen. Its weights integrate each of these functions exactly, so that a uniform
+        tension is in equilibrium on any knots. A single point is stored as two equal points, so that all spans have
+        the same shape.
+
+        Between these points |T| can still fall to zero. A hole that imposes a sharp turn would lead there, because
+        T·u = 0 holds for T = 0. The term `thread.kernels.curve.crushing`, on the rule of bending, prevents this,
+        and `barrier` prevents it at the knots of holes.
         """
         return rule_at(self.spline, *self.axial_parameters)
 
     @cached_property
     def axial_parameters(self) -> tuple[Array, Array]:
-        """Points and weights of that rule in the parameter of the knots, shape `(spans, 2)` each; two equal points
-        share their weight. Raises `ThreadError` as `exact_weights` does."""
+        """Points and weights of `axial_rule` in the parameter of the knots, shape `(spans, 2)` each.
+
+        Two equal points share their weight. Raises `ThreadError` as `exact_weights` does.
+        """
         points, once = axial_points(self.spline)
         w = np.zeros(points.shape)
         w[once] = exact_weights(self.spline, points[once])
@@ -286,14 +293,14 @@ class Thread:
     def spin_matrix(self) -> csr_matrix:
         """∫ρJ b_i b_j ds, the inertia of the sections' spin about the tangent, shape `(n, n)` [kg m²].
 
-        That the spin's axis turns with the thread (a gyroscopic couple) is left out: it is smaller than what the mass
-        itself does by (diameter/wavelength)².
+        The turn of the spin's axis with the thread (a gyroscopic couple) is neglected. Its ratio to the inertia of
+        the mass is (diameter/wavelength)².
         """
         return csr_matrix(self.section.rhoJ / self.section.rhoA * self._line_mass)
 
     @cached_property
     def mass_band(self) -> Array:
-        """The inertia of all coordinates in banded storage [kg, of θ kg m²]."""
+        """The inertia of all coordinates in banded storage [kg, for θ kg m²]."""
         c, h = self.coordinates, self.half_band
         band = np.zeros((3 * h + 1, c * self.n))
         for axis in range(c):
@@ -303,7 +310,7 @@ class Thread:
 
     @cached_property
     def _lower_mass_band(self) -> Array:
-        """The inertia's diagonals from the main one down, in the order of Fortran."""
+        """The main and lower diagonals of the inertia, in Fortran order."""
         diagonal, reach = diagonal_of(self.mass_band), self.coordinates * (LOCAL - 1)
         return np.asfortranarray(self.mass_band[diagonal : diagonal + reach + 1])
 
@@ -354,7 +361,7 @@ class Thread:
 
     @cached_property
     def half_band(self) -> int:
-        """Diagonals each side of the main one of the thread's matrices."""
+        """Number of diagonals on each side of the main diagonal of the thread's matrices."""
         reach = max(LOCAL, *(energy.reach for energy in self.energies))
         return self.coordinates * reach - 1
 
@@ -370,18 +377,19 @@ class Thread:
         return Elements(first, reach, seen, self.n, self.coordinates, self.half_band)
 
     def band_at(self, first: Indices, blocks: Array) -> Array:
-        """Sum matrices on the places of the four points from `first` (m,) on, (m, 4, 4, 3, 3), into banded storage."""
+        """Return the sum, in banded storage, of matrices (m, 4, 4, 3, 3) of the positions of four points from
+        `first` (m,) on."""
         return self.elements(first, LOCAL, POSITION).band(blocks)
 
     def vector(self, blocks: Array) -> Array:
-        """Sum span vectors on the places, `(spans, 4, 3)`, into control values `(n, c)`."""
+        """Return the sum of span vectors of the positions, `(spans, 4, 3)`, at the control points, shape `(n, c)`."""
         return self.elements(self.spline.first, LOCAL, POSITION).vector(blocks)
 
     def points(self, q: Array, frame: Frame | None = None) -> Points:
-        """Evaluate the thread where its energies are integrated.
+        """Return the thread at the integration points of its energies.
 
-        A thread with twist needs the `frame` of the start of the step, from which θ is measured; None is for a
-        thread without.
+        A thread with twist needs the `frame` at the start of the step, from which θ is measured; None without
+        twist.
         """
         at = tuple([energy.evaluate(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
@@ -397,7 +405,7 @@ class Thread:
     def tangent(self, points: Points, N: Array) -> Array:
         """Return the second derivative of the elastic energy, banded.
 
-        `N` [N] is the axial force where the strain is known: `EA * points.strain` for the exact Hessian, the
+        `N` [N] is the axial force at the points of the strain: `EA * points.strain` for the exact Hessian, the
         iterated force for the mixed-integration-point Newton.
         """
         return total([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
@@ -410,13 +418,16 @@ class Thread:
 
     @cached_property
     def _memory_of_spans(self) -> Memory | None:
-        """What each span remembers, `(spans, 1)`, None where the thread remembers nothing."""
+        """The memory of each span, `(spans, 1)`; None for a thread without memory."""
         return None if self.memory is None else self.memory.over(self.spline.breaks)
 
     @cached_property
     def _natural(self) -> tuple[Array, Array] | None:
-        """The natural strain of each span, `(spans,)` [-], and by how much it is exceeded at the ends of the span, over
-        its length, `(spans, 2)` [1/m]; None: zero."""
+        """The natural strain of each span, `(spans,)` [-], and its excess at the ends of the span, `(spans, 2)`
+        [1/m].
+
+        The excess is over the length of the span. None means zero.
+        """
         if self.relaxation is None or self._memory_of_spans is None:
             return None
         natural, breaks = self._memory_of_spans.natural(self.relaxation), self.spline.breaks
@@ -424,18 +435,20 @@ class Thread:
         return natural[:, 0], (np.stack([at[:-1], at[1:]], axis=1) - natural) / np.diff(breaks)[:, None]
 
     def natural_at(self, s: Array) -> Array:
-        """Return the natural strain at abscissae `s` [m], of the shape of `s` [-]."""
+        """Return the natural strain at abscissae `s` [m], with the shape of `s` [-]."""
         if self.relaxation is None or self.memory is None:
             return np.zeros(s.shape)
         return np.interp(s, self.memory.s, self.memory.natural(self.relaxation))
 
     def whole_strain(self, elastic: Array) -> Array:
-        """Return the strain ε at the abscissae of `Thread.axial.s`, of which `elastic` is ε − ε̄ [-]."""
+        """Return the strain ε at the abscissae of `Thread.axial.s` from `elastic` = ε − ε̄ [-]."""
         return elastic if self._natural is None else np.asarray(elastic + self._natural[0][:, None])
 
     def with_memory(self, memory: Memory | None) -> "Thread":
-        """Return the thread with another memory, the same one if that is its own; what does not depend on it is not
-        derived again."""
+        """Return the thread with another memory; the same thread if the memory is its own.
+
+        Cached parts that do not depend on the memory are not computed again.
+        """
         if memory is self.memory:
             return self
         other = copy(self)
@@ -445,8 +458,11 @@ class Thread:
         return other
 
     def after_step(self, q: Array, dt: float) -> Memory:
-        """Return what the thread remembers at the start of a step of `dt` [s] after one that ended at control values
-        `q` (n, c); where it remembers nothing yet, it has come there in no time."""
+        """Return the memory at the start of a step of `dt` [s], after a step that ended at control values `q`
+        (n, c).
+
+        A thread without memory has been stretched to this state in no time.
+        """
         assert self.relaxation is not None
         of_spans = self.whole_strain(self.axial.evaluate(q[:, :POSITION], None).strain).mean(axis=1)
         material = np.linspace(self.spline.start, self.spline.end, POINTS)
@@ -457,7 +473,7 @@ class Thread:
         return Memory(material, strain, self.memory.held_after(self.relaxation, strain), dt)
 
     def stored_energy(self, points: Points) -> float:
-        """Return the elastic energy [J]; of a thread that relaxes, what its springs store at the end of the step."""
+        """Return the elastic energy [J]; for a relaxing thread the energy of its springs at the end of the step."""
         energy, series, memory = self.energy(points), self.relaxation, self._memory_of_spans
         if series is None or memory is None:
             return energy
@@ -465,7 +481,7 @@ class Thread:
         return energy + float(np.sum(self.axial_rule.w * (stored - 0.5 * self.EA * points.strain**2)))
 
     def dissipated(self, points: Points) -> float:
-        """Return what relaxation has taken in the step [J]."""
+        """Return the dissipation by relaxation in the step [J]."""
         series, memory = self.relaxation, self._memory_of_spans
         if series is None or memory is None:
             return 0.0
@@ -475,9 +491,9 @@ class Thread:
     # -- twist -------------------------------------------------------------------------------------------------
 
     def untwisted_frame(self, q: Array) -> Frame | None:
-        """Return the frame of the thread `q` laid without twist; None for a thread that has no twist.
+        """Return the frame of the initial thread `q` without twist; None if the thread has no twist.
 
-        Raises `ThreadError` where `coil_towards` lies along the thread.
+        Raises `ThreadError` if `coil_towards` is along the thread.
         """
         if not self.twist:
             return None
@@ -491,8 +507,11 @@ class Thread:
         return None if frame is None else transport_frame(self.stations, frame, q)
 
     def interpolate_frame(self, frame: Frame, other: "Thread", q: Array) -> Frame:
-        """Return the frame, known at the stations of an `other` thread, at those of this thread on the curve `q`. This
-        one may be cut where the other is not."""
+        """Return the frame at this thread's stations on the curve `q`, interpolated from the stations of an `other`
+        thread.
+
+        This thread can have cuts that the other does not have.
+        """
         return interpolate_frame(other.spline, frame, other.stations, self.stations, q)
 
     def turns_too_far(self, frame: Frame | None, q: Array) -> bool:
@@ -500,17 +519,18 @@ class Thread:
         return frame is not None and turns_too_far(frame, self.stations.curve(q)[0])
 
     def torque(self, q: Array, frame: Frame) -> Array:
-        """Return GJ ω about the tangent at the stations, positive where it twists the thread right-handed [N m]."""
+        """Return GJ ω about the tangent at the stations [N m], positive for a right-handed twist."""
         return self.section.GJ * evaluate(self.stations, q, frame).omega
 
     def torque_at(self, s: Array, home: Array, q: Array, frame: Frame) -> Array:
-        """Return the torque at abscissae `s` (m,) on the pieces that hold `home`, interpolated between the stations,
-        where it is most accurate [N m].
+        """Return the torque at abscissae `s` (m,), interpolated between the stations [N m].
+
+        `home` identifies the pieces. The torque is most accurate at the stations.
         """
         stations = self.stations
         return self.spline.interpolate(s, home, stations.s, stations.home, self.torque(q, frame))
 
 
 def total(parts: list[Array]) -> Array:
-    """Return the sum of arrays; a single array is returned as it is."""
+    """Return the sum of arrays; a single array is returned unchanged."""
     return parts[0] if len(parts) == 1 else np.sum(parts, axis=0)

@@ -1,6 +1,6 @@
 """Vectors in space and their products.
 
-Functions of arrays: the last axis of a vector argument is x, y, z, all axes before it are free.
+Functions of arrays: the last axis of a vector argument is x, y, z; all other axes are arbitrary.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def curvature(first: Array, second: Array) -> Array:
-    """Return |P' × P''|/|P'|³ [1/m] from derivatives of a curve by any parameter over the last axis; 0/0 is NaN."""
+    """Return the curvature |P' × P''|/|P'|³ [1/m] from derivatives of a curve by any parameter; 0/0 is NaN."""
     return np.asarray(np.linalg.norm(cross(first, second), axis=-1) / np.linalg.norm(first, axis=-1) ** 3)
 
 
@@ -37,11 +37,11 @@ def unit_vector(x: Array) -> Array:
 
 
 def reflected(x: Array, normal: Array) -> Array:
-    """Return the mirror image of x in the plane across `normal`; x itself where `normal` is zero."""
+    """Return the mirror image of x in the plane normal to `normal`; x itself if `normal` is zero."""
     square = normal @ normal
     return x - 2.0 * (normal @ x) / square * normal if square > 0.0 else x
 
 
 def transverse_part(x: Array, t: Array) -> Array:
-    """Return the part of x across the unit vector t."""
+    """Return the part of x normal to the unit vector t."""
     return x - dot(x, t)[..., None] * t

@@ -1,4 +1,4 @@
-"""The kinds of arrays that the organ is made of."""
+"""The array types of the package."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,9 +1,9 @@
 """Stiffness, mass and dilatation of straight tetrahedra, summed over the cells in one compiled pass.
 
-In a cell ∇φ_i = Σ_c s_ic g_c with the gradients g_0 to g_3 of its barycentric coordinates, which are constant there. So
-every integral is a sum of products of the g_c, weighted by means over the reference cell, which scikit-fem's shape
-functions and quadrature give (`ReferenceMeans`). The loops are compiled by Numba when they are first
-called and kept on disk.
+In a cell ∇φ_i = Σ_c s_ic g_c with the gradients g_0 to g_3 of its barycentric coordinates, which are constant in
+the cell. Every integral is then a sum of products of the g_c, weighted by means over the reference cell. These
+means come from scikit-fem's shape functions and quadrature (`ReferenceMeans`). Numba compiles the loops at their
+first call and caches them on disk.
 """
 
 from dataclasses import dataclass, replace
@@ -18,18 +18,18 @@ from skfem.quadrature import get_quadrature
 from tissue.arrays import Array
 from tissue.loops import compiled
 
-Whole = NDArray[Any]  # of whole numbers, 4 or 8 bytes each
+Whole = NDArray[Any]  # integers of 4 or 8 bytes
 
 LARGEST_INT32 = np.iinfo(np.int32).max
-NONE = 1e-12  # of a slope in the reference cell, whose edges are one long: round-off
+NONE = 1e-12  # of a slope in the reference cell, whose edges have length one: smaller values are round-off
 
 
 @dataclass(frozen=True)
 class ReferenceMeans:
-    """Means over a cell of products of its n shape functions φ, of their slopes and of the four linear functions ψ.
+    """Means over a cell of products of its n shape functions φ, their slopes and the four linear functions ψ.
 
-    ∇φ_i = Σ_c s_ic g_c: `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd, `shapes` `(n, n)` of φ_i φ_j, and `fluxes`
-    `(4, n, 4)` of ψ_a s_jc.
+    With ∇φ_i = Σ_c s_ic g_c, `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd, `shapes` `(n, n)` the means of φ_i
+    φ_j, and `fluxes` `(4, n, 4)` the means of ψ_a s_jc.
     """
 
     slopes: Array
@@ -38,8 +38,9 @@ class ReferenceMeans:
 
     @property
     def apart(self) -> "ReferenceMeans":
-        """The same with `slopes` of the means of s_ic times those of s_jd, for terms of the mean slope of a cell."""
-        mean = self.fluxes.sum(axis=0)  # of the four linear functions, which sum to one
+        """The same means, but with the mean of s_ic times the mean of s_jd as `slopes`, for terms of a cell's mean
+        slope."""
+        mean = self.fluxes.sum(axis=0)  # the sum of the four linear functions is one
         mean[np.abs(mean) <= NONE] = 0.0
         return replace(self, slopes=np.einsum("ic,jd->ijcd", mean, mean))
 
@@ -63,8 +64,10 @@ def _shapes(element: Element, X: Array) -> tuple[Array, Array]:
 
 
 def _shortest(slope: Array) -> Array:
-    """Return slopes along three barycentric coordinates `(3, x)` as those along all four with the most zeros: their
-    gradients sum to zero, so the same may be added to all."""
+    """Return slopes along all four barycentric coordinates, with the most zeros, from slopes along three `(3, x)`.
+
+    The four gradients sum to zero, so that a common value can be added to all slopes.
+    """
     four = np.vstack([np.zeros_like(slope[:1]), slope])
     ways = [np.where(np.abs(way) > NONE, way, 0.0) for way in (four - corner for corner in four)]
     return min(ways, key=np.count_nonzero)
@@ -72,8 +75,10 @@ def _shortest(slope: Array) -> Array:
 
 @dataclass(frozen=True)
 class CellGraph:
-    """The cells `(c, n)` over m nodes, four vertices first; those around node a, `around` from `begin[a]` on; and the
-    nodes in them, `neighbours` from `first[a]` on, sorted, a itself included.
+    """The cells `(c, n)` over m nodes, the cells around each node and the neighbours of each node.
+
+    The four vertices of a cell come first. The cells around node a are in `around` from `begin[a]` on. The nodes of
+    these cells are in `neighbours` from `first[a]` on, sorted and including a itself.
     """
 
     cells: Whole
@@ -89,23 +94,26 @@ class CellGraph:
 
 
 def cell_graph(cells: Whole, nodes: int) -> CellGraph:
-    """Return the graph of cells `(c, n)` over so many nodes."""
+    """Return the graph of cells `(c, n)` over a number of `nodes`."""
     cells = np.ascontiguousarray(cells, dtype=np.int32)
     begin, around = _cells_around(cells, nodes)
     return CellGraph(cells, begin, around, *_neighbours(cells, begin, around))
 
 
 def barycentric_gradients(points: Array, graph: CellGraph) -> tuple[Array, Array]:
-    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³], from the nodes' `points`
-    `(m, 3)` [m]."""
+    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³]; nodes are at `points` `(m, 3)`
+    [m]."""
     return _gradients(np.ascontiguousarray(points), graph.cells)
 
 
 def stiffness_and_mass(
     graph: CellGraph, means: ReferenceMeans, gradients: Array, lam: Array, mu: Array, weight: Array
 ) -> tuple[csr_matrix, csr_matrix]:
-    """Return K [N/m] and M [kg], `(3m, 3m)`, of λ and μ times the cells' volumes [N m] and of their `weight` [kg],
-    `(c,)` each."""
+    """Return K [N/m] and M [kg], shape `(3m, 3m)` each.
+
+    `lam` and `mu` are λ and μ times the volumes of the cells [N m], `weight` the masses of the cells [kg], `(c,)`
+    each.
+    """
     n = graph.cells.shape[1]
     K, M, mass = _zeros(graph, graph.nodes, 3, 3), _zeros(graph, graph.nodes, 3, 1), np.zeros(len(graph.neighbours))
     slopes = means.slopes.reshape(n * n, 16)
@@ -117,7 +125,7 @@ def stiffness_and_mass(
 
 
 def fluxes(graph: CellGraph, means: ReferenceMeans, gradients: Array, vertices: int, volumes: Array) -> csr_matrix:
-    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²]; cells whose volume is given as zero are left out."""
+    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²]; cells with a given volume of zero are left out."""
     D = _zeros(graph, vertices, 1, 3)
     _add_fluxes(*_arrays(graph), gradients, means.fluxes, volumes, vertices, D.data)
     return D
@@ -130,7 +138,7 @@ def _arrays(graph: CellGraph) -> tuple[Whole, Whole, Whole, Whole, Whole]:
 def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
     """Return a matrix of zeros with `rows` rows for each of the first `nodes` nodes.
 
-    A row has entries for the three unknowns of each neighbour, or with a `width` of 1 for its own of the three.
+    A row has entries for all three unknowns of each neighbour, or with `width` 1 only for the component of the row.
     """
     first, neighbours = graph.first[: nodes + 1], graph.neighbours[: graph.first[nodes]]
     entries, columns = rows * width * len(neighbours), 3 * graph.nodes
@@ -142,7 +150,7 @@ def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
 
 @compiled
 def _cells_around(cells: Whole, nodes: int) -> tuple[Whole, Whole]:
-    """Return where the cells around each node begin, `(m + 1,)`, and these."""
+    """Return the start index of the cells around each node, `(m + 1,)`, and the list of these cells."""
     begin = np.zeros(nodes + 1, np.int64)
     for e in range(len(cells)):
         for i in range(cells.shape[1]):
@@ -159,7 +167,11 @@ def _cells_around(cells: Whole, nodes: int) -> tuple[Whole, Whole]:
 
 @compiled
 def _neighbours(cells: Whole, begin: Whole, around: Whole) -> tuple[Whole, Whole]:
-    """Return where the nodes that share a cell with each node begin, `(m + 1,)`, and these, sorted."""
+    """Return the start index of the neighbours of each node, `(m + 1,)`, and the list of neighbours, sorted per
+    node.
+
+    Neighbours are nodes that share a cell with the node.
+    """
     nodes, count = len(begin) - 1, 0
     first, found = np.zeros(nodes + 1, np.int64), np.empty(len(around) * cells.shape[1], np.int32)
     seen = np.full(nodes, -1)
@@ -176,7 +188,7 @@ def _neighbours(cells: Whole, begin: Whole, around: Whole) -> tuple[Whole, Whole
 
 @compiled
 def _number(first: Whole, neighbours: Whole, rows: int, width: int, indptr: Whole, indices: Whole) -> None:
-    """Fill in where the rows of a matrix begin, and its columns, as `_zeros` says."""
+    """Write the row starts and the columns of the matrix of `_zeros`."""
     at = 0
     for a in range(len(first) - 1):
         for p in range(rows):
@@ -227,10 +239,10 @@ def _add_rows(
     K: Array,
     mass: Array,
 ) -> None:
-    """Add up the rows of K, and those of the mass over the nodes, one node after the other: these stay in the cache.
+    """Add up the rows of K and of the nodal mass, node by node, so that the rows stay in the processor's cache.
 
-    Of the nodes i and j of a cell V⟨∇φ_i ⊗ ∇φ_j⟩ = B is the sum of the `terms` 4 c + d, g_c ⊗ g_d, from `sums[n i + j]`
-    on by their `weights`. It gives λ B + μ Bᵀ + μ tr B I.
+    For the nodes i and j of a cell, B = ⟨∇φ_i ⊗ ∇φ_j⟩ is a sum of products g_c ⊗ g_d with `weights`. The `terms` 4
+    c + d of this sum begin at `sums[n i + j]`. B adds λ B + μ Bᵀ + μ tr B I to K, with λ and μ times the volume.
     """
     n, place, B = cells.shape[1], np.zeros(len(first) - 1, np.int64), np.empty(9)
     for a in range(len(first) - 1):
@@ -260,7 +272,7 @@ def _add_rows(
 
 @compiled
 def _spread(first: Whole, mass: Array, M: Array) -> None:
-    """Give each node's row to its three unknowns."""
+    """Copy each node's row to its three unknowns."""
     at = 0
     for a in range(len(first) - 1):
         for _ in range(3):

@@ -15,14 +15,16 @@ def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
 def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
     """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], and its rotation [rad], `(c,)`.
 
-    Both are measured from the reference shape, a prestretch left out.
+    Both are measured from the reference shape, without the prestretch.
     """
     return principal_stretch(hyper, U)[:2]
 
 
 def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
-    """Return stretches and rotation of each cell as `cell_stretch` does, and along which unit vectors, of either sense,
-    the deformed tissue is stretched so, as rows `(c, 3, 3)` [-]."""
+    """Return stretches and rotation of each cell as `cell_stretch` does, and the directions of the stretches.
+
+    The directions are unit vectors in the deformed tissue, rows of `(c, 3, 3)` [-], with arbitrary sign.
+    """
     left, stretch, right = np.linalg.svd(cell_deformation(hyper, U))
     R = left @ right
     sine = np.linalg.norm(R - R.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
@@ -30,21 +32,25 @@ def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, A
 
 
 def cell_energy(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the mean strain energy per volume of the reference shape in each cell, shape `(c,)` [Pa]. A `density`
-    that is given here, or below, stands for its own."""
+    """Return the mean strain energy per reference volume in each cell, shape `(c,)` [Pa].
+
+    Here and below, a given `density` replaces the density of the body.
+    """
     return np.asarray(hyper.energy_at_points(hyper.gradient(U), density).sum(axis=0) / hyper.weights.sum(axis=0))
 
 
 def cell_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the Cauchy stress σ = P Fᵀ/J of each cell, the mean over it, shape `(c, 3, 3)` [Pa]."""
+    """Return the Cauchy stress σ = P Fᵀ/J, the mean over each cell, shape `(c, 3, 3)` [Pa]."""
     F = hyper.gradient(U)
     sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / hyper.dilatation(F)
     return _cell_means(hyper, sigma)
 
 
 def cauchy_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the Cauchy stress xx, yy, zz, xy, yz, xz at the nodes, shape `(m, 6)` [Pa]: the mean of their
-    cells by volume."""
+    """Return the Cauchy stress xx, yy, zz, xy, yz, xz at the nodes, shape `(m, 6)` [Pa].
+
+    The stress at a node is the mean of its cells, weighted by volume.
+    """
     body, sigma = hyper.body, cell_stress(hyper, U, density)
     volume, cells = hyper.weights.sum(axis=0), body.cells
     flat = np.column_stack([sigma[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])

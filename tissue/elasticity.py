@@ -1,13 +1,14 @@
 """Small-strain isotropic linear elasticity on tetrahedra, with scikit-fem's elements and bases.
 
-Nearly incompressible tissue locks where every cell must keep its own volume: a tetrahedral mesh has five to six
-cells a vertex. There the part of λ beyond that of ν = 0.3 acts on the dilatation averaged at the vertices (Bonet &
-Burton, Commun. Numer. Meth. Engng 14, 1998), which is one constraint a vertex and, with P2, the pressure of the
-Taylor–Hood element with a lumped mass. The rest of λ stays with the cells: this part resists what an average misses
-(Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006), and at ν ≤ 0.3 both formulations are one.
+Nearly incompressible tissue locks if every cell must keep its own volume, because a tetrahedral mesh has five to
+six cells per vertex. There the part of λ beyond the value at ν = 0.3 acts on the dilatation averaged at the
+vertices (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is one constraint per vertex. With P2 it is the
+pressure of the Taylor–Hood element with a lumped mass. The rest of λ acts on the dilatation of each cell and
+resists modes that the average does not see (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both
+formulations are equal.
 
-Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`), some twenty times as fast as
-scikit-fem's forms are, and to the same numbers but for round-off.
+Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`). These are about twenty
+times as fast as scikit-fem's forms and give the same numbers up to round-off.
 """
 
 import logging
@@ -32,24 +33,24 @@ log = logging.getLogger(__name__)
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
-# ν beyond which "auto" averages: a P1 layer is 1.7 times as wrong there as at 0.3, and 3.6 times at 0.49
+# ν above which "auto" averages: the error of a P1 layer is 1.7 times the error at 0.3, and 3.6 times at 0.49
 NU_LOCKING = 0.45
-NU_CELLWISE = 0.3  # ν whose λ stays with the cells
-VERTICES = 4  # of a tetrahedron: a gradient that is linear in a cell is largest at one of them
-NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the body's basis numbers unknowns; shape functions are made where needed
+NU_CELLWISE = 0.3  # ν whose λ acts cell by cell
+VERTICES = 4  # of a tetrahedron: a gradient that is linear in a cell is largest at a vertex
+NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the basis only numbers unknowns; shape functions are computed elsewhere
 
-# Entries of the local matrices beyond which scikit-fem takes longer than it takes to load Numba: 20 000 P1 cells, 1 s
+# With more entries of the local matrices, scikit-fem takes longer than the loading of Numba: 20 000 P1 cells, 1 s
 COMPILED_BEYOND = 3_000_000
-ENTRIES = 15_000_000  # of the local matrices that are made at once: half a gigabyte
+ENTRIES = 15_000_000  # of the local matrices that are computed together: half a gigabyte
 
 
 @dataclass(frozen=True)
 class Elasticity:
     """The discrete organ: M Ü + K U = f over `N` displacement unknowns, some of them clamped.
 
-    `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`; `clamped` and `free` number the unknowns,
-    and together they are all of them. `pressure` [Pa/m], shape `(vertices, N)`, gives the part of λ div U that is
-    averaged at the vertices, None if all of it stays with the cells. Made by `elasticity`.
+    Made by `elasticity`. `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`. Every unknown is either in
+    `clamped` or in `free`. `pressure` [Pa/m], shape `(vertices, N)`, gives the part of λ div U that is averaged at
+    the vertices; None if λ acts cell by cell.
     """
 
     mesh: MeshTet
@@ -104,15 +105,21 @@ class Elasticity:
 
     @cached_property
     def corner_slopes(self) -> csr_matrix:
-        """∂/∂x_j of a nodal field `(m,)` where it is largest in a cell: at the corners, at one of them where it is the
-        same at all, shape `(3 a c, m)` [1/m], a row for each j, corner and cell. Every frame asks for it."""
+        """∂/∂x_j of a nodal field `(m,)` at the corners of each cell, its largest values, shape `(3 a c, m)` [1/m].
+
+        There is a row for each j, corner and cell; with P1 only one corner, because the gradient is constant. Every
+        frame of the output uses this matrix.
+        """
         corners = np.asarray(ELEMENTS[self.element]().doflocs)[:VERTICES]
         return slope_matrix(self, corners if self.element == "P2" else corners[:1])
 
     @cached_property
     def mean_slopes(self) -> tuple[csr_matrix, Array, Array]:
-        """∂/∂x_j as in `corner_slopes`, at the points of a rule that is exact for the square of a strain, with these
-        points of the reference cell `(a, 3)` and their weights, which sum to 1, `(a,)`."""
+        """∂/∂x_j as in `corner_slopes`, at quadrature points; with these points `(a, 3)` and their weights `(a,)`.
+
+        The rule is exact for the square of a strain. Its points are in the reference cell, and its weights sum to
+        1.
+        """
         element = ELEMENTS[self.element]()
         places, weights = get_quadrature(element, max(1, 2 * element.maxdeg - 2))
         slopes = self.corner_slopes if self.element == "P1" else slope_matrix(self, places.T)
@@ -135,8 +142,11 @@ class Elasticity:
         return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
     def facet_nodes(self, triangles: Indices) -> Indices:
-        """Return the nodes of facets given by their vertices `(f, 3)`: those, with P2 the middles of the edges 01, 12,
-        02 behind them."""
+        """Return the nodes of facets given by their vertices `(f, 3)`: the vertices, and with P2 the middles of the
+        edges.
+
+        The edges are in the order 01, 12, 02.
+        """
         if self.element == "P1":
             return triangles
         edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
@@ -183,10 +193,9 @@ def elasticity(
 ) -> Elasticity:
     """Assemble stiffness and consistent mass on `mesh`, clamped at the boundaries named in `clamp`.
 
-    The boundaries named in `roller`, each a plane across an axis, are held in the direction of that axis alone.
-    `dilatation` is "cell", "nodal" (averaged at the vertices beyond ν = 0.3), or "auto": nodal where ν > 0.45.
-    Raises `TissueError` for an unknown element, dilatation or boundary, and for material of another shape than
-    the cells.
+    The boundaries named in `roller`, each a plane normal to an axis, are held only along this axis. `dilatation` is
+    "cell", "nodal" (averaged at the vertices above ν = 0.3), or "auto": nodal if ν > 0.45. Raises `TissueError` for
+    an unknown element, dilatation or boundary, and for a material whose arrays do not have one value per cell.
     """
     if element not in ELEMENTS:
         raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")
@@ -218,15 +227,15 @@ def distortion(body: Elasticity, share: PerCell) -> csr_matrix:
 
 
 def numbering(mesh: MeshTet, element: str) -> Basis:
-    """Return the basis that numbers the unknowns, three at each node, with the places of these."""
+    """Return the basis that numbers the unknowns, three at each node, and has their coordinates."""
     basis = Basis(mesh, ElementVector(ELEMENTS[element]()), quadrature=NO_POINTS, disable_doflocs=True)
     middles = [0.5 * mesh.p[:, mesh.edges].sum(axis=1)] if element == "P2" else []
-    basis.doflocs = np.repeat(np.hstack([mesh.p, *middles]), 3, axis=1)  # scikit-fem maps them cell by cell
+    basis.doflocs = np.repeat(np.hstack([mesh.p, *middles]), 3, axis=1)  # scikit-fem maps cell by cell, slower
     return basis
 
 
 class Assembled(NamedTuple):
-    """K [N/m] and M [kg], `(N, N)`, of the terms within cells; flux and pressure of `nodal_dilatation`, or None."""
+    """K [N/m] and M [kg], `(N, N)`, without averaged terms; and flux and pressure of `nodal_dilatation`, or None."""
 
     K: csr_matrix
     M: csr_matrix
@@ -234,12 +243,12 @@ class Assembled(NamedTuple):
 
 
 def is_compiled(basis: Basis) -> bool:
-    """Return whether the matrices are worth the compiled loops."""
+    """Return whether the matrices are large enough for the compiled loops."""
     return basis.mesh.nelements * basis.Nbfun**2 > COMPILED_BEYOND
 
 
 def assembled_by_scikit_fem(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
-    """Assemble by scikit-fem's forms; `excess` is the part of λ that is averaged at the vertices, None without."""
+    """Assemble by scikit-fem's forms; `excess` is the part of λ averaged at the vertices, None without averaging."""
     dilatations = None if excess is None else nodal_dilatation(basis, excess)
     return Assembled(stiffness(basis, lam, mu), mass(basis, rho), dilatations)
 
@@ -264,8 +273,10 @@ def assembled_by_loops(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, ex
 
 
 def slope_matrix(elasticity: Elasticity, places: Array) -> csr_matrix:
-    """Return the matrix `(3 a c, m)` [1/m] from a nodal field to its ∂/∂x_j at places of the reference cell `(a, 3)`,
-    with a row for each j, place and cell."""
+    """Return the matrix `(3 a c, m)` [1/m] from a nodal field to ∂/∂x_j at `places` `(a, 3)` of the reference cell.
+
+    It has a row for each j, place and cell.
+    """
     slopes = shape_gradients(elasticity, places).transpose(3, 1, 0, 2)
     cells = elasticity.cells
     columns = np.broadcast_to(cells.astype(np.int32), slopes.shape).ravel()
@@ -280,7 +291,7 @@ def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
 
 
 def reference_slopes(name: str, places: Array) -> Array:
-    """Return ∂φ_n/∂ξ_k of the shape functions of an element at places of the reference cell `(a, 3)`, shape
+    """Return ∂φ_n/∂ξ_k of an element's shape functions at `places` `(a, 3)` of the reference cell, shape
     `(n, 3, a)`."""
     element, count = ELEMENTS[name](), len(places)
     each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
@@ -288,13 +299,13 @@ def reference_slopes(name: str, places: Array) -> Array:
 
 
 def cellwise_lambda(material: Material) -> PerCell:
-    """Return the part of λ that stays with the cells, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
+    """Return the part of λ that acts cell by cell, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
     return np.minimum(material.lame_lambda, material.lame_mu * (2.0 * NU_CELLWISE / (1.0 - 2.0 * NU_CELLWISE)))
 
 
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """Assemble K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
-    # The strain of P_k is of degree k − 1, so the load's rule of degree 2k would be wasted on K.
+    # The strain of P_k has degree k − 1, so that K needs no rule of degree 2k as the load does.
     exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
     return assemble(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
@@ -302,8 +313,8 @@ def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
 def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_matrix]:
     """Assemble D_aj = ∫ ψ_a div φ_j dx [m²] and p = diag(1/∫ ψ_a/λ̄ dx) D [Pa/m], both `(vertices, N)`.
 
-    ψ are the P1 functions and λ̄ is the `excess` of λ over what stays with the cells; cells without any take no
-    part. The energy is ½ UᵀDᵀpU.
+    ψ are the P1 functions, and λ̄ is the `excess` of λ over the part that acts cell by cell. Cells without excess
+    do not contribute. The energy is ½ UᵀDᵀpU.
     """
     exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * basis.elem.elem.maxdeg - 2))
     vertices = exact.with_element(ElementTetP1())
@@ -313,13 +324,13 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 
 
 def _softness(mesh: MeshTet, excess: PerCell) -> tuple[Array, Array]:
-    """Return 1 for each cell with any excess λ̄ of λ, else 0, and 1/λ̄ [1/Pa], zero where there is none; `(c,)`."""
+    """Return 1 for each cell with an excess λ̄ of λ, else 0; and 1/λ̄ [1/Pa], zero without excess; `(c,)` each."""
     lam = np.broadcast_to(np.asarray(excess, float), mesh.nelements)
     return (lam > 0.0).astype(float), np.divide(1.0, lam, out=np.zeros(lam.size), where=lam > 0.0)
 
 
 def _pressure(D: csr_matrix, volume: Array) -> csr_matrix:
-    """Return p = diag(1/volume) D of the volumes over λ̄ of the vertices [m³/Pa], zero where that is none."""
+    """Return p = diag(1/volume) D; `volume` is volume over λ̄ of each vertex [m³/Pa], and p is zero if it is zero."""
     return csr_matrix(diags_array(np.divide(1.0, volume, out=np.zeros(volume.size), where=volume > 0.0)) @ D)
 
 
@@ -327,7 +338,7 @@ def mass(basis: Basis, rho: PerCell) -> csr_matrix:
     """Assemble the consistent mass M_ij = ∫ ρ φ_i · φ_j dx, shape `(N, N)` [kg]."""
     nodes, exact = basis.with_element(basis.elem.elem), 2 * basis.elem.elem.maxdeg
     scalar = assemble(BilinearForm(_inertia), nodes, exact, rho=_per_cell(rho))
-    return csr_matrix(kron(scalar, np.eye(3)))  # a node's three unknowns follow one another
+    return csr_matrix(kron(scalar, np.eye(3)))  # the three unknowns of a node are consecutive
 
 
 def _strain_energy(u: Any, v: Any, w: Any) -> Any:
@@ -358,7 +369,7 @@ def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
 
 
 def assemble(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
-    """Assemble the matrix of a form over the unknowns of `basis`, by a quadrature exact to `intorder`.
+    """Assemble the matrix of a form over the unknowns of `basis`, with a quadrature exact to degree `intorder`.
 
     `fields` are `(1, 1)`, or `(cells, 1)` for a value per cell.
     """

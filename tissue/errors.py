@@ -10,4 +10,4 @@ class FactorError(RuntimeError):
 
 
 class OrganError(RuntimeError):
-    """An organ that finds no answer to the forces on it: in words, for the step to be taken again in halves."""
+    """No converged answer of an organ to its forces; the step is then repeated as two half steps."""

@@ -1,9 +1,10 @@
 """Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX, F = I + ∇U (total Lagrangian).
 
-W is a density of distortion (`tissue.materials`) and κ/2 (J − 1)² of the same E and ν as the linear organ, which this
-one is at small strain. Where that averages its dilatation (`tissue.elasticity`), the part of κ beyond that of ν = 0.3
-acts here on J averaged at the vertices, ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet &
-Burton, Commun. Numer. Meth. Engng 14, 1998): an energy, so that the tangent is symmetric.
+W is a density of distortion (`tissue.materials`) plus κ/2 (J − 1)² with the same E and ν as the linear organ. At
+small strain it equals the linear organ. If the linear organ averages its dilatation (`tissue.elasticity`), the part
+of κ beyond the value at ν = 0.3 acts here on J averaged at the vertices: ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX
+and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is an energy, so that the tangent
+is symmetric.
 """
 
 from collections.abc import Sequence
@@ -25,13 +26,16 @@ from tissue.materials.prestretch import Prestretched
 from tissue.relaxation import Held, Part
 
 I3 = np.eye(3)
-NONE = (1.0, 1.0, 1.0)  # stretches that are none
+NONE = (1.0, 1.0, 1.0)  # stretches without prestretch
 
 
 @dataclass(frozen=True)
 class Pattern:
-    """The pattern of local matrices in a sparse one: `block` `(…)` numbers those of each cell, and `order` sorts the
-    numbers of all blocks into the data of a matrix of `indices`, `indptr` and `shape`."""
+    """The pattern that adds local matrices to a sparse one of `indices`, `indptr` and `shape`.
+
+    `block` `(…)` is the number of each local block. `order` sorts the numbers of all blocks into the data of the
+    sparse matrix.
+    """
 
     block: Indices
     order: Indices
@@ -40,15 +44,17 @@ class Pattern:
     shape: tuple[int, int]
 
     def matrix(self, local: Array) -> csr_matrix:
-        """Return the sum of local blocks, shape `(rows, columns, …)` with the numbers of a block first."""
+        """Return the sum of `local` blocks, shape `(rows, columns, …)`: the axes of a block come first."""
         each = local.reshape(-1, self.block.size)
         sums = [np.bincount(self.block, part) for part in each]
         return csr_matrix((np.column_stack(sums).ravel()[self.order], self.indices, self.indptr), shape=self.shape)
 
 
 def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: Indices, kept: Indices) -> Pattern:
-    """Return the pattern of blocks of `size` at `rows` and `columns` `(…)`, numbers of nodes, of a matrix of which the
-    scalar rows `rows_kept` and columns `kept` are wanted."""
+    """Return the pattern of blocks of `size` at node numbers `rows` and `columns` `(…)`.
+
+    The matrix keeps only the scalar rows `rows_kept` and the scalar columns `kept`.
+    """
     width = int(columns.max()) + 1
     known, block = np.unique(rows.ravel().astype(np.int64) * width + columns.ravel(), return_inverse=True)
     height = int(rows.max()) + 1
@@ -63,11 +69,12 @@ def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: I
 
 @dataclass(frozen=True, eq=False)
 class Hyperelasticity:
-    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a density of `distortion`.
+    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a density of
+    `distortion`.
 
-    None stands for the neo-Hookean solid of the body's μ. `prestretch` are principal stretches of the reference shape
-    along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are over all unknowns `(N,)`. Forces and tangents are over
-    the free ones.
+    `distortion` None means the neo-Hookean solid with the body's μ. `prestretch` are principal stretches of the
+    reference shape along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are over all unknowns `(N,)`. Forces are
+    over all unknowns, tangents over the free ones.
     """
 
     body: Elasticity
@@ -81,7 +88,7 @@ class Hyperelasticity:
 
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
-        """Places `(q, 3)` and weights `(q,)` of the reference cell, exact for the linear organ's energy."""
+        """Points `(q, 3)` and weights `(q,)` in the reference cell, exact for the linear organ's energy."""
         degree = max(1, 2 * (ELEMENTS[self.body.element]().maxdeg - 1))
         places, weights = get_quadrature(RefTet, degree)
         return np.ascontiguousarray(places.T), weights
@@ -94,12 +101,12 @@ class Hyperelasticity:
 
     @cached_property
     def weights(self) -> Array:
-        """Volume that each point stands for, shape `(q, c)` [m³]."""
+        """Volume of each quadrature point, shape `(q, c)` [m³]."""
         return np.asarray(np.outer(self._rule[1], self.body.six_volumes))
 
     @cached_property
     def kappa(self) -> PerCell:
-        """Bulk modulus that stays with the cells [Pa]."""
+        """Bulk modulus that acts cell by cell [Pa]."""
         material = self.body.material
         lam = material.lame_lambda if self.body.pressure is None else cellwise_lambda(material)
         return lam + 2.0 / 3.0 * material.lame_mu
@@ -115,35 +122,39 @@ class Hyperelasticity:
         return self.distortion or Exponential(self.body.material.lame_mu)
 
     def density_of(self, parts: Sequence[Density]) -> Density:
-        """Return the sum of densities of the tissue without prestretch and of its change of volume, in the reference
-        shape."""
+        """Return the sum of the densities `parts` and of the volumetric density, in the reference shape.
+
+        The densities are for the tissue without prestretch.
+        """
         whole, stretches = Sum([*parts, Volumetric(self.kappa)]), np.asarray(self.prestretch, dtype=float)
         return whole if np.all(stretches == 1.0) else Prestretched(whole, stretches)
 
     def relaxing(self, part: PerCell, H: Array | None) -> Density:
-        """Return the density of tissue of whose distortion a `part` is met, under a stress H `(3, 3, q, c)` [Pa] that
-        is held, both of the tissue without prestretch (`tissue.relaxation`); None: there is none."""
+        """Return the density of relaxing tissue (`tissue.relaxation`) for one step.
+
+        The density of distortion is multiplied by `part`, and a constant stress H `(3, 3, q, c)` [Pa] is added;
+        None means no stress. Both are for the tissue without prestretch.
+        """
         return self.density_of([Part(self._distortion, part), *([] if H is None else [Held(H)])])
 
     def distortional_stress(self, F: Array) -> Array:
-        """Return S_iso, the second Piola stress of the distortion of the tissue without prestretch, shape
-        `(3, 3, q, c)` [Pa]."""
+        """Return S_iso, the second Piola stress of distortion of the tissue without prestretch, `(3, 3, q, c)` [Pa]."""
         F = F * np.asarray(self.prestretch, dtype=float).reshape(3, 1, -1)
         inverse = cofactor(F) / determinant(F)
         return np.asarray(np.einsum("ki...,kj...->ij...", inverse, self._distortion.stress(F)))
 
-    # --- what is averaged at the vertices ---------------------------------------------------------------------
+    # --- terms averaged at the vertices -----------------------------------------------------------------------
 
     @cached_property
     def _hats(self) -> Array:
-        """ψ_a dX of the cells' vertices where λ̄ > 0, shape `(4, q, c)` [m³]."""
+        """ψ_a dX of the cells' vertices, shape `(4, q, c)` [m³]; zero in cells with λ̄ = 0."""
         places = self._rule[0]
         psi = np.vstack([1.0 - places.sum(axis=1), places.T])
         return np.asarray(psi[:, :, None] * self.weights * (self._excess > 0.0))
 
     @cached_property
     def _excess(self) -> Array:
-        """λ̄, the part of λ beyond what stays with the cells, shape `(c,)` [Pa]."""
+        """λ̄, the part of λ beyond the part that acts cell by cell, shape `(c,)` [Pa]."""
         material = self.body.material
         excess = material.lame_lambda - cellwise_lambda(material)
         return np.broadcast_to(np.asarray(excess, dtype=float), self.body.mesh.nelements)
@@ -155,13 +166,14 @@ class Hyperelasticity:
 
     @cached_property
     def _stiffness_of_vertices(self) -> Array:
-        """1/S_a, shape `(vertices,)` [Pa/m³]; zero at a vertex of no cell with λ̄."""
+        """1/S_a, shape `(vertices,)` [Pa/m³]; zero at a vertex without a cell with λ̄ > 0."""
         softness = np.divide(1.0, self._excess, out=np.zeros(self._excess.size), where=self._excess > 0.0)
         S = self._at_vertices(self._hats * (softness / self._before))
         return np.divide(1.0, S, out=np.zeros(S.size), where=S > 0.0)
 
     def _at_vertices(self, local: Array) -> Array:
-        """Sum values of the cells' vertices at their points `(4, q, c)` at the vertices, shape `(vertices,)`."""
+        """Return the sums at the vertices of values `(4, q, c)` of the cells' vertices and points, shape
+        `(vertices,)`."""
         mesh = self.body.mesh
         return np.asarray(np.bincount(mesh.t.ravel(), local.sum(axis=1).ravel(), mesh.nvertices), dtype=float)
 
@@ -170,7 +182,7 @@ class Hyperelasticity:
         return self._at_vertices(self._hats * (J - 1.0 / self._before))
 
     def pressure(self, U: Array) -> Array:
-        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero where nothing is averaged."""
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero without averaging."""
         if self.body.pressure is None:
             return np.zeros(self.body.mesh.nvertices)
         return self._stiffness_of_vertices * self._gaps(determinant(self.gradient(U)))
@@ -193,10 +205,12 @@ class Hyperelasticity:
         return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
 
     def energy(self, F: Array, density: Density | None = None) -> float:
-        """Return the stored energy [J] of deformation gradients as `gradient` gives them; inf if a cell is
-        inverted. A `density` that is given here, or below, stands for its own.
+        """Return the stored energy [J] of deformation gradients from `gradient`; infinite if a cell is inverted.
 
-        It is measured from tissue without prestretch: the reference shape's own, `energy_of_prestretch`, is in it.
+        Here and below, a given `density` replaces the density of the body.
+
+        The energy is zero for tissue without prestretch. It therefore includes the energy of the reference shape,
+        `energy_of_prestretch`.
         """
         J = determinant(F)
         if not J.min() > 0.0:
@@ -213,12 +227,12 @@ class Hyperelasticity:
         return self.energy(self.gradient(np.zeros(self.body.N)), density)
 
     def is_possible(self, F: Array) -> bool:
-        """Whether no cell is inverted by deformation gradients as `gradient` gives them."""
+        """Return whether no cell is inverted by deformation gradients from `gradient`."""
         return bool(determinant(F).min() > 0.0)
 
     def energy_at_points(self, F: Array, density: Density | None = None) -> Array:
-        """Return the stored energy of each point of the cells, shape `(q, c)` [J], with its share of the terms averaged
-        at the vertices."""
+        """Return the stored energy of each quadrature point, shape `(q, c)` [J], including its share of averaged
+        terms."""
         stored = self.weights * (density or self.density).energy(F)
         if self.body.pressure is not None:
             J = determinant(F)
@@ -239,7 +253,7 @@ class Hyperelasticity:
     def forces(self, F: Array, density: Density | None = None) -> tuple[Array, float]:
         """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on a node [N].
 
-        At held unknowns it is the force of the support.
+        At clamped unknowns the force is the force of the support.
         """
         P = self.weights * self.stress(F, density)
         local = np.einsum("ijqc,njqc->nic", P, self.slopes)

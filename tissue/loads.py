@@ -3,13 +3,13 @@
     f_a = ∫ φ_a t dA                    a traction t [Pa], per area of the reference shape
     f_a = −∫ φ_a p (x_ξ × x_η) dξ dη    a pressure p [Pa] on a surface whose nodes are at x, x_ξ × x_η outward
 
-The pressure's forces are those on the surface as it lies: at the reference places they are what a linear organ bears,
-at the displaced ones those of a pressure that follows. Either is exact: tractions of a P2 facet are of degree 2,
-pressures on a curved one of degree 4.
+The forces of a pressure act on the surface through the nodes at x. A linear organ uses the reference positions. A
+pressure that follows uses the displaced positions. Both are integrated exactly: tractions of a P2 facet have degree
+2, pressures on a curved facet degree 4.
 
-A pressure that follows has a potential, the volume behind its surface, where that is closed or its rim is held; only
-then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45, 1984). Elsewhere the symmetric part is what
-is given.
+A pressure that follows has a potential, the volume behind its surface, if the surface is closed or its rim is held.
+Only then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45, 1984). In other cases the code uses
+the symmetric part of the tangent.
 """
 
 from dataclasses import dataclass
@@ -26,18 +26,18 @@ from tissue.errors import TissueError
 from tissue.supports import facets_of
 
 TRIANGLES = {"P1": ElementTriP1, "P2": ElementTriP2}
-DEGREE = {"P1": 1, "P2": 4}  # of φ_a (x_ξ × x_η) on a facet
+DEGREE = {"P1": 1, "P2": 4}  # degree of φ_a (x_ξ × x_η) on a facet
 PERMUTATION = np.array([np.cross(np.eye(3)[i], np.eye(3)) for i in range(3)])  # a × b has the components a_i P_ijk b_j
 
 
 @dataclass(frozen=True)
 class SurfaceLoad:
-    """A force per area on the boundary of that name: a `traction` (3,) [Pa] per reference area, or a `pressure` [Pa],
-    positive where it pushes on the organ.
+    """A force per area on a named boundary: a `traction` (3,) [Pa] per reference area, or a `pressure` [Pa].
 
-    Its `course` has rows of time [s] and factor [-], linear in between. None means that the whole load acts at all
-    times, and in statics grows with the load steps. Raises `TissueError` unless one of the two is given, finite, and
-    the times of the course rise.
+    A positive pressure pushes on the organ. Its `course` has rows of time [s] and factor [-], linear in between.
+    None means that the whole load acts at all times; in statics it then grows with the load steps. Raises
+    `TissueError` unless exactly one of traction and pressure is given, both are finite, and the times of the course
+    increase.
     """
 
     boundary: str
@@ -47,7 +47,7 @@ class SurfaceLoad:
 
     def __post_init__(self) -> None:
         if (self.traction is None) == (self.pressure is None):
-            raise TissueError(f"load on {self.boundary!r}: allowed are a traction or a pressure; give one of them")
+            raise TissueError(f"load on {self.boundary!r}:allowed is either a traction or a pressure; give one of them")
         given = np.asarray(self.pressure if self.traction is None else self.traction, dtype=float)
         if given.shape not in {(), (3,)} or not np.all(np.isfinite(given)):
             raise TissueError(f"load on {self.boundary!r}: {given} Pa; allowed are finite numbers, three or one")
@@ -60,17 +60,19 @@ class SurfaceLoad:
         return np.array(self.course, dtype=float).T
 
     def factor(self, time: float, share: float = 1.0) -> float:
-        """Return the part of the load that acts at a time [s]; in statics that at a `share` of the load steps, which
-        end at `time`."""
+        """Return the part of the load that acts at `time` [s], or in statics at a `share` of the load steps.
+
+        In statics the load steps end at `time`.
+        """
         if self.course is None:
             return share
-        # At a start at rest no time passes, and the share grows.
+        # In an equilibrium at the start time is 0, and only the share grows.
         return (1.0 if time > 0.0 else share) * float(np.interp(share * time, *self._rows))
 
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets of a body: their `nodes` `(f, 3)`, or `(f, 6)` with P2, so ordered that x_ξ × x_η points outward."""
+    """Facets of a body: their `nodes` `(f, 3)`, or `(f, 6)` with P2, in the order in which x_ξ × x_η points outward."""
 
     element: str
     nodes: Indices
@@ -86,8 +88,7 @@ class Facets:
         return shapes, slopes.swapaxes(0, 1), np.asarray(weights)
 
     def area_vectors(self, x: Array) -> Array:
-        """Return x_ξ × x_η at the Gauss points of a surface whose body has its nodes at `x` (m, 3), `(f, g, 3)`
-        [m²]."""
+        """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²]; the body's nodes are at `x` (m, 3)."""
         along = self._along(x)
         return np.cross(along[0], along[1])
 
@@ -96,8 +97,10 @@ class Facets:
         return np.asarray(np.einsum("kng,fni->kfgi", self.rule[1], x[self.nodes]))
 
     def turning(self, x: Array) -> Array:
-        """Return how ∫ φ_a (x_ξ × x_η) dξ dη changes with the nodes' places, shape `(f, n, 3, n, 3)` [m]: by
-        φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ."""
+        """Return the derivative of ∫ φ_a (x_ξ × x_η) dξ dη by the node positions, shape `(f, n, 3, n, 3)` [m].
+
+        The integrand changes by φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ.
+        """
         (shapes, slopes, weights), (x_xi, x_eta) = self.rule, self._along(x)
         sides = np.einsum("bg,jki,fgk->fgbij", slopes[0], PERMUTATION, x_eta)
         sides -= np.einsum("bg,jki,fgk->fgbij", slopes[1], PERMUTATION, x_xi)
@@ -112,8 +115,10 @@ class Facets:
 
 
 def build_facets(body: Elasticity, name: str) -> Facets:
-    """Return the facets of the boundary of that name. Raises `TissueError` if the mesh names none such, and
-    for one inside the body."""
+    """Return the facets of the boundary `name`.
+
+    Raises `TissueError` if the mesh has no boundary of this name, or if the boundary lies inside the body.
+    """
     mesh, facets = body.mesh, facets_of(body.mesh, "load", name)
     if np.any(mesh.f2t[1, facets] >= 0):
         raise TissueError(f"load: the boundary {name!r} lies inside the organ in part; name one on its surface")
@@ -138,13 +143,18 @@ class Loads:
         return tuple(build_facets(self.body, load.boundary) for load in self.each)
 
     def shares(self, time: float, share: float = 1.0) -> Array:
-        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the load steps, which end
-        at `time`, `(k,)`."""
+        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the load steps,
+        `(k,)`.
+
+        In statics the load steps end at `time`.
+        """
         return np.array([load.factor(time, share) for load in self.each])
 
     def forces(self, number: int, x: Array) -> Array:
-        """Return the nodal forces of the whole load of that number on a body whose nodes are at `x` (m, 3), `(m, 3)`
-        [N]; those of a traction are the same at any."""
+        """Return the nodal forces of one whole load, `(m, 3)` [N]; the body's nodes are at `x` (m, 3).
+
+        The forces of a traction do not depend on x.
+        """
         load, facets = self.each[number], self.facets[number]
         if load.pressure is not None:
             return facets.nodal_forces(-load.pressure * facets.area_vectors(x), len(x))
@@ -163,28 +173,30 @@ class Loads:
         return self.resultants_at(self.body.points)
 
     def resultants_at(self, x: Array) -> Array:
-        """Return the sum of the forces of each whole load on a body whose nodes are at `x` (m, 3), `(k, 3)` [N]."""
+        """Return the sum of the forces of each whole load, `(k, 3)` [N]; the body's nodes are at `x` (m, 3)."""
         each = [self.forces(number, x).sum(axis=0) for number in range(len(self.each))]
         return np.array(each).reshape(-1, 3)
 
     @cached_property
     def follows(self) -> bool:
-        """Whether there is a pressure, which would follow its surface."""
+        """Whether a load is a pressure, which follows its surface."""
         return any(load.pressure is not None for load in self.each)
 
     def _pressures(self, shares: Array | None) -> list[tuple[float, Facets]]:
-        """Return each pressure that acts [Pa] and its facets; none where `shares` is None."""
+        """Return each acting pressure [Pa] and its facets; an empty list if `shares` is None."""
         parts = zip(self.each, np.zeros(len(self.each)) if shares is None else shares, self.facets, strict=True)
         return [(share * load.pressure, on) for load, share, on in parts if load.pressure is not None and share]
 
     def pressing(self, shares: Array | None, x: Array) -> Array:
-        """Return the forces of the parts `shares` `(k,)` of the pressures on a body whose nodes are at `x` (m, 3), over
-        all unknowns `(N,)` [N]; None is none of them."""
+        """Return the forces of the parts `shares` `(k,)` of the pressures over all unknowns, `(N,)` [N].
+
+        The body's nodes are at `x` (m, 3). `shares` None means no pressure.
+        """
         each = [on.nodal_forces(-p * on.area_vectors(x), len(x)) for p, on in self._pressures(shares)]
         return self.body.flat(sum(each, np.zeros_like(x)))
 
     def pressing_tangent(self, shares: Array | None, x: Array) -> csr_matrix:
-        """Return the symmetric part of how these forces change with the displacement, shape `(N, N)` [N/m]."""
+        """Return the symmetric part of the derivative of these forces by the displacement, shape `(N, N)` [N/m]."""
         out = csr_matrix((self.body.N, self.body.N))
         for p, on in self._pressures(shares):
             unknowns, n = self.body.nodes[on.nodes].reshape(len(on.nodes), -1), 3 * on.nodes.shape[1]
@@ -195,8 +207,10 @@ class Loads:
         return out
 
     def pressing_work(self, shares: Array | None, x: Array, way: Array) -> float:
-        """Return the work of these forces on the straight way (m, 3) [m] from `x` (m, 3) [J]: exact by Simpson's rule,
-        for they are of degree two in the nodes' places."""
+        """Return the work of these forces along the straight displacement `way` (m, 3) [m] from `x` (m, 3) [J].
+
+        Simpson's rule is exact, because the forces have degree two in the node positions.
+        """
         forces = [self.pressing(shares, x + share * way) for share in (0.0, 0.5, 1.0)]
         return float((forces[0] + 4.0 * forces[1] + forces[2]) @ self.body.flat(way) / 6.0)
 

@@ -12,7 +12,7 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Return a function whose loops are compiled when it is first called, and kept on disk where one may write."""
+    """Return a function that is compiled at its first call and cached on disk if a folder can be written."""
     try:
         return sound(njit(cache=True, error_model="numpy")(kernel))
     except RuntimeError:  # no folder for the cache can be written
@@ -20,21 +20,24 @@ def compiled(kernel: Kernel) -> Kernel:
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]
-    """Numba's files of a compiled function, which are emptied where they are torn: it is compiled anew then. A run that
-    is killed, or a full disk, may leave them so, and Numba would end every later run in an error of pickle."""
+    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is compiled again.
+
+    A killed run or a full disk can leave damaged files. Numba would then end every later run with an error of
+    pickle.
+    """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the function compiled for a signature, None if it is to be compiled."""
+        """Return the function compiled for a signature, or None if it must be compiled."""
         try:
             return super().load_overload(sig, target_context)
-        except Exception as error:  # pickle raises whatever the bytes lead to
+        except Exception as error:  # pickle can raise any error on damaged bytes
             log.warning("compiled loops in %s are damaged (%s); they are compiled again", self.cache_path, error)
             self.flush()
             return None
 
 
 def sound(dispatcher: Any) -> Any:
-    """Return a function that Numba keeps on disk with files that may be torn; where Numba is switched off, as it is."""
+    """Return the function with a cache that tolerates damaged files; without Numba the function is unchanged."""
     if hasattr(dispatcher, "_cache"):
         dispatcher._cache = SoundCache(dispatcher.py_func)
     return dispatcher

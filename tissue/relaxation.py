@@ -1,15 +1,18 @@
-"""Tissue that relaxes: a Prony series of the stress of its distortion, at finite strain (Simo, Comput. Methods Appl.
-Mech. Eng. 60, 1987; in this form Holzapfel & Gasser, Comput. Methods Appl. Mech. Eng. 190, 2001).
+"""Tissue that relaxes: a Prony series of the distortional stress at finite strain.
+
+The model is from Simo, Comput. Methods Appl. Mech. Eng. 60, 1987; in this form Holzapfel & Gasser, Comput. Methods
+Appl. Mech. Eng. 190, 2001:
 
     S = S_vol + (1 − Σ g_i) S_iso + Σ Q_i,    dQ_i/dt + Q_i/τ_i = g_i dS_iso/dt
 
-S is the second Piola stress of the tissue without prestretch. The modulus of the material is that of a pull at once;
-long after, the distortion has 1 − Σ g_i of it. At small strain this is linear viscoelasticity. Over a step of Δt in
-which S_iso goes evenly from S to S⁺, with x_i = Δt/τ_i and φ(x) = (1 − e⁻ˣ)/x,
+S is the second Piola stress of the tissue without prestretch. The modulus of the material is the instantaneous one.
+After a long time, the distortional stress is 1 − Σ g_i of its instantaneous value. At small strain this is linear
+viscoelasticity. Over a step of Δt in which S_iso changes linearly from S to S⁺, with x_i = Δt/τ_i and φ(x) = (1 −
+e⁻ˣ)/x,
 
     Q_i⁺ = e^(−x_i) Q_i + g_i φ(x_i) (S⁺ − S).
 
-So the stress at its end is that of an energy, and the step is a minimum as before:
+The stress at the end of the step therefore derives from an energy, and the step is a minimum as without relaxation:
 
     γ W_iso + ½ H : (C − 1),    γ = 1 − Σ g_i (1 − φ_i),    H = Σ e^(−x_i) Q_i − Σ g_i φ_i S.
 """
@@ -27,27 +30,29 @@ from tissue.materials.density import Density
 
 @dataclass(frozen=True, eq=False)
 class Prony:
-    """Shares g [-] of the stress of distortion that relax, one number or one per cell `(c,)` each, and their times τ
-    [s], shape `(b,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ > 0."""
+    """Shares g [-] of the distortional stress that relax, and their times τ [s], `(b,)`.
+
+    A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ > 0.
+    """
 
     shares: Sequence[PerCell]
     times: Sequence[float]
 
     def __post_init__(self) -> None:
         if len(self.shares) != len(self.times) or not self.times:
-            raise TissueError("relaxation: each share has its own time, and there is one at least")
+            raise TissueError("relaxation: allowed are one time for each share, and at least one share")
         least, all_of_it = min(float(np.min(share)) for share in self.shares), float(np.max(self.total))
         if not (least >= 0.0 and all_of_it < 1.0):
             raise TissueError(
                 f"relaxation: shares from {least:g}, in sum up to {all_of_it:g}; allowed are shares of 0 or more and a "
-                "sum below 1: what does not relax bears a lasting load"
+                "sum below 1, because the rest carries a lasting load"
             )
         if not all(0.0 < time < np.inf for time in self.times):
             raise TissueError(f"relaxation: times {list(self.times)} s; allowed are positive numbers")
 
     @property
     def total(self) -> PerCell:
-        """Σ g, what has relaxed in the end [-]."""
+        """Σ g, the share that has relaxed after a long time [-]."""
         return sum(self.shares, start=np.zeros(()))
 
     def decays(self, dt: float) -> Array:
@@ -55,12 +60,12 @@ class Prony:
         return np.exp(-dt / np.asarray(self.times))
 
     def means(self, dt: float) -> Array:
-        """Return φ(Δt/τ), the mean of that decay over Δt, shape `(b,)`; 1 over no time, 0 over all."""
+        """Return φ(Δt/τ), the mean decay over Δt, shape `(b,)`; 1 for Δt = 0, and 0 for an infinite Δt."""
         x = dt / np.asarray(self.times)
         return np.divide(-np.expm1(-x), x, out=np.where(x > 0.0, 0.0, 1.0), where=(x > 0.0) & np.isfinite(x))
 
     def met(self, dt: float) -> PerCell:
-        """Return γ, the part of the stiffness of distortion that a step of Δt meets [-]."""
+        """Return γ, the part of the distortional stiffness that acts in a step of Δt [-]."""
         left = (share * (1.0 - mean) for share, mean in zip(self.shares, self.means(dt), strict=True))
         return 1.0 - sum(left, start=np.zeros(()))
 
@@ -77,7 +82,7 @@ class Prony:
 
 @dataclass(frozen=True)
 class Part:
-    """A `part` of a `density`, a number or one per cell."""
+    """A `density` times a factor `part`, one number or one per cell."""
 
     density: Density
     part: PerCell
@@ -97,7 +102,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Held:
-    """½ H : (C − 1) of a second Piola stress H `(3, 3, …)` [Pa] that stays what it is."""
+    """The density ½ H : (C − 1) of a constant second Piola stress H `(3, 3, …)` [Pa]."""
 
     H: Array
 

@@ -1,7 +1,7 @@
-"""Strain and rotation of the organ, cell by cell, which small-strain elasticity takes as small.
+"""Strain and rotation of the organ, cell by cell, which small-strain elasticity assumes to be small.
 
-Linear elasticity reads strain and rotation off one gradient, ε = sym ∇U and ω = ½ curl U. It leaves out what is of
-second order in either, and no displacement tells how much that is: a body may go far without straining.
+Linear elasticity takes strain and rotation from one gradient, ε = sym ∇U and ω = ½ curl U. It neglects terms of
+second order in both. The displacement does not show the size of these terms: a body can move far without strain.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ class Strains(NamedTuple):
 
 
 def strains(elasticity: Elasticity, U: Array) -> Strains:
-    """Return all that is read off the gradient of a field over all unknowns `(N,)` [m], which is made once."""
+    """Return all strain measures of a field over all unknowns `(N,)` [m]; its gradient is computed once."""
     corners, mean = elasticity.corner_slopes, elasticity.mean_slopes[0]
     at_corners = gradient(elasticity, corners, U)
     slope = at_corners if mean is corners else gradient(elasticity, mean, U)
@@ -41,8 +41,9 @@ def strains(elasticity: Elasticity, U: Array) -> Strains:
 
 
 def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
-    """Return the largest principal strain [-], in magnitude, and the largest rotation |½ curl U| [rad] of each cell,
-    shape `(c,)` each. `U` [m] is a field over all unknowns `(N,)`.
+    """Return the largest principal strain in magnitude [-] and the largest rotation |½ curl U| [rad] of each cell.
+
+    Both have shape `(c,)`. `U` [m] is a field over all unknowns `(N,)`.
     """
     return _strain_of(elasticity, gradient(elasticity, elasticity.corner_slopes, U))
 
@@ -57,10 +58,13 @@ def _strain_of(elasticity: Elasticity, slope: Array) -> tuple[Array, Array]:
 
 
 def extreme_values(parts: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the smallest and the largest principal value of symmetric tensors of parts xx, yy, zz, xy, yz, xz, each
-    `(m,)`, by their invariants: p + 2 √(J₂/3) cos θ, with the Lode angle θ of cos 3θ = (3√3/2) J₃/J₂^(3/2).
+    """Return the smallest and the largest principal value of symmetric tensors, `(m,)` each.
 
-    A tenth of the time of their eigenvalues one by one. Where two of the three are one, they keep seven digits.
+    `parts` are xx, yy, zz, xy, yz, xz, `(m,)` each. The values follow from the invariants: p + 2 √(J₂/3) cos θ with
+    the Lode angle θ, cos 3θ = (3√3/2) J₃/J₂^(3/2).
+
+    This takes a tenth of the time of an eigenvalue solver. If two of the three principal values are equal, seven
+    digits are correct.
     """
     p = (parts[0] + parts[1] + parts[2]) / 3.0
     x, y, z = (part - p for part in parts[:3])
@@ -74,7 +78,7 @@ def extreme_values(parts: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def symmetric(parts: Sequence[Array] | Array) -> Array:
-    """Return symmetric tensors, shape `(m, 3, 3)`, of their parts xx, yy, zz, xy, yz, xz `(6, m)`."""
+    """Return symmetric tensors, shape `(m, 3, 3)`, from their parts xx, yy, zz, xy, yz, xz `(6, m)`."""
     xx, yy, zz, xy, yz, xz = parts
     return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
 
@@ -85,8 +89,10 @@ def gradient(elasticity: Elasticity, slopes: csr_matrix, U: Array) -> Array:
 
 
 def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return the volume between the corners of each cell over that of the reference shape, J, shape `(c,)` [-]; `U` [m]
-    is a field over all unknowns `(N,)`."""
+    """Return J of each cell, the volume between its corners over the volume in the reference shape, `(c,)` [-].
+
+    `U` [m] is a field over all unknowns `(N,)`.
+    """
     corners = elasticity.mesh.t
     x = np.ascontiguousarray((elasticity.points + elasticity.nodal(U))[: elasticity.mesh.nvertices].T)
     first, *others = (x.take(corner, axis=1) for corner in corners)  # half the time of x[:, corner]
@@ -95,13 +101,15 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
 
 
 def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return J averaged at the vertices by their hat functions ψ, ∫ ψ J dX / ∫ ψ dX, and midway along edges the mean of
-    both ends, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns `(N,)`.
+    """Return J averaged at the nodes, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns `(N,)`.
 
-    It is what the law of nearly incompressible tissue acts on (Bonet and Burton, Commun. Numer. Meth. Engng. 14, 1998):
-    the J of single cells alternates where this one is smooth.
+    At the vertices the average is ∫ ψ J dX / ∫ ψ dX with the hat functions ψ. At the middle of an edge it is the
+    mean of both ends.
+
+    The law of nearly incompressible tissue acts on this average (Bonet and Burton, Commun. Numer. Meth. Engng. 14,
+    1998). J of single cells oscillates while this average is smooth.
     """
-    return _nodal_ratio_of(elasticity, gradient(elasticity, elasticity.mean_slopes[0], U))  # those of the law
+    return _nodal_ratio_of(elasticity, gradient(elasticity, elasticity.mean_slopes[0], U))  # points of the law
 
 
 def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
@@ -121,8 +129,11 @@ def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
 
 
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
-    """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³]: λ/2 (div U)² + μ ε : ε, and half of
-    pressure times dilatation for terms averaged at the vertices. `U` [m] is a field over all unknowns `(N,)`."""
+    """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³].
+
+    It is λ/2 (div U)² + μ ε : ε, plus half of pressure times dilatation for terms averaged at the vertices. `U` [m]
+    is a field over all unknowns `(N,)`.
+    """
     return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
 
 
@@ -143,8 +154,9 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
 
 
 def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
-    """Return the share of the organ's strain energy, measured by ∫ E ε² dx with the `strain` (c,) of each cell, that is
-    in some `cells` (c,); 0 of an organ without strain.
+    """Return the share of the organ's strain energy in some `cells` (c,); 0 for an organ without strain.
+
+    The energy is measured by ∫ E ε² dx with the `strain` (c,) of each cell.
     """
     energy = elasticity.material.youngs_modulus * elasticity.six_volumes * strain**2
     return float(energy[cells].sum() / max(energy.sum(), np.finfo(float).tiny))

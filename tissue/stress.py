@@ -1,6 +1,6 @@
 """Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
 
-A pressure that is averaged at the vertices (`tissue.elasticity`) is read from there, on an edge as the mean of its
+A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices; on an edge it is the mean of both
 vertices.
 """
 
@@ -21,8 +21,10 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric 
 
 @dataclass(frozen=True)
 class StressRecovery:
-    """Nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z, as one sparse product `(6m, m)`, and the pressure that is
-    averaged at the vertices, `(m, N)`. Made by `stress_recovery`.
+    """Matrices from a displacement field to the stress at the nodes; made by `stress_recovery`.
+
+    `slopes` `(6m, m)` gives nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z. `pressure` `(m, N)` gives the
+    pressure averaged at the vertices.
     """
 
     slopes: csr_matrix
@@ -42,8 +44,10 @@ class StressRecovery:
 
 
 def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> StressRecovery:
-    """Return the recovery of σ = λ tr ε I + 2μ ε: at each cell's nodes, then averaged over a node's cells by volume.
-    With a `share`, a number or one per cell, it is that of the share of 2μ dev ε alone."""
+    """Return the recovery of σ = λ tr ε I + 2μ ε, computed at each cell's nodes and averaged by volume.
+
+    With a `share`, one number or one per cell, it recovers only this share of 2μ dev ε.
+    """
     material = elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
     pressure, shear = _nodal_pressure(elasticity), material.lame_mu
@@ -51,7 +55,7 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
         shear = share * np.asarray(material.lame_mu)
         spread, pressure = -2.0 / 3.0 * shear, csr_matrix(pressure.shape)
     average, slopes = _averages(elasticity), _nodal_slopes(elasticity)
-    parts = np.split(np.arange(slopes.shape[0]), 3)  # of ∂/∂x, ∂/∂y, ∂/∂z
+    parts = np.split(np.arange(slopes.shape[0]), 3)  # ∂/∂x, ∂/∂y, ∂/∂z
     blocks = [
         average
         @ diags_array(np.resize(np.broadcast_to(modulus, len(elasticity.cells)), average.shape[1]))
@@ -63,16 +67,18 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
 
 
 def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
-    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as `slope_matrix`; those of a
-    linear cell share its slopes, a = 1."""
+    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as `slope_matrix`.
+
+    In a linear cell the slopes are constant, and a = 1.
+    """
     if elasticity.element == "P1":
         return elasticity.corner_slopes
     return slope_matrix(elasticity, np.asarray(ELEMENTS[elasticity.element]().doflocs))
 
 
 def _averages(elasticity: Elasticity) -> csr_matrix:
-    """Return the average by volume at each node of what its cells have there, in the order of `_nodal_slopes`, shape
-    `(m, a c)`."""
+    """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`, in the order of
+    `_nodal_slopes`."""
     cells, m, volume = elasticity.cells, len(elasticity.nodes), elasticity.six_volumes
     total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
     places = 1 if elasticity.element == "P1" else cells.shape[1]
@@ -81,8 +87,7 @@ def _averages(elasticity: Elasticity) -> csr_matrix:
 
 
 def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
-    """Return the matrix `(k, m)` from a nodal field to its values at points `(k, 3)` [m], by the element's
-    shape functions.
+    """Return the matrix `(k, m)` that interpolates a nodal field at points `(k, 3)` [m] by the shape functions.
 
     Raises `TissueError` for a point outside the body.
     """
@@ -99,8 +104,9 @@ def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
 
 
 def von_mises(stress: Array) -> Array:
-    """Return √(½[(σxx−σyy)² + (σyy−σzz)² + (σzz−σxx)²] + 3(σxy² + σyz² + σxz²)), shape `(m,)` [Pa], of stress
-    `(m, 6)`.
+    """Return the von Mises stress, shape `(m,)` [Pa], of stress `(m, 6)`.
+
+    It is √(½[(σxx−σyy)² + (σyy−σzz)² + (σzz−σxx)²] + 3(σxy² + σyz² + σxz²)).
     """
     xx, yy, zz, xy, yz, xz = stress.T
     normal = 0.5 * ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2)
@@ -108,8 +114,10 @@ def von_mises(stress: Array) -> Array:
 
 
 def principal(stress: Array) -> tuple[Array, Array]:
-    """Return the principal values of stress `(m, 6)`, falling, `(m, 3)` [Pa], and their unit directions, rows of
-    `(m, 3, 3)`."""
+    """Return the principal values of stress `(m, 6)`, largest first, `(m, 3)` [Pa], and their unit directions.
+
+    The directions are rows of `(m, 3, 3)`.
+    """
     values, directions = np.linalg.eigh(symmetric(stress.T))
     return values[:, ::-1], directions.swapaxes(1, 2)[:, ::-1]
 

@@ -1,4 +1,4 @@
-"""Supports of the organ: clamps, which hold all of a node, and rollers, which hold a plane boundary across itself."""
+"""Supports of the organ: clamps fix all components of a node, rollers fix a plane boundary along its normal."""
 
 from collections.abc import Sequence
 
@@ -9,9 +9,9 @@ from skfem import Basis, MeshTet
 from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 
-PLANE = 1e-9  # of the body's size: how far the nodes of a plane boundary may lie from it
+PLANE = 1e-9  # of the body's size: largest distance of the nodes of a plane boundary from the plane
 ROUND = 1e-6  # of a unit vector: smaller components are round-off
-FIRM = 1e-8  # of the largest: a rigid motion that is held less is not held
+FIRM = 1e-8  # a rigid motion with a smaller relative stiffness is not held
 
 
 def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
@@ -26,16 +26,16 @@ def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
 def unknowns_on(basis: Basis, facets: Indices) -> Indices:
     """Return the unknowns of the nodes on facets, a row for each component, shape `(3, k)`."""
     corners = basis.nodal_dofs[:, np.unique(basis.mesh.facets[:, facets])]
-    if not basis.edge_dofs.size:  # scikit-fem numbers edges for these, too, which takes as long as to number facets
+    if not basis.edge_dofs.size:  # skips a slow numbering of edges by scikit-fem
         return np.asarray(corners)
     edges = basis.edge_dofs[:, np.unique(basis.mesh.f2e[:, facets])]
     return np.hstack([corners, edges])
 
 
 def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
-    """Return the sorted unknowns of the displacement across the boundaries named in `roller`.
+    """Return the sorted unknowns of the normal displacement on the boundaries named in `roller`.
 
-    Raises `TissueError` for a boundary that the mesh does not name or that is no plane across an axis.
+    Raises `TissueError` for a boundary that the mesh does not name or that is not a plane normal to an axis.
     """
     held = [unknowns_on(basis, facets_of(basis.mesh, "roller", name))[axis_of(basis.mesh, name)] for name in roller]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
@@ -58,20 +58,20 @@ def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
     """Return the facets of a boundary. Raises `TissueError` with the known names if it does not exist."""
     boundaries = mesh.boundaries or {}
     if name not in boundaries:
-        known = ", ".join(sorted(boundaries)) or "none at all"
+        known = ", ".join(sorted(boundaries)) or "none"
         raise TissueError(f"{key}: no boundary is named {name!r}; the mesh names {known}")
     return np.asarray(boundaries[name], dtype=np.intp)
 
 
 def axis_of(mesh: MeshTet, name: str) -> int:
-    """Return the axis 0, 1, 2 that a plane boundary lies across. Raises `TissueError` for any other boundary."""
+    """Return the axis 0, 1, 2 normal to a plane boundary. Raises `TissueError` for any other boundary."""
     nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
     thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
     axis = int(np.argmin(thickness))
     if thickness[axis] > PLANE * size:
         raise TissueError(
-            f"roller: the boundary {name!r} is no plane across the x, y or z axis ({thickness[axis]:.3g} m thick); "
-            "clamp it, or name one that is"
+            f"roller: the boundary {name!r} is not a plane normal to the x, y or z axis ({thickness[axis]:.3g} m "
+            "thick); clamp it, or name a plane boundary"
         )
     return axis
 
@@ -82,7 +82,7 @@ def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
 
 
 def motions_in_words(motions: Array) -> str:
-    """Tell in which ways a body can move by its `rigid_motions`: along which axes, and about which it can turn."""
+    """Return in words the axes along which and about which a body can move, from its `rigid_motions`."""
     turns = motions[np.linalg.norm(motions[:, 3:], axis=1) > ROUND]
     slides = motions[np.linalg.norm(motions[:, 3:], axis=1) <= ROUND]
     ways = [(slides[:, :3], "move along"), (turns[:, 3:], "turn about an axis along")]
@@ -90,15 +90,18 @@ def motions_in_words(motions: Array) -> str:
 
 
 def _axes(axes: Array) -> str:
-    """Name the directions that some span: by x, y, z where they are those, else by a vector each."""
+    """Return the names of the directions that some vectors span: x, y, z if they are axes, else one vector each."""
     span = np.linalg.svd(axes)[2][: np.linalg.matrix_rank(axes, tol=ROUND)]
     known = [name for name, unit in zip("xyz", np.eye(3), strict=True) if np.linalg.norm(span @ unit) > 1.0 - ROUND]
     return ", ".join(known if len(known) == len(span) else [str(np.round(v, 3).tolist()) for v in span])
 
 
 def rigid_motions(points: Array, held: NDArray[np.bool_]) -> Array:
-    """Return a basis of the rigid motions that are left to a body with `points` (k, 3) [m] held in the components
-    `held` (k, 3), shape `(d, 6)`: of its centre, and about it, those that do not turn first."""
+    """Return a basis of the possible rigid motions of a partly held body, shape `(d, 6)`, translations first.
+
+    The body has `points` (k, 3) [m], held in the components `held` (k, 3). A row has the motion of its centre and
+    the rotation about the centre.
+    """
     node, component = np.nonzero(held)
     if node.size == 0:
         return np.eye(6)

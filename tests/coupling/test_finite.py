@@ -221,7 +221,7 @@ def test_a_way_that_would_turn_a_cell_inside_out_is_refused(monkeypatch: pytest.
     system, state = scene("P1 quasi-static fibre")
     made: Any = system.organ
     answer = made.answer(Equilibrium(), [state.organ])
-    with pytest.raises(tissue.OrganError, match="inside out"):
+    with pytest.raises(tissue.OrganError, match="a cell would be inverted"):
         answer.again(np.tile([1e3 * X, 0 * X, 0 * X], 2).ravel(), np.zeros(0))
 
 
@@ -234,5 +234,5 @@ def test_an_organ_without_an_answer_fails_the_step(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(tissue.FiniteOrgan, "go", lost)
     problem = dynamic_problem(system, state, DT, organ_answer(system, BackwardEuler(DT), state))
-    with pytest.raises(StepError, match="inside out"):
+    with pytest.raises(StepError, match="a cell would be inverted"):
         solve(problem, predict(problem, state))

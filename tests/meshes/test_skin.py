@@ -102,14 +102,14 @@ def test_an_open_surface_is_refused(tmp_path):
 def test_an_inner_wall_is_refused():
     points, triangles = cuboid()
     wall = [[0, 1, 7]]
-    with pytest.raises(MeshError, match=r"no manifold, \d edges belong to more than two triangles"):
+    with pytest.raises(MeshError, match=r"not a manifold, \d edges belong to more than two triangles"):
         check_closed(points, np.vstack([triangles, triangles[:1], wall]))
 
 
 def test_two_pieces_are_refused(tmp_path):
     first, second = cuboid(), cuboid(at=(100.0, 0.0, 0.0))
     both = np.vstack([first[0], second[0]]), np.vstack([first[1], second[1] + 8])
-    assert "falls into 2 separate pieces" in refusal(written(tmp_path / "two.stl", *both))
+    assert "has 2 separate pieces" in refusal(written(tmp_path / "two.stl", *both))
 
 
 def test_a_surface_that_crosses_itself_is_refused(tmp_path):
@@ -165,11 +165,13 @@ def crosses(first: np.ndarray, second: np.ndarray) -> bool:
 def test_what_is_no_surface_of_triangles_is_refused(tmp_path):
     points, _ = cuboid()
     meshio.Mesh(points, {"quad": np.array([[0, 1, 3, 2]])}).write(tmp_path / "quads.ply")
-    assert "it holds quad elements: a surface of triangles is wanted" in refusal(tmp_path / "quads.ply")
+    assert "it has quad elements: give a surface of triangles" in refusal(tmp_path / "quads.ply")
     pv.PolyData.from_regular_faces(points, [[0, 1, 3, 2]]).save(tmp_path / "quads.vtk")
-    assert "it holds polygons of more corners: a surface of triangles is wanted" in refusal(tmp_path / "quads.vtk")
+    assert "it has polygons with more than three corners: give a surface of triangles" in refusal(
+        tmp_path / "quads.vtk"
+    )
     pv.PolyData.from_regular_faces(points, [[0, 1, 3]]).cast_to_unstructured_grid().save(tmp_path / "grid.vtk")
-    assert "it holds UnstructuredGrid: a surface is wanted, as PolyData" in refusal(tmp_path / "grid.vtk")
+    assert "it is a UnstructuredGrid: give a surface as PolyData" in refusal(tmp_path / "grid.vtk")
     (tmp_path / "torn.vtp").write_text("<VTKFile")
     assert refusal(tmp_path / "torn.vtp")
     (tmp_path / "bad.stl").write_text("solid nothing\n")
@@ -189,9 +191,9 @@ def test_corners_written_anew_are_joined():
         ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "name nodes outside the 3"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -7\n", "name nodes outside the 3"),
         ("a.obj", "v 0 0 0\nv 1e308 0 0\nv 0 -1e308 1e308\nf 1 2 3\n", "its nodes lie up to 1e+308 m"),
-        ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no triangle whose corners lie apart"),
+        ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "no triangle with three distinct corners"),
         ("a.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n", "its header does not end"),
-        ("a.ply", "ply\nformat ascii 1.0\nelement vertex 2147483648\nend_header\n", "its header tells of 2147483648"),
+        ("a.ply", "ply\nformat ascii 1.0\nelement vertex 2147483648\nend_header\n", "its header declares 2147483648"),
         ("a.obj", "v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "its points have shape (3, 2)"),
         (
             "a.ply",

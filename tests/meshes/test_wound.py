@@ -66,7 +66,7 @@ def test_a_coarse_slit_is_cut_into_its_corners_too(length, depth, h):
 @NEEDS_GMSH
 def test_a_cut_that_gmsh_loses_is_refused():
     """gmsh's geometry drops an opening of 0.02 mm that crosses a plane inside the block of 50 mm."""
-    with pytest.raises(MeshError, match="lost so narrow a cut"):
+    with pytest.raises(MeshError, match="loses a cut as narrow"):
         wounded_block_gmsh((0.05, 0.05, 0.02), Wound(0.034, 8e-3, 2e-5), COARSE, planes=((), (), (-2e-3,)))
 
 
@@ -169,7 +169,7 @@ def test_lips_that_are_no_mirror_images_have_no_pairs():
     points = mesh.p.copy()
     points[2, np.unique(mesh.facets[:, mesh.boundaries["lip_left"]])] *= 1.001
     moved = skfem.MeshTet(points, mesh.t).with_boundaries(mesh.boundaries)
-    with pytest.raises(MeshError, match="no mirror images"):
+    with pytest.raises(MeshError, match="not mirror images"):
         lips(moved, slit("y", (0.5, 0.4)))
 
 

@@ -53,7 +53,7 @@ def test_a_mesh_is_handed_over(mesh: Any) -> None:
 def test_a_mesh_that_is_none_is_refused() -> None:
     """Independent check: another object, other cells, no organ, another mesh than the digest says, and none at all."""
     made = block((0.02, 0.02, 0.01), 5e-3)
-    with pytest.raises(MeshError, match="a str is no mesh that is known; give skfem"):
+    with pytest.raises(MeshError, match="a str is not a known kind of mesh; give skfem"):
         given_mesh("organ.vtu")
     with pytest.raises(MeshError, match="cells of the kind hexahedron"):
         given_mesh(meshio.Mesh(np.zeros((8, 3)), [("hexahedron", np.arange(8)[None])]))
@@ -100,7 +100,7 @@ DOORS: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "a number for a name": (lambda: load(5), "5 is refused: it is no path"),  # type: ignore[arg-type]
     "a number for a folder": (lambda: suturefem.open_run(5), "5 is refused: it is no path"),  # type: ignore[arg-type]
-    "a number for a suture": (lambda: suture(5), "suture = 5 is no name"),  # type: ignore[arg-type]
+    "a number for a suture": (lambda: suture(5), "suture = 5 is not a name"),  # type: ignore[arg-type]
     **{
         f"friction {law!r}": (
             lambda law=law: suturefem.prepare(parse(BARE), friction=law),

@@ -171,7 +171,10 @@ def test_knot_pull_grows_with_the_size_and_stays_below_the_strength_of_the_solid
         ("vicril 2-0", "the nearest is 2-0 polyglactin 910; sizes"),
         ("nylon 30", "the nearest are 3-0 nylon, "),
         ("nylon 6", "sizes: 11-0"),
-        ("Monocryl 4-0", "Monocryl is poliglecaprone 25, of which the catalogue has no stiffness; give diameter"),
+        (
+            "Monocryl 4-0",
+            "Monocryl is poliglecaprone 25, and the catalogue has no stiffness of this material; give diameter",
+        ),
         ("polypropylene", "sizes: 11-0"),
         ("1-0 PDS", "not in the catalogue"),
         ("", "not in the catalogue"),

@@ -60,7 +60,7 @@ def test_control_points_are_shared_out() -> None:
     assert spans.max() < 1.2 * spans.min()
     with pytest.raises(ThreadError, match="at least 4"):
         uniform_knots(0.1, 11, [0.04, 0.06])
-    with pytest.raises(ThreadError, match="must rise"):
+    with pytest.raises(ThreadError, match="must increase"):
         uniform_knots(0.1, 40, [0.06, 0.04])
 
 

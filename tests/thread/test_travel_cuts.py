@@ -138,7 +138,7 @@ def test_holes_do_not_pass_a_cut() -> None:
     """A hole at a cut, or past one, leaves no thread between the two."""
     with pytest.raises(ThreadError, match="a cut of the thread"):
         travelling(LENGTH, [Hold(0, CUT, True, 3e-4)], 1, 4e-3, (None, None), cuts=[CUT])
-    with pytest.raises(ThreadError, match="no thread is left"):
+    with pytest.raises(ThreadError, match="no thread remains"):
         thread_at(whole(), np.array([0.012, CUT + 1e-3, 0.045]))
 
 

@@ -210,7 +210,7 @@ def test_what_is_not_solved_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None
         solver.solve(np.full(b.size, np.nan))
     with pytest.raises(tissue.FactorError, match="not symmetric"):
         tissue.conjugate_gradients(csr_matrix(A + 1e-6 * np.abs(A).max() * csr_matrix(np.tri(A.shape[0]))), places)
-    with pytest.raises(tissue.FactorError, match="three unknowns a node"):
+    with pytest.raises(tissue.FactorError, match="three unknowns per node"):
         tissue.conjugate_gradients(A, places[::-1] + np.arange(A.shape[0])[:, None])
     monkeypatch.setattr(iterative, "ITERATIONS", 3)
     with pytest.raises(tissue.FactorError, match=r"after 3 iterations, allowed is 1e-11; take a direct solver"):

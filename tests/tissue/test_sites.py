@@ -255,7 +255,7 @@ def test_a_disc_does_not_reach_over_an_open_cut() -> None:
             "overhangs an edge.*move the site inwards",
         ),
         (tissue.Site([0.0281, 0.0, 0.0], 2e-3, "uniform", [0, 0, 1]), "overhangs an edge"),
-        (tissue.Site([0.0, 0.0, -0.001], 2e-3), "pokes out of the organ.*0.001 m away"),
+        (tissue.Site([0.0, 0.0, -0.001], 2e-3), "reaches out of the organ.*0.001 m away"),
         (tissue.Site([0.025, 0.0, 0.0], 2e-3, "uniform", "normal"), "touches a clamped boundary"),
         (tissue.Site([0.019, 0.0, 0.0], 4e-3, "uniform", "normal"), "touches a clamped boundary"),
         (tissue.Site([0.0, 0.0, -0.02], 0.0), "touches a clamped boundary"),

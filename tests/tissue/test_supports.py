@@ -65,11 +65,11 @@ def test_what_still_moves_is_refused() -> None:
         if not held:
             with pytest.raises(tissue.TissueError, match="rigid body"):
                 tissue.QuasiStaticOrgan(body, tissue.build_sites(body, []))
-    with pytest.raises(tissue.TissueError, match="no plane across"):
+    with pytest.raises(tissue.TissueError, match="not a plane normal to"):
         tissue.elasticity(box(), material, roller=["oblique"])
     with pytest.raises(tissue.TissueError, match="roller: no boundary is named"):
         tissue.elasticity(box(), material, roller=["lef"])
-    with pytest.raises(tissue.TissueError, match="three unknowns a node"):
+    with pytest.raises(tissue.TissueError, match="three unknowns per node"):
         body = tissue.elasticity(box(), material, roller=["left", "front", "bottom"])
         tissue.QuasiStaticOrgan(body, tissue.build_sites(body, []), solver="multigrid")
     with pytest.raises(tissue.TissueError, match="touches a clamped"):

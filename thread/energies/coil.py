@@ -1,13 +1,14 @@
 """Rest curvature: a thread keeps the curvature of the coil in its packet.
 
-At rest the thread is a circle of curvature κ̄ towards the material direction d₁, so that the section's angle θ gives
-the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest length,
+At rest the thread is a circle of curvature κ̄ towards the material direction d₁. The section's angle θ therefore
+gives the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest
+length,
 
     ½ EI |t' − κ̄ d₁|² = ½ EI κ² − EI κ̄ k₁ + ½ EI κ̄²
 
-of which the first term is the bending energy without memory, and the other two are this energy. d₁ is p, the direction
-a₁ cos θ + a₂ sin θ in the frame of the start of the step, turned with the tangent (`thread.frames`), so with K = T',
-r = |T|, D = r + t_o·T and h = t_o + t
+The first term is the bending energy without memory, and the other two terms are this energy. d₁ is p, the direction
+a₁ cos θ + a₂ sin θ in the frame of the start of the step, turned with the tangent (`thread.frames`). With K = T', r
+= |T|, D = r + t_o·T and h = t_o + t it follows
 
     k₁ = (K·p − (p·T)(K·h)/D)/r
 """

@@ -15,9 +15,10 @@ from thread.spline import ORDERS
 class Continuous:
     """Stretch and bending energy on the spans of a spline.
 
-    `first` (spans,): first control point of each; `bending`, `stretch`: their quadrature; `holes`: the ends of the
-    spans with half of each span where a hole stands, else zero (`thread.kernels.curve.barrier`); `EA` [N], `EI` [N m²];
-    the `natural` strain of each span and its excess at the ends, as of `thread.kernels.curve.Curve`, None: zero.
+    `first` (spans,): first control point of each span. `bending` and `stretch`: their quadrature. `holes`: the ends
+    of the spans with half of each span if a hole is there, else zero (`thread.kernels.curve.barrier`). `EA` [N],
+    `EI` [N m²]. `natural`: the natural strain of each span and its excess at the ends, as in
+    `thread.kernels.curve.Curve`; None: zero.
     """
 
     first: Indices
@@ -33,18 +34,17 @@ class Continuous:
 
     @property
     def s(self) -> Array:
-        """Abscissae at which the strain is known, shape `(spans, a)` [m]."""
+        """Abscissae of the strain, shape `(spans, a)` [m]."""
         return self.stretch.s
 
     @property
     def home(self) -> Array:
-        """Abscissae that tell the pieces of those of the strain, in the middle of their spans, shape `(spans, a)`
-        [m]."""
+        """Abscissae in the middle of the spans, which identify the piece of each strain, shape `(spans, a)` [m]."""
         return np.broadcast_to(self.bending.s.mean(axis=1, keepdims=True), self.stretch.s.shape)
 
     @cached_property
     def curve(self) -> Curve:
-        """The elastic thread as the kernels read it."""
+        """The elastic thread in the form of the kernels."""
         plain = lambda x: np.ascontiguousarray(x, dtype=float)  # noqa: E731
         bending, stretch = self.bending, self.stretch
         slope, bend, axial_slope = plain(bending.b[:, :, 1]), plain(bending.b[:, :, 2]), plain(stretch.b[:, :, 1])
@@ -66,7 +66,7 @@ class Continuous:
         )
 
     def evaluate(self, q: Array, frame: object = None) -> Stretched:
-        """Evaluate the curve at the quadrature points; the bending of a round section does not need the frame."""
+        """Return the curve at the quadrature points; the bending of a round section does not need the frame."""
         bent, stretched = self.curve.w.shape, self.curve.axial_w.shape
         T, K, T_axial, T_edge = (np.empty((*shape, 3)) for shape in (bent, bent, stretched, self.holes.w.shape))
         at = Stretched(T, K, T_axial, np.empty(stretched), T_edge)

@@ -7,10 +7,10 @@ from thread.frames import Frame
 
 
 class Energy(Protocol):
-    """An elastic energy, as the thread sums it: over groups of `reach` neighbouring control points.
+    """An elastic energy that is summed over groups of `reach` neighbouring control points.
 
-    The energy depends on the first `seen` coordinates of a point. What the energy evaluates of an iterate, the
-    argument `at` of its methods, is of its own type.
+    The energy depends on the first `seen` coordinates of a point. The evaluated iterate, the argument `at` of its
+    methods, has a type of the energy's choice.
     """
 
     @property
@@ -26,9 +26,8 @@ class Energy(Protocol):
         """Number of coordinates that the energy depends on, 3 or 4."""
 
     def evaluate(self, q: Array, frame: Frame | None) -> Any:
-        """Evaluate the thread where the energy is integrated; `frame` is that of the start of the step, None
-        without twist.
-        """
+        """Return the thread at the integration points; `frame` is the frame at the start of the step, None without
+        twist."""
 
     def energy(self, at: Any) -> float:
         """Return the energy [J]."""
@@ -39,20 +38,20 @@ class Energy(Protocol):
     def tangent(self, at: Any, N: Array) -> Array:
         """Return the second derivative, shape `(m, reach, reach, seen, seen)`.
 
-        `N` [N] is the iterated axial force, which only an energy of stretch reads.
+        `N` [N] is the iterated axial force, which only an energy of stretch uses.
         """
 
 
 class AxialEnergy(Energy, Protocol):
-    """An energy of stretch (and of what goes with it), whose axial force Newton iterates on its own."""
+    """An energy that includes stretch; its axial force is a separate unknown of Newton's iteration."""
 
     @property
     def s(self) -> Array:
-        """Abscissae at which the strain is known [m]."""
+        """Abscissae of the strain [m]."""
 
     @property
     def home(self) -> Array:
-        """Abscissae on the pieces of a cut thread that those of the strain are on, of the same shape [m]."""
+        """Abscissae that identify the piece of each strain on a cut thread, with the same shape [m]."""
 
     def next_axial_force(self, at: Any, dq: Array) -> Array:
         """Return N of the next iterate [N]: the solution of the linearised equation N/EA = ε(q)."""

@@ -1,6 +1,7 @@
-"""The paper's springs (§3): between points spread along the curve, by generalized forces Q_i = F ∂P/∂q_i.
+"""The paper's springs (§3): between points along the curve, by generalized forces Q_i = F ∂P/∂q_i.
 
-Points P_0 … P_m stand at the abscissae s_k; spring k joins P_(k−1) to P_k, ℓ_k apart at rest. With the directions
+Points P_0 … P_m lie at the abscissae s_k. Spring k joins P_(k−1) to P_k and has the rest length ℓ_k. With the
+directions
 
     d_k = (P_k − P_(k−1))/ℓ_k   of the springs,   d_0 = T(start), d_(m+1) = T(end)   of the curve's ends
 
@@ -10,11 +11,11 @@ and ℓ̄_k half the length of the springs next to P_k, every spring is calibrat
     bend      ½ (EI/ℓ̄_k) (2 tan φ_k/2)²,    φ_k the angle from d_k to d_(k+1) (discrete rods: Bergou et al. 2008)
     twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs next to P_k
 
-so that the sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs
-at the ends half a spacing of the thread would bend and twist without energy, an error of first order.
+The sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs at
+the ends, half a spacing of the thread would bend and twist without energy, an error of first order.
 
-As many springs as T has functions, n − 1, keep the length of the thread and leave it free to bend; with more of them a
-thread as stiff as a real suture locks (membrane locking).
+n − 1 springs, as many as T has functions, keep the length of the thread and leave it free to bend. With more
+springs a thread as stiff as a real suture locks (membrane locking).
 """
 
 from dataclasses import dataclass
@@ -32,8 +33,10 @@ from thread.vectors import IDENTITY, dot, outer, unit_vector
 
 @dataclass(frozen=True)
 class SpringLayout:
-    """Springs on a spline: abscissae `s` (m + 1,) of their ends [m]. Where the spline is cut two ends stand, one of
-    either piece, with no spring between them."""
+    """Springs on a spline: abscissae `s` (m + 1,) of their ends [m].
+
+    At a cut of the spline there are two ends, one for each piece, without a spring between them.
+    """
 
     spline: Spline
     s: Array
@@ -49,31 +52,31 @@ class SpringLayout:
 
     @cached_property
     def share(self) -> Array:
-        """Length ℓ̄_k of thread that each point stands for, shape `(m + 1,)` [m]."""
+        """Length ℓ̄_k of thread that each point represents, shape `(m + 1,)` [m]."""
         return 0.5 * (np.append(0.0, self.length) + np.append(self.length, 0.0))
 
     @cached_property
     def neighbours(self) -> tuple[Array, Array]:
-        """Abscissae of the points before and after each, itself where there is none, each `(m + 1,)` [m]."""
+        """Abscissae of the points before and after each point, `(m + 1,)` each [m]; at an end of the thread its own."""
         return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
 
     @cached_property
     def home(self) -> Array:
-        """Middle of the length of thread that each point stands for, which tells its piece, shape `(m + 1,)` [m]."""
+        """Middle of the thread that each point represents, which identifies its piece, shape `(m + 1,)` [m]."""
         before, after = self.neighbours
         return 0.25 * (before + after) + 0.5 * self.s
 
     @cached_property
     def window(self) -> tuple[Indices, int]:
-        """First control point that each P_k and its neighbours depend on, and how many do at most."""
+        """First control point on which each P_k and its neighbours depend, and the largest number of these control
+        points."""
         first, last = (self.spline.basis(s, self.home)[0] for s in self.neighbours)
         reach = int(np.max(last - first)) + ORDERS
         return np.minimum(first, self.spline.n - reach), reach
 
     def rows(self, s: Array, order: int = 0) -> Array:
-        """Return derivatives of the basis functions at one abscissa a point, over the point's window, shape
-        `(m + 1, reach)`.
-        """
+        """Return derivatives of the basis functions at one abscissa per point, over its window, shape
+        `(m + 1, reach)`."""
         window, reach = self.window
         first, b = self.spline.basis(s, self.home)
         out = np.zeros((len(s), reach))
@@ -100,10 +103,10 @@ class SpringLayout:
 
 
 def spread_springs(spline: Spline, count: int) -> SpringLayout:
-    """Place `count` springs from end to end of the pieces of a spline.
+    """Return `count` springs from end to end of the pieces of a spline.
 
-    n − 1 springs join the Greville abscissae of a piece; what there is more of them is divided among the pieces, and
-    spread as these are: finer where the control points are.
+    n − 1 springs join the Greville abscissae of a piece. Additional springs are divided among the pieces. The
+    springs are denser in regions with denser control points.
     """
     t = spline.knots
     greville = np.split((t[1:-3] + t[2:-2] + t[3:-1]) / 3.0, spline.piece_starts[1:])
@@ -123,7 +126,7 @@ def bend(a: Array, b: Array) -> Array:
 
 
 def bend_gradient(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the derivatives of `bend` by a and by b, each (..., 3)."""
+    """Return the derivatives of `bend` by a and by b, (..., 3) each."""
     u, v = unit_vector(a), unit_vector(b)
     c = dot(u, v)[..., None]
     f_c = -8.0 / (1.0 + c) ** 2
@@ -145,13 +148,13 @@ def bend_hessian(a: Array, b: Array) -> tuple[Array, Array, Array]:
 
 
 def norm(a: Array) -> Array:
-    """Return |a| over the last axis, which is kept with length one."""
+    """Return |a| over the last axis; the axis remains, with length one."""
     return np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)
 class Taut:
-    """The springs of an iterate, each array of shape (m + 1, …).
+    """The springs of an iterate; all arrays have shape (m + 1, …).
 
     Directions `a`, `b` before and after each point, and the `strain` of the spring after the point.
     """
@@ -165,7 +168,7 @@ class Taut:
 class Springs:
     """Stretch and bend springs: `EA` [N], `EI` [N m²].
 
-    After the last point stands no spring: its strain has no effect.
+    The last point has no spring after it: its strain has no effect.
     """
 
     layout: SpringLayout
@@ -186,13 +189,13 @@ class Springs:
 
     @cached_property
     def s(self) -> Array:
-        """Middle of each spring, and the end: where the strain is known, shape `(m + 1,)` [m]."""
+        """Abscissae of the strain: the middle of each spring, and the end, shape `(m + 1,)` [m]."""
         s = self.layout.s
         return np.append(0.5 * (s[1:] + s[:-1]), s[-1])
 
     @property
     def home(self) -> Array:
-        """Abscissae on the pieces of a cut thread that those of the strain are on, shape `(m + 1,)` [m]."""
+        """Abscissae that identify the piece of each strain on a cut thread, shape `(m + 1,)` [m]."""
         return self.layout.home
 
     @cached_property
@@ -208,7 +211,7 @@ class Springs:
         return np.append(self.layout.length, 0.0)
 
     def evaluate(self, q: Array, frame: object = None) -> Taut:
-        """Evaluate the directions before and after each point."""
+        """Return the directions before and after each point, and the strains."""
         d = (self._rows @ q[self._points])[..., :3]
         return Taut(d[:, 0], d[:, 1], 0.5 * (dot(d[:, 1], d[:, 1]) - 1.0))
 

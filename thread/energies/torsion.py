@@ -1,7 +1,7 @@
-"""Torsional energy of the thread, of the twist per length ω = θ' + τ (`thread.frames`).
+"""Torsional energy of the thread, from the twist per length ω = θ' + τ (`thread.frames`).
 
-`OnStations` is what every energy of a twisted thread shares: it evaluates the thread at its stations, and spreads
-derivatives by T, T' and a quantity of θ over the control points.
+`OnStations` is the common part of the energies of a twisted thread. It evaluates the thread at its stations, and
+distributes derivatives by T, T' and a quantity of θ to the control points.
 """
 
 from dataclasses import dataclass
@@ -31,14 +31,14 @@ class Twisted:
 
     @cached_property
     def slopes(self) -> tuple[Array, Array, Array, Array]:
-        """Derivatives of the frame's twist, which force and tangent share."""
+        """Derivatives of the frame's twist, used by force and tangent."""
         return reference_twist_derivatives(self.T, self.K, self.frame)
 
 
 def evaluate(stations: Stations, q: Array, frame: Frame | None) -> Twisted:
-    """Evaluate the thread `q` (n, 4) at its stations. Raises `ThreadError` where `frame` is None."""
+    """Return the thread `q` (n, 4) at its stations. Raises `ThreadError` if `frame` is None."""
     if frame is None:
-        raise ThreadError("a thread with twist has no shape of its own: give the frame it is measured from")
+        raise ThreadError("the shape of a thread with twist is not defined without a frame; give the frame")
     values, g = stations.rows @ q[stations.points], stations.w.shape[1]
     T, K = values[:, :g, :3], values[:, g : 2 * g, :3]
     omega = values[:, 3 * g :, 3] + reference_twist(T, K, frame)
@@ -76,9 +76,7 @@ def spread_hessian(stations: Stations, rows: tuple[Array, ...], H: Array) -> Arr
 
 @dataclass(frozen=True)
 class OnStations:
-    """What the energies of a twisted thread share: the stations at which they are evaluated, and their control
-    points.
-    """
+    """The common part of the energies of a twisted thread: their stations and control points."""
 
     stations: Stations
 
@@ -95,7 +93,7 @@ class OnStations:
         return self.stations.reach
 
     def evaluate(self, q: Array, frame: Frame | None) -> Twisted:
-        """Evaluate the thread at the stations."""
+        """Return the thread at the stations."""
         return evaluate(self.stations, q, frame)
 
 

@@ -1,1 +1,1 @@
-"""The thread's formulas as small compiled functions of plain arrays, and how such functions are compiled."""
+"""The thread's formulas as small compiled functions of plain arrays, and the compilation of these functions."""

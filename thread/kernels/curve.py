@@ -1,8 +1,8 @@
 """Stretch and bending of the thread, span by span: ½∫EA ε² ds + ½∫EI κ² ds (§3), straight at rest.
 
-ε = ½(|T|² − 1) is Green and Lagrange's strain (Nocent & Rémion 2001). The axial force N is an unknown of the iteration:
-at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti & Garcea 2017).
-A thread that relaxes has a natural strain ε̄(S), and ε − ε̄ in the place of ε (`thread.relaxation`).
+ε = ½(|T|² − 1) is the Green–Lagrange strain (Nocent & Rémion 2001). The axial force N is an unknown of the
+iteration: at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti &
+Garcea 2017). A thread that relaxes has a natural strain ε̄(S), and ε − ε̄ replaces ε (`thread.relaxation`).
 """
 
 from typing import NamedTuple
@@ -30,11 +30,15 @@ FIRST, *_ = numbers(0)
 class Curve(NamedTuple):
     """The elastic thread on its knots.
 
-    `first` (spans,); b' and b'' at the points of the bending, `slope` and `bend` (spans, g, 4), with `w` (spans, g)
-    [m]; b' at those of the stretch, `axial_slope` (spans, a, 4), with `axial_w` (spans, a) [m]; b' at both ends of each
-    span, `edge_slope` (spans, 2, 4), with `edge_w` (spans, 2) [m], zero where no hole stands; the `natural` strain of
-    each span (spans,) [-], and by how much that at its two ends exceeds it, over its length, `natural_slope` (spans, 2)
-    [1/m]; EA [N], EI [N m²].
+    `first` (spans,) are the first control points of the spans. The other arrays have b' and b'' at the quadrature
+    points:
+
+    - Bending: `slope` b' and `bend` b'' (spans, g, 4), weights `w` (spans, g) [m].
+    - Stretch: `axial_slope` b' (spans, a, 4), weights `axial_w` (spans, a) [m].
+    - Both ends of each span: `edge_slope` b' (spans, 2, 4), weights `edge_w` (spans, 2) [m], zero without a hole.
+
+    `natural` (spans,) [-] is the natural strain of each span. `natural_slope` (spans, 2) [1/m] is the natural
+    strain at its two ends minus this value, over the length of the span. EA [N], EI [N m²].
     """
 
     first: Indices
@@ -52,9 +56,11 @@ class Curve(NamedTuple):
 
 
 class Stretched(NamedTuple):
-    """The curve at its quadrature points: `T`, `K` (spans, g, 3), first and second derivative of P at those of the
-    bending [-, 1/m]; `T_axial` (spans, a, 3) and the elastic `strain` (spans, a), ε − ε̄, at those of the stretch;
-    `T_edge` (spans, 2, 3) at the holes."""
+    """The curve at its quadrature points.
+
+    `T`, `K` (spans, g, 3): first and second derivative of P at the points of bending [-, 1/m]. `T_axial` (spans, a,
+    3) and the elastic `strain` ε − ε̄ (spans, a) at the points of stretch. `T_edge` (spans, 2, 3) at the holes.
+    """
 
     T: Array
     K: Array
@@ -80,7 +86,7 @@ def put(a: Vector, M: Array, i: int, j: int) -> None:
 
 @loop
 def evaluate(curve: Curve, q: Array, at: Stretched) -> None:
-    """Evaluate the curve at its points, into `at`."""
+    """Write the values of the curve at its quadrature points into `at`."""
     for e in range(len(curve.first)):
         first = curve.first[e]
         for g in range(curve.w.shape[1]):
@@ -103,16 +109,22 @@ def point(a: Array, e: int, g: int) -> Vector:
 
 @loop
 def crushing(curve: Curve, a: float) -> tuple[float, float, float]:
-    """Return ½EA p⁴, p = ½(1 − a), of a = |T|² < 1, and its first two derivatives by a: against |T| → 0 between the
-    points of the stretch. At a shortening of 1 % it is 1e-4 of the energy of the stretch."""
+    """Return ½EA p⁴, p = ½(1 − a), for a = |T|² < 1, and its first two derivatives by a.
+
+    The term prevents |T| → 0 between the points of stretch. At a shortening of 1 % it is 1e-4 of the energy of
+    stretch.
+    """
     p = max(0.5 * (1.0 - a), 0.0)
     return 0.5 * curve.EA * p**4, -curve.EA * p**3, 1.5 * curve.EA * p**2
 
 
 @loop
 def barrier(curve: Curve, a: float) -> tuple[float, float, float]:
-    """Return ½EA p⁴/a and its first two derivatives by a, as `crushing`, but without end as |T| → 0: at the knot of a
-    hole, which no point of stretch or bending sees, a corner of the path would collapse else."""
+    """Return ½EA p⁴/a and its first two derivatives by a; p is as in `crushing`.
+
+    The term is infinite for |T| → 0. It acts at the knot of a hole, where no point of stretch or bending lies.
+    Without it a corner of the path would collapse there.
+    """
     p = max(0.5 * (1.0 - a), 0.0)
     return (
         0.5 * curve.EA * p**4 / a,
@@ -123,7 +135,7 @@ def barrier(curve: Curve, a: float) -> tuple[float, float, float]:
 
 @loop
 def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector]:
-    """Return the derivatives of ½EI κ² and of what is against crushing by T and T'."""
+    """Return the derivatives of ½EI κ² and of the term of `crushing` by T and T'."""
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     phi_a = (2.0 * b * b / a - c) / a**2
     phi_b = -2.0 * b / a**2
@@ -134,7 +146,7 @@ def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector
 
 @loop
 def bending_hessian(curve: Curve, T: Vector, K: Vector) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the second derivatives of the same by (T, T), (T, T') and (T', T')."""
+    """Return the second derivatives of the terms of `bending_gradient` by (T, T), (T, T') and (T', T')."""
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     half = 0.5 * curve.EI
     phi_b, phi_bb = half * -2.0 * b / a**2, half * -2.0 / a**2
@@ -185,8 +197,10 @@ def add_block(A: Array, i: int, j: int, x: float, block: Matrix) -> None:
 
 @loop
 def add_span_tangent(curve: Curve, at: Stretched, N: Array, e: int, A: Array, first: int) -> None:
-    """Add ∂²E/∂q² of one span to the rows of a block band from the `first` point on, with the axial force `N` (spans,
-    a) [N] as an unknown of its own."""
+    """Add ∂²E/∂q² of one span to the rows of a block band from the `first` point on.
+
+    The axial force `N` (spans, a) [N] is a separate unknown.
+    """
     for g in range(curve.w.shape[1]):
         TT, TK, KK = bending_hessian(curve, point(at.T, e, g), point(at.K, e, g))
         KT, w, slope, bend = transposed(TK), curve.w[e, g], curve.slope[e, g], curve.bend[e, g]
@@ -220,9 +234,12 @@ def add_tangent(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
 
 @loop
 def bending_energy(curve: Curve, T: Vector, K: Vector) -> float:
-    """Return ½EI κ² and what is against crushing [N]: κ = |T × T'|/|T|² is the turn of the tangent per rest length, as
-    in Reissner's rod, whose bending moment exerts no axial force; per deformed length the axial force would jump by
-    twice EI κ² where the curvature does."""
+    """Return ½EI κ² plus the term of `crushing` [N].
+
+    κ = |T × T'|/|T|² is the turn of the tangent per rest length. As in Reissner's rod, the bending moment then
+    exerts no axial force. With the turn per deformed length, the axial force would jump by 2 EI κ² at a jump of
+    curvature.
+    """
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     return 0.5 * curve.EI * ((a * c - b * b) / a**2) + crushing(curve, a)[0]
 

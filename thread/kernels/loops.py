@@ -1,9 +1,9 @@
-"""How the loops are compiled: when an outermost one is first called, which is kept on disk with all that it calls.
+"""Compilation of the loops: Numba compiles an outermost loop at its first call and caches it with all its parts.
 
-A function is compiled once for each constant integer that it is called with, unless that is a number of NumPy's; and
-what is done with a part of an array brings in a hundred functions of Numba's, so the loops go from number to number.
-Sums stay in their order: where the compiler may choose it, it chooses by where arrays happen to lie, and a resumed run
-does not go on to the same bits.
+A function is compiled again for each constant integer argument, except for integers of NumPy. Slices of arrays
+would bring in a hundred functions of Numba, so that the loops use single numbers. Sums keep their order: if the
+compiler could reorder a sum, the order would depend on the addresses of the arrays, and a resumed run would not
+give the same bits.
 """
 
 import sys
@@ -19,44 +19,49 @@ from numba import njit
 from thread.kernels.parts import PartCompiler, SoundCache, WholeCompiler
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
-entered: Any = None  # the part that an entry calls: each entry has its own
+entered: Any = None  # the part that an entry calls; it differs in each entry
 PART = {"pipeline_class": PartCompiler, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def numbers(*constants: int) -> tuple[int, ...]:
-    """Return integers that a function called with them is not compiled anew for."""
+    """Return integers of NumPy, for which a function is not compiled again."""
     return tuple(np.array(constants))
 
 
 def loop(kernel: Kernel) -> Kernel:
-    """Return a function that is compiled into the loops that call it. It makes no array, returns none, and calls none
-    that does: so nobody counts who refers to its arrays, of which it is given some dozens."""
+    """Return a function that is compiled into the loops that call it.
+
+    The function and the functions that it calls must not allocate or return arrays. Numba then does not count
+    references to its arguments, which can be dozens of arrays.
+    """
     return njit(error_model="numpy", _nrt=False, **PART)(kernel)
 
 
 def owning(kernel: Kernel) -> Kernel:
-    """Return likewise a function that makes arrays, or calls one that returns them."""
+    """Return a function that is compiled as in `loop` and that can allocate arrays or call a function that returns
+    arrays."""
     return njit(error_model="numpy", _nrt=True, **PART)(kernel)
 
 
 def outermost(kernel: Kernel) -> Kernel:
-    """Return a compiled function that Python calls, kept on disk where one may write; it makes no arrays either."""
+    """Return a compiled function that Python calls, cached on disk if a folder can be written; it allocates no
+    arrays."""
     options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": WholeCompiler}
     try:
         whole: Any = njit(cache=True, **options)(kernel)
     except RuntimeError:  # no folder for the cache can be written
         return njit(**options)(kernel)
-    if hasattr(whole, "_cache"):  # not where Numba is switched off
+    if hasattr(whole, "_cache"):  # absent if Numba is disabled
         whole._cache = SoundCache(whole.py_func)
     return whole
 
 
 def entry(part: Kernel) -> Kernel:
-    """Return a part as Python calls it, kept on disk for the kernels as they are (`files_of`).
+    """Return a part in a form that Python calls, cached on disk for the present text of the kernels (`files_of`).
 
-    Numba keeps a function on disk by its name, its code and the values that it takes from the function around it, here
-    a digest: by itself Numba would not see that a function which the part calls has changed. The part stands among
-    the global names, since no two processes would find the same one in a closure.
+    Numba's cache uses as key the name of a function, its code and the values in its closure, here a digest. Without
+    the digest Numba would not notice a change in a function that the part calls. The part is a global name, because
+    a part in a closure would have a different key in every process.
     """
     digest = sources(str(sys.modules[part.__module__].__file__))
 
@@ -71,14 +76,14 @@ def entry(part: Kernel) -> Kernel:
 
 
 def files_of(module: str) -> list[Path]:
-    """Return the kernels of the thread, and those of the room "kernels" that the file of a `module` stands in."""
+    """Return the kernel files of the thread, and the kernel files in the folder "kernels" that contains a `module`."""
     here = Path(__file__).parent
     rooms = [here, *(folder for folder in Path(module).parents if folder.name == here.name and folder != here)]
     return [path for room in rooms for path in sorted(room.rglob("*.py"))]
 
 
 def sources(module: str) -> int:
-    """Return a digest of the kernels that a module may call (`files_of`), not zero."""
+    """Return a non-zero digest of the kernels that a module can call (`files_of`)."""
     digest = sha256()
     for path in files_of(module):
         digest.update(path.read_bytes())

@@ -1,9 +1,10 @@
-"""Functions that Numba compiles as parts of others alone, and the others, of which each is a whole.
+"""Two kinds of compiled functions: parts, which are only compiled into others, and wholes.
 
-By itself Numba optimises every function with all that it calls and makes machine code of it, once more at each level of
-calls. Of a part nothing is done but to write it down: a whole is linked of all its parts, those of parts too, and
-optimised at once. `pipeline_class` is Numba's own door for this ("Notes on Custom Pipelines" in its manual), the
-methods are those of `numba.core.codegen.JITCodeLibrary`. A part can be called by a whole and by parts alone.
+By default Numba optimises every function together with all functions that it calls, and makes machine code of it.
+This work is repeated at each level of calls. A part is only written down as intermediate code. A whole is linked
+from all its parts, including parts of parts, and is optimised once. `pipeline_class` is Numba's interface for this
+("Notes on Custom Pipelines" in its manual); the methods belong to `numba.core.codegen.JITCodeLibrary`. Only wholes
+and other parts can call a part.
 """
 
 import logging
@@ -17,23 +18,23 @@ log = logging.getLogger(__name__)
 
 
 class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The code of a part as it was written, which has no place in memory."""
+    """The intermediate code of a part, which is not loaded into memory."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
     def finalize(self) -> None:
-        """Leave the code as it is."""
+        """Finish the code without optimising it."""
         self._finalize_dynamic_globals()
         self._finalized = True
 
     @property
     def codegen(self) -> "PartLibrary":
-        """What Numba asks to `set_env`."""
+        """The object on which Numba calls `set_env`."""
         return self
 
     def set_env(self, name: str, environment: object) -> None:
-        """Set no environment: it would be a place in memory."""
+        """Do nothing: an environment would need an address in memory."""
 
 
 class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -42,13 +43,13 @@ class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
-        """Link all parts, each once, optimise them together, and give them their place in memory."""
+        """Link all parts, each once, optimise them together, and load them into memory."""
         self._linking_libraries = linked(self._linking_libraries)
         super().finalize()
 
 
 def linked(libraries: list[Any]) -> list[Any]:
-    """Return libraries with those that the parts among them call, each once."""
+    """Return the libraries and all libraries that their parts call, each once."""
     found = dict.fromkeys(libraries)
     waiting = list(found)
     while waiting:
@@ -64,30 +65,33 @@ class PartCompiler(Compiler):  # type: ignore[misc]
     """Numba's compiler of a part."""
 
     def define_pipelines(self) -> Any:
-        """Return Numba's own passes, which write into the library of a part."""
+        """Return Numba's standard passes, which write into the library of a part."""
         self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         return super().define_pipelines()
 
 
 class WholeCompiler(Compiler):  # type: ignore[misc]
-    """Numba's compiler of a whole, which may be kept on disk."""
+    """Numba's compiler of a whole, which can be cached on disk."""
 
     def define_pipelines(self) -> Any:
-        """Return Numba's own passes, which write into the library of a whole."""
+        """Return Numba's standard passes, which write into the library of a whole."""
         self.state.library = WholeLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]
-    """Numba's files of a compiled function, discarded where they are torn: it is compiled anew then. A run that is
-    killed, or a full disk, may leave them so. `tissue.loops` has the same, since neither package imports the other."""
+    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is compiled again.
+
+    A killed run or a full disk can leave damaged files. `tissue.loops` has the same class, because neither package
+    imports the other.
+    """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the function compiled for a signature, or None if it has to be compiled."""
+        """Return the function compiled for a signature, or None if it must be compiled."""
         try:
             return super().load_overload(sig, target_context)
-        except Exception as error:  # pickle raises whatever the bytes lead to
+        except Exception as error:  # pickle can raise any error on damaged bytes
             log.warning("compiled kernels in %s are torn (%s); they are compiled anew", self.cache_path, error)
             self.flush()
             return None

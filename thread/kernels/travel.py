@@ -1,19 +1,22 @@
-"""Knots that travel with the holes (`thread.packets`): the curve at one place of them, and its potential by s.
+"""Knots that travel with the holes (`thread.packets`): the curve at given abscissae s, and its potential as a
+function of s.
 
-With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'²: where a hole moves and the control points stand, P'
-and P'' stay and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ S'²), without S''; so per dχ
+With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'². If a hole moves while the control points are
+constant, P' and P'' are constant and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ S'²), without S''.
+Per dχ it follows
 
     bending  ½EI ψ/S',  ψ of P', P'' alone      ∂ = −½EI φ,  ∂² = EI φ/S',  φ = ψ/S'²
     stretch  ½EA ε² S',  ε = ½(P'²/S'² − 1)      ∂ = ½EA ε² − EA ε |T|²,  ∂² = |T|² (N + EA |T|²)/S'
 
-and their mixed derivatives by q follow. The mean ε̄ of a natural strain over a span from S_a to S_b changes with both:
+and the mixed derivatives by q. The mean ε̄ of a natural strain over a span from S_a to S_b changes with both ends:
 
     dε̄ = ((ε̄(S_b) − ε̄) dS_b − (ε̄(S_a) − ε̄) dS_a)/(S_b − S_a)
 
-With e = ε − ε̄ in the place of ε, ∂ by ε̄ is −EA e S', ∂² EA S', and that by ε̄ and S' −(N − EA |T|²).
+With e = ε − ε̄ instead of ε, the derivative by ε̄ is −EA e S', the second one EA S', and the mixed one by ε̄ and S'
+is −(N − EA |T|²).
 
-Inertia and weight are integrals over S of the fields: the thread's own, and the earlier ones, each a curve on its own
-knots, read at the material points of this one:
+Inertia and weight are integrals over S of two kinds of fields: the thread's present curve, and the earlier curves,
+each on its own knots. The earlier curves are evaluated at the material points of the present curve:
 
     Π = … + ½a∫ρA |P(S) − P̂(S)|² dS − ∫ρA g·P dS
 """
@@ -27,20 +30,24 @@ from thread.kernels.vectors import Vector, dot, minus, plus, sum_of, vector
 
 LEFT, RIGHT = 0, 1
 Pair = Array | tuple[float, float]
-CLOSE = 1e-14  # of a span: abscissae that are no further apart are the same
-TRIES = 60  # to find the χ of an abscissa, on the span that holds it
+CLOSE = 1e-14  # of a span: abscissae that are no further apart count as equal
+TRIES = 60  # Newton steps for the χ of an abscissa, on the span that contains it
 
 
 class Ride(NamedTuple):
-    """How knots travel, where `on`: S_i = `a` (n,) [m] + `b` (n, m) s, and the holds at both ends of the strand of each
-    span, `between` (spans, 2), −1 for an end of a piece of the thread, at `limits` (spans, 2) [m].
+    """The travel of knots, if `on`: S_i = `a` (n,) [m] + `b` (n, m) s.
 
-    Functions in χ, weights, and the rates of S' by the abscissae of the two holds: of the bending `slope`, `bend`
-    (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2); of the stretch `axial_value`, `axial_slope`, `axial_w`,
-    `axial_rate`, with the rates of S itself at both ends of each span, `edge_moves` (spans, 2, 2); of the mass `value`,
-    `mass_slope`, `mass_w`, `mass_rate`, with the rate of S itself, `moves`. `first` (m,) and `at` (m, 2, 4): functions
-    and slopes at the holds. `rhoA` [kg/m]; the `gravity` that acts on each span, (spans, 3) [m/s²]; masses of the
-    `ends` (2,) [kg].
+    `between` (spans, 2) are the holds at both ends of the strand of each span, −1 for an end of a piece of the
+    thread. `limits` (spans, 2) [m] is the abscissa of this end. The next arrays have functions in χ, weights, and
+    the rates of S' by the abscissae of the two holds:
+
+    - Bending: `slope`, `bend` (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2).
+    - Stretch: `axial_value`, `axial_slope`, `axial_w`, `axial_rate`; and the rates of S itself at both ends of each
+      span, `edge_moves` (spans, 2, 2).
+    - Mass: `value`, `mass_slope`, `mass_w`, `mass_rate`; and the rates of S itself, `moves`.
+
+    `first` (m,) and `at` (m, 2, 4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity` on each span,
+    (spans, 3) [m/s²]; masses of the `ends` (2,) [kg].
     """
 
     on: bool
@@ -70,8 +77,11 @@ class Ride(NamedTuple):
 
 
 class Field(NamedTuple):
-    """An earlier curve: ends of its spans in χ, `knots` (spans + 1,), and in S, `at` (spans + 1,) [m]; `first`
-    (spans,), `polynomials` (spans, 4, 4); control values `S` (n,) [m] and `c` (n, 3) [m]."""
+    """An earlier curve.
+
+    The ends of its spans in χ, `knots` (spans + 1,), and in S, `at` (spans + 1,) [m]; `first` (spans,),
+    `polynomials` (spans, 4, 4); control values `S` (n,) [m] and `c` (n, 3) [m].
+    """
 
     knots: Array
     at: Array
@@ -82,8 +92,11 @@ class Field(NamedTuple):
 
 
 class Ridden(NamedTuple):
-    """What the potential owes to the abscissae at an iterate: S_i, `S` (n,) [m]; `by_s` (m,) [N], `by_ss` (m, m) [N/m]
-    and `by_qs` (n, 3, m) [N/m], its derivatives; the upper band of the mass, `mass` (n, 4) [kg]."""
+    """The dependence of the potential on the abscissae at an iterate.
+
+    S_i, `S` (n,) [m]; the derivatives `by_s` (m,) [N], `by_ss` (m, m) [N/m] and `by_qs` (n, 3, m) [N/m]; the upper
+    band of the mass, `mass` (n, 4) [kg].
+    """
 
     S: Array
     by_s: Array
@@ -100,8 +113,10 @@ def on_span(b: Array, S: Array, first: int) -> float:
 
 @loop
 def strand_end(between: Indices, limits: Array, s: Array, e: int, side: int) -> float:
-    """Return the abscissa at a `side` of the strand of span e, `between` holds that are at `s` (m,) [m], or at
-    `limits`, as of `Ride`."""
+    """Return the abscissa of the strand of span e at one `side` [m].
+
+    The strand is `between` holds at `s` (m,) [m], or ends at `limits`, as in `Ride`.
+    """
     k = between[e, side]
     return s[k] if k >= 0 else limits[e, side]
 
@@ -136,8 +151,12 @@ def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
 
 @loop
 def carry_points(ride: Ride, S: Array, q: Array, rates: Array, dt: float, out: Array) -> None:
-    """Add to `out` (n, 3) [m] how control values `q` on knots at `S` (n,) [m] move in `dt` [s] with holes that run at
-    `rates` (m,) [m/s] along a thread that stays where it is: T Ṡ_i Δt, T by central differences."""
+    """Add to `out` (n, 3) [m] the motion of control values `q` in `dt` [s] due to holes that move along a thread at
+    rest.
+
+    Knots are at `S` (n,) [m], and the holes move at `rates` (m,) [m/s]. The motion is T Ṡ_i Δt, with T by central
+    differences.
+    """
     for i in range(1, len(q) - 1):
         way = 0.0
         for k in range(len(rates)):
@@ -148,7 +167,7 @@ def carry_points(ride: Ride, S: Array, q: Array, rates: Array, dt: float, out: A
 
 @loop
 def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Pair, i: int, out: Ridden) -> None:
-    """Add x a to ∂²Π/∂q_i∂s of the two holds of span e, by their `rates` (2,)."""
+    """Add x a times `rates` (2,) to ∂²Π/∂q_i∂s for the two holds of span e."""
     for side in range(2):
         k = ride.between[e, side]
         if k >= 0:
@@ -160,7 +179,7 @@ def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Pair, i: int, out:
 
 @loop
 def add_rates(by: float, by_by: float, ride: Ride, e: int, rates: Array, out: Ridden) -> None:
-    """Add a derivative `by` S' and a second one to those by the two holds of span e."""
+    """Add the first and second derivative by S', `by` and `by_by`, to the derivatives by the two holds of span e."""
     for side in range(2):
         k = ride.between[e, side]
         if k >= 0:
@@ -183,8 +202,11 @@ def add_moves(
     moves: Pair,
     out: Ridden,
 ) -> None:
-    """Add derivatives `by_rate` S' and `by_move` S, a second one by S, `twice`, and one by `both`, to those by the two
-    holds of span e, by the `rates` of S' and the `moves` of S."""
+    """Add derivatives by S' and S to the derivatives by the two holds of span e.
+
+    `by_rate` is by S', `by_move` by S, `twice` the second one by S, and `both` by S' and S. S' changes by `rates`,
+    and S by `moves`.
+    """
     for side in range(2):
         k = ride.between[e, side]
         if k >= 0:
@@ -198,8 +220,10 @@ def add_moves(
 
 @loop
 def add_elastic_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, out: Ridden) -> None:
-    """Add what stretch and bending owe to the abscissae, with the axial force `N` (spans, a) [N] as an unknown of its
-    own in the second derivatives."""
+    """Add the derivatives of stretch and bending by the abscissae.
+
+    The axial force `N` (spans, a) [N] is a separate unknown in the second derivatives.
+    """
     for e in range(len(curve.first)):
         if ride.between[e, LEFT] < 0 and ride.between[e, RIGHT] < 0:
             continue
@@ -226,7 +250,7 @@ def natural_rate(curve: Curve, ride: Ride, e: int, side: int) -> float:
 
 @loop
 def add_natural_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, e: int, g: int, out: Ridden) -> None:
-    """Add what the natural strain owes to the abscissae at one point of the stretch."""
+    """Add the derivatives due to the natural strain by the abscissae at one point of stretch."""
     rates = natural_rate(curve, ride, e, LEFT), natural_rate(curve, ride, e, RIGHT)
     if rates[LEFT] == 0.0 and rates[RIGHT] == 0.0:
         return
@@ -239,7 +263,7 @@ def add_natural_rates(curve: Curve, ride: Ride, at: Stretched, N: Array, e: int,
 
 @loop
 def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, out: Ridden) -> None:
-    """Add what bending and crushing at one point owe to the abscissae."""
+    """Add the derivatives of bending and `crushing` by the abscissae at one point."""
     T, K, w = point(at.T, e, g), point(at.K, e, g), ride.w[e, g]
     a, b, c, S1 = dot(T, T), dot(T, K), dot(K, K), curve.w[e, g] / ride.w[e, g]
     bending = 0.5 * curve.EI * (a * c - b * b) / a**2
@@ -256,7 +280,8 @@ def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, o
 
 @loop
 def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector, Vector]:
-    """Return an earlier curve and its derivatives by S at an abscissa; the search begins at the span `near`."""
+    """Return an earlier curve and its first two derivatives by S at an abscissa; the search begins at the span
+    `near`."""
     last = len(field.first) - 1
     e = min(near, last)
     while e > 0 and s < field.at[e]:
@@ -292,8 +317,10 @@ def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector, Vecto
 def add_inertia(
     curve: Curve, ride: Ride, fields: tuple[Field, Field], factor: float, q: Array, F: Array, out: Ridden
 ) -> None:
-    """Add inertia of the `factor` [1/s²], from where the earlier curves together are, and weight: forces to `F` (n, 3)
-    [N], and what they owe to the abscissae."""
+    """Add the forces of inertia and weight to `F` (n, 3) [N], and their derivatives by the abscissae to `out`.
+
+    Inertia is `factor` [1/s²] times mass times the distance from the sum of the earlier curves.
+    """
     for e in range(len(curve.first)):
         first = curve.first[e]
         for g in range(ride.mass_w.shape[1]):
@@ -336,8 +363,10 @@ def add_end_masses(ride: Ride, fields: tuple[Field, Field], factor: float, q: Ar
 
 @loop
 def next_riding_force(curve: Curve, ride: Ride, at: Stretched, dz: Array, N: Array) -> None:
-    """Add what holes that move by the first column of `dz` (m, …) [m] change of the axial force `N` (spans, a) [N] of
-    the next iterate."""
+    """Add the change due to moving holes to the axial force `N` (spans, a) [N] of the next iterate.
+
+    The holes move by the first column of `dz` (m, …) [m].
+    """
     for e in range(len(curve.first)):
         for g in range(curve.axial_w.shape[1]):
             T, S1 = point(at.T_axial, e, g), curve.axial_w[e, g] / ride.axial_w[e, g]
@@ -350,7 +379,7 @@ def next_riding_force(curve: Curve, ride: Ride, at: Stretched, dz: Array, N: Arr
 
 @loop
 def clear_ridden(out: Ridden) -> None:
-    """Set what is summed to zero."""
+    """Set all sums in `out` to zero."""
     n, m = len(out.S), len(out.by_s)
     for k in range(m):
         out.by_s[k] = 0.0
@@ -364,5 +393,5 @@ def clear_ridden(out: Ridden) -> None:
                 out.by_qs[i, x, k] = 0.0
 
 
-elastic_rates_of, inertia_of = entry(add_elastic_rates), entry(add_inertia)  # as Python calls them
+elastic_rates_of, inertia_of = entry(add_elastic_rates), entry(add_inertia)  # in the form that Python calls
 end_masses_of, riding_force_of, carried_of = entry(add_end_masses), entry(next_riding_force), entry(carry_points)

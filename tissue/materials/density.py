@@ -1,7 +1,7 @@
 """Strain-energy densities: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of densities.
 
-Deformation gradients F have shape `(3, 3, …)`, the points behind the components, so that numbers per point or per cell
-broadcast against them. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and A_ijkl = ∂P_ij/∂F_kl [Pa]
+Deformation gradients F have shape `(3, 3, …)`: the axes of the points come last, so that numbers per point or per
+cell broadcast against F. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and A_ijkl = ∂P_ij/∂F_kl [Pa]
 `(3, 3, 3, 3, …)`.
 """
 
@@ -30,7 +30,7 @@ class Density(Protocol):
 
 @dataclass(frozen=True)
 class Sum:
-    """The sum of densities, one at least."""
+    """The sum of one or more densities."""
 
     parts: Sequence[Density]
 

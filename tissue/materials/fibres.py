@@ -1,9 +1,9 @@
-"""Families of fibres that carry tension alone (Holzapfel, Gasser & Ogden, J. Elasticity 61, 2000).
+"""Families of fibres that carry only tension (Holzapfel, Gasser & Ogden, J. Elasticity 61, 2000).
 
     W = k₁/(2k₂) (exp(k₂ ⟨Ī₄ − 1⟩²) − 1),    Ī₄ = J^(−2/3) |F a|²
 
-A fibre that is as long as in the reference has lost its stiffness, which sets in at k₁ when it is stretched: W has a
-continuous slope and no more.
+A shortened fibre has no stiffness. When a fibre is stretched beyond its reference length, its stiffness starts at
+k₁: W has a continuous first derivative but no continuous second one.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from tissue.materials.invariant import Invariant, invariant
 class Fibres:
     """One family: its `direction` (3,), of any length, stiffness `k1` [Pa] and stiffening `k2` [-].
 
-    k1 and k2 are numbers, or arrays that broadcast against the points; where k1 is zero there are no fibres. Raises
-    `TissueError` unless k1 ≥ 0 and k2 > 0, and for a direction that is none.
+    k1 and k2 are numbers, or arrays that broadcast against the points; k1 = 0 means no fibres. Raises `TissueError`
+    unless k1 ≥ 0, k2 > 0 and the direction is a finite vector other than zero.
     """
 
     direction: ArrayLike
@@ -48,7 +48,7 @@ class Fibres:
             return np.asarray(self.k1 * np.exp(self.k2 * x**2))
 
     def _stretched(self, at: Invariant) -> Array:
-        """Return ⟨Ī₄ − 1⟩, zero where there are no fibres, shape `(…)`."""
+        """Return ⟨Ī₄ − 1⟩, zero without fibres, shape `(…)`."""
         return np.asarray(np.where(np.asarray(self.k1) > 0.0, np.maximum(at.value - 1.0, 0.0), 0.0))
 
     def energy(self, F: Array) -> Array:

@@ -12,7 +12,7 @@ I3 = np.eye(3)
 
 @dataclass(frozen=True)
 class Invariant:
-    """Ī and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`, `scale` = J^(−2/3), and M."""
+    """Ī as `value`, and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`, `scale` = J^(−2/3), M."""
 
     value: Array
     Q: Array
@@ -25,7 +25,8 @@ class Invariant:
         return np.asarray(2.0 * self.scale * self.Q - (2.0 / 3.0) * self.value * self.H)
 
     def tangent(self, slope: Array, bend: Array) -> Array:
-        """Return the second derivative by F of a function of Ī whose derivatives are `slope` and `bend`, `(…)`.
+        """Return the second derivative by F of a function of Ī with first and second derivatives `slope` and
+        `bend`, `(…)`.
 
         ∂²Ī/∂F² = 2 J^(−2/3) I ⊠ M − (2/3)(D ⊗ H + H ⊗ D) − (4/9) Ī H ⊗ H + (2/3) Ī H ⊠ H with D = ∂Ī/∂F.
         """
@@ -44,7 +45,7 @@ def invariant(F: Array, M: Array = I3) -> Invariant:
     plain = M is I3
     M = M.reshape(*M.shape, *[1] * (F.ndim - M.ndim)) if M.ndim < F.ndim else M
     J = determinant(F)
-    with np.errstate(invalid="ignore", divide="ignore"):  # J ≤ 0 is for the caller to refuse
+    with np.errstate(invalid="ignore", divide="ignore"):  # the caller refuses J ≤ 0
         scale = J ** (-2.0 / 3.0)
         H = cofactor(F) / J
     Q = F if plain else np.einsum("ik...,kj...->ij...", F, np.broadcast_to(M, F.shape))

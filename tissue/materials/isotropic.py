@@ -2,8 +2,8 @@
 
     W = μ/(2b) (exp(b (Ī₁ − 3)) − 1) + κ/2 (J − 1)²,    Ī₁ = J^(−2/3) tr FᵀF
 
-b → 0 is the neo-Hookean solid, b = 5 the J-shape of soft tissue (Demiray, J. Biomech. 5, 1972). At small strain both
-are the linear organ of the same μ and κ.
+b → 0 is the neo-Hookean solid; b = 5 gives the J-shaped curve of soft tissue (Demiray, J. Biomech. 5, 1972). At
+small strain both equal the linear organ with the same μ and κ.
 """
 
 from dataclasses import dataclass

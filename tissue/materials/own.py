@@ -1,8 +1,8 @@
-"""A density of one's own: a function of F in Python, differentiated twice without a difference quotient.
+"""A user-defined density: a function of F in Python, differentiated twice without a difference quotient.
 
 The function is called with numbers that carry their first and second derivatives by the nine components of F
-(hyper-dual numbers: Fike & Alonso, AIAA 2011-886), so that stress and tangent are exact to round-off. It may use
-+ − * / and powers, `np.exp`, `np.log`, `np.sqrt`, `np.trace` and `@` with F, which is a `(3, 3)` array, and
+(hyper-dual numbers: Fike & Alonso, AIAA 2011-886). Stress and tangent are therefore exact to round-off. F is a
+`(3, 3)` array. The function can use + − * / and powers, `np.exp`, `np.log`, `np.sqrt`, `np.trace`, `@` and
 `tissue.materials.own.det`:
 
     def mooney_rivlin(F):
@@ -21,11 +21,12 @@ import numpy as np
 from tissue.arrays import Array
 from tissue.errors import TissueError
 
-POINTS = 2000  # differentiated together: their 91 numbers each stay in the cache
+POINTS = 2000  # differentiated together: 91 numbers per point stay in the processor's cache
 
 
 class Jet:
-    """Numbers at k points, `value` (k,), with `slope` (9, k) and `bend` (9, 9, k), their derivatives by F."""
+    """Numbers at k points, `value` (k,), with first and second derivatives by F, `slope` (9, k) and `bend` (9, 9,
+    k)."""
 
     __slots__ = ("bend", "slope", "value")
 
@@ -33,7 +34,7 @@ class Jet:
         self.value, self.slope, self.bend = value, slope, bend
 
     def through(self, value: Array, first: Array, second: Array) -> "Jet":
-        """Return a function of this number, from its value and its first and second derivative there."""
+        """Return a function of this number, given the function's value and its first and second derivative."""
         bend = first * self.bend + second * (self.slope[:, None] * self.slope[None])
         return Jet(value, first * self.slope, bend)
 
@@ -95,7 +96,7 @@ class Jet:
 
 
 def det(F: Any) -> Any:
-    """Return the determinant of a `(3, 3)` array, of numbers that carry derivatives too."""
+    """Return the determinant of a `(3, 3)` array; its numbers can carry derivatives."""
     return (
         F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
         - F[0, 1] * (F[1, 0] * F[2, 2] - F[1, 2] * F[2, 0])
@@ -105,7 +106,7 @@ def det(F: Any) -> Any:
 
 @dataclass(frozen=True)
 class Own:
-    """The density that a function `W` returns for F, shape `(3, 3)` of numbers; it knows no place."""
+    """The density that a function `W` returns for F, a `(3, 3)` array of numbers; W does not depend on the position."""
 
     W: Callable[[Any], Any]
 
@@ -118,7 +119,7 @@ class Own:
             given[i, j] = Jet(F[i, j], seeds[n], none)
         out = self.W(given)
         if not isinstance(out, Jet):
-            raise TissueError(f"W(F) returned {type(out).__name__}: allowed is a number made of F; do not convert F")
+            raise TissueError(f"W(F) returned {type(out).__name__}: allowed is a function of F; do not convert F")
         return out
 
     def _by_points(self, F: Array, part: str, lead: tuple[int, ...]) -> Array:

@@ -1,7 +1,7 @@
 """Tissue that is stretched in its reference shape, as skin is: W(F F₀) / det F₀ with F₀ = diag(λ₁, λ₂, λ₃).
 
-The density of the tissue without stress is taken at F F₀, and per volume of the reference shape, which is det F₀ times
-that without stress. Cut free, it goes back.
+The density of the stress-free tissue is evaluated at F F₀. It is divided by det F₀, because a stress-free volume
+grows by det F₀ to the volume in the reference shape. Tissue that is cut free returns to its stress-free shape.
 """
 
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from tissue.materials.density import Density
 
 @dataclass(frozen=True)
 class Prestretched:
-    """A `density` in a reference shape that has principal `stretches` along x, y and z.
+    """A `density` of stress-free tissue in a reference shape with principal `stretches` along x, y and z.
 
-    Shape `(3,)`, or `(3, …)` with axes that broadcast against the points. Raises `TissueError` unless they are
-    positive.
+    The stretches have shape `(3,)`, or `(3, …)` with axes that broadcast against the points. Raises `TissueError`
+    unless all stretches are positive.
     """
 
     density: Density
@@ -27,7 +27,7 @@ class Prestretched:
     def __post_init__(self) -> None:
         given = np.asarray(self.stretches, dtype=float)
         if given.shape[:1] != (3,) or not np.all((given > 0.0) & np.isfinite(given)):
-            raise TissueError(f"prestretch = {given.tolist()}: allowed are three positive stretches; 1 is none")
+            raise TissueError(f"prestretch = {given.tolist()}: allowed are three positive stretches (1: none)")
 
     def _along(self, F: Array) -> Array:
         """Return the stretches with axes for the points, `(3, …)`."""

@@ -1,1 +1,1 @@
-"""Organs that a thread may pierce: an elastic body at rest or in motion, or points fixed in space."""
+"""Organs that a thread can pierce: an elastic body at rest or in motion, or points fixed in space."""

@@ -1,18 +1,18 @@
-"""A small basis for the motion of an organ that is pulled at its sites and by its loads.
+"""A small basis for the motion of an organ under forces at its sites and under its loads.
 
     V = [Φ,  K⁻¹F,  (K⁻¹M) K⁻¹F,  …,  (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads]
 
-Static answers to all that pulls, so that what is slow is exact, then k blocks of a Krylov space, each of which matches
-two more moments of the transfer function from forces to sites (Su & Craig, AIAA J. 29, 1991), and the lowest modes Φ
-where they are asked for. Rayleigh damping is a function of M and K, so that the space is the same with it. V is
-orthonormal in K.
+The first block holds the static answers to all forces, so that slow motion is exact. Then follow k blocks of a
+Krylov space. Each of them matches two more moments of the transfer function from forces to sites (Su & Craig, AIAA
+J. 29, 1991). The lowest modes Φ are optional. Rayleigh damping is a function of M and K, so that the space is the
+same with it. V is orthonormal in K.
 
-What U = V η leaves of the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is orthogonal to V. F and K V
-are in K V, and so is M V but for its last block. Hence
+The residual of U = V η in the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is orthogonal to V. F
+and K V lie in the space of K V, and M V does except for its last block. Hence
 
     K⁻¹ r = −(I − V VᵀK) K⁻¹M V (η̈ + α η̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖
 
-with one small matrix R: the dual norm of the residual takes no solve.
+with one small matrix R: the dual norm of the residual needs no solve.
 """
 
 from collections.abc import Callable
@@ -24,15 +24,17 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from tissue.arrays import Array
 
-DEPENDENT = 1e-8  # of a vector's length in K: what is left of it beside those before is round-off
-MODES = 1e-10  # relative residual of the modes: they need not be exact, the basis has only to hold them nearly
-MASSLESS = 1e-14  # of the largest 1/ω² of a basis: what is below has no mass but round-off
+DEPENDENT = 1e-8  # of a vector's length in K: a smaller new direction is round-off
+MODES = 1e-10  # relative residual of the modes: the basis need not contain them exactly
+MASSLESS = 1e-14  # of the largest 1/ω² of a basis: a smaller value is round-off, and the mode has no mass
 
 
 @dataclass(frozen=True)
 class ModalBasis:
-    """A basis in which stiffness is the identity and mass diagonal: `vectors` (N, r), `mu` (r,) = 1/ω² [s²]; `missed`
-    is R, shape `(m, r)`, of the module."""
+    """A basis in which stiffness is the identity and mass is diagonal.
+
+    `vectors` has shape `(N, r)`, and `mu` (r,) = 1/ω² [s²]. `missed` is the matrix R of the module, shape `(m, r)`.
+    """
 
     vectors: Array
     mu: Array
@@ -41,9 +43,9 @@ class ModalBasis:
 
 @dataclass(frozen=True)
 class Krylov:
-    """Vectors V `(N, r)` orthonormal in K, the first `inner` of them without the last block, and M V.
+    """Vectors V `(N, r)`, orthonormal in K; the first `inner` of them exclude the last block.
 
-    `M` is VᵀMV, and `missed` R of the vectors without and with the last block.
+    `M` is VᵀMV. `missed` has two matrices R: of the vectors without and with the last block.
     """
 
     vectors: Array
@@ -52,7 +54,7 @@ class Krylov:
     missed: tuple[Array, Array]
 
     def modal(self, inner: bool) -> ModalBasis:
-        """Return the basis of all vectors, or of those without the last block, by its own modes."""
+        """Return the modes in the space of all vectors, or without the last block if `inner`."""
         r = self.inner if inner else self.M.shape[0]
         mu, Q = np.linalg.eigh(self.M[:r, :r])
         mu = np.where(mu > MASSLESS * mu[-1], mu, 0.0)
@@ -62,8 +64,11 @@ class Krylov:
 def build_krylov(
     K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array], forces: Array, blocks: int, modes: Array
 ) -> Krylov:
-    """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks` + 1 blocks, by
-    `solve`, which makes K⁻¹ b."""
+    """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks` + 1 further
+    blocks.
+
+    `solve` returns K⁻¹ b.
+    """
     inner_products = Orthonormal(K)
     inner_products.extend(modes)
     last = inner_products.extend(solve(forces))
@@ -76,7 +81,8 @@ def build_krylov(
     reduced = V.T @ np.asarray(M @ V)
     missed = np.zeros((outer.shape[1], V.shape[1]))
     missed[:, r:] = _root(rest.T @ np.asarray(K @ rest))
-    # Without the last block, K⁻¹M V leaves what lies along that block alone: VᵀM V of the two.
+    # Without the last block, the residual of K⁻¹M V lies in that block alone. R is then the block of VᵀM V that
+    # couples the two.
     return Krylov(V, r, 0.5 * (reduced + reduced.T), (reduced[r:, :r], missed))
 
 
@@ -89,12 +95,12 @@ def vibration_modes(K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array
 
 
 class Orthonormal:
-    """Vectors orthonormal in K, to which others are added block by block."""
+    """Vectors orthonormal in K, which grow block by block."""
 
     def __init__(self, K: csr_matrix, expected: int = 0) -> None:
-        """``expected``: vectors for which there is room at once; for more there is room made."""
+        """Allocate memory for `expected` vectors; more memory is allocated when needed."""
         self.K, self._size = K, 0
-        self._room = np.empty((2, K.shape[0], expected))  # V and K V: copied at every block they took half of its time
+        self._room = np.empty((2, K.shape[0], expected))  # V and K V; copying both at every block took half of its time
 
     @property
     def V(self) -> Array:
@@ -110,7 +116,7 @@ class Orthonormal:
         """Add the new directions of vectors `(N, k)`, and return them, orthonormal."""
         lengths = self._lengths(X)
         X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
-        for tolerance in (DEPENDENT, 0.5):  # the second time round-off alone is taken off
+        for tolerance in (DEPENDENT, 0.5):  # the second pass removes round-off only
             X = self.without(X)
             w, Q = np.linalg.eigh(X.T @ np.asarray(self.K @ X))
             X = X @ (Q[:, w > tolerance**2] / np.sqrt(w[w > tolerance**2]))
@@ -118,7 +124,7 @@ class Orthonormal:
         return X
 
     def _append(self, X: Array, KX: Array) -> None:
-        """Put vectors `(N, k)`, and what K makes of them, behind those that are there."""
+        """Append vectors `(N, k)` and their products with K."""
         before, self._size = self._size, self._size + X.shape[1]
         if self._size > self._room.shape[2]:
             wider = np.empty((*self._room.shape[:2], max(self._size, before + before // 2)))
@@ -135,6 +141,6 @@ class Orthonormal:
 
 
 def _root(gram: Array) -> Array:
-    """Return R of RᵀR = a matrix that is symmetric and not negative but for round-off."""
+    """Return R with RᵀR = `gram`, a symmetric matrix that is positive semidefinite up to round-off."""
     w, Q = np.linalg.eigh(gram)
     return np.asarray(np.sqrt(np.maximum(w, 0.0))[:, None] * Q.T)

@@ -1,4 +1,4 @@
-"""An organ with inertia: its operator of a time scheme, and its steps."""
+"""An organ with inertia: its operators of time schemes, and its steps."""
 
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
@@ -28,8 +28,8 @@ from tissue.organs.meshed import (
 )
 from tissue.solvers.choice import MULTIGRID, Solver, mass_solver
 
-DRIFT = 1e-13  # of ‖K‖‖U‖: what the residuals of many steps may leave of a force before it is multiplied anew
-# Fields whose elastic force is remembered: a step asks again for those of its start and of its end.
+DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; a larger one is recomputed
+# Number of fields with a cached elastic force: a step uses the forces at its start and at its end again.
 REMEMBERED_FORCES = 4
 
 
@@ -42,8 +42,10 @@ class Products(NamedTuple):
 
 
 class History(NamedTuple):
-    """Reference fields of the time scheme over the free unknowns `(N,)`, U_a and U_d [m], and M U_a, M U_d [kg m] and
-    K U_d [N]."""
+    """Reference fields of the time scheme over the free unknowns `(N,)`.
+
+    They are U_a and U_d [m], and the products M U_a, M U_d [kg m] and K U_d [N].
+    """
 
     inertia: Array
     damping: Array
@@ -53,8 +55,10 @@ class History(NamedTuple):
 
 
 def combination(weights: Sequence[float], fields: Sequence[Array]) -> Array:
-    """Return Σ w x, shape `(N,)`, in one pass over each field whose weight is not zero, and one field at least: a step
-    takes thirty such passes, and reads more memory in them than in its products."""
+    """Return Σ w x, shape `(N,)`, in one pass over each field with a weight other than zero; at least one field.
+
+    A step takes thirty of these passes and reads more memory in them than in its matrix products.
+    """
     total = weights[0] * fields[0]
     for weight, values in zip(weights[1:], fields[1:], strict=True):
         if weight:
@@ -64,7 +68,7 @@ def combination(weights: Sequence[float], fields: Sequence[Array]) -> Array:
 
 @dataclass(frozen=True)
 class DynamicOperator(LipCompliance):
-    """A = a M + d C + K, factorised, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
+    """The factorised A = a M + d C + K, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
 
     organ: "DynamicOrgan"
     a: float
@@ -75,8 +79,10 @@ class DynamicOperator(LipCompliance):
     C: Array
 
     def predict(self, state: OrganState, history: History, load: Array) -> Array:
-        """Return U⁺ under a load (N,) without site forces: one solve, for the increment, so that round-off is relative
-        to it."""
+        """Return U⁺ under a load (N,) without site forces, by one solve.
+
+        The solve is for the increment, so that round-off is relative to the increment.
+        """
 
         def guess() -> Array:
             """Return the field for constant acceleration and site forces."""
@@ -92,7 +98,8 @@ class DynamicOperator(LipCompliance):
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def residual(self, history: History, now: Products, load: Array) -> Array:
-        """Return b − A U under a load (N,) from the products of U and of the history: this takes none of its own."""
+        """Return b − A U under a load (N,) from known products of U and of the history, without a new matrix
+        product."""
         alpha, beta = self.organ.rayleigh
         a, c, k = self.a, alpha * self.d, beta * self.d
         inertia = (a, c, -a - c), (history.M_inertia, history.M_damping, now.MU)
@@ -102,11 +109,14 @@ class DynamicOperator(LipCompliance):
     def state(
         self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing, shares: Array | None
     ) -> OrganState:
-        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads: its rates, and its
-        products by one with M.
+        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads, with its rates and
+        products.
 
-        K U⁺ is what the balance of the step leaves of the forces. So the solver's residuals add up in it, to round-off
-        where the solver is direct; where they were more, it is left out and multiplied anew.
+        Only M U⁺ needs a new matrix product.
+
+        K U⁺ follows from the balance of forces of the step. The residuals of the solver therefore accumulate in K
+        U⁺; with a direct solver they are round-off. If they are larger, K U⁺ is left out and computed again by a
+        product.
         """
         alpha, beta = self.organ.rayleigh
         MU = self.organ.mass_times(U)
@@ -126,13 +136,13 @@ class DynamicOperator(LipCompliance):
 class DynamicOrgan(MeshedOrgan):
     """An organ with inertia and Rayleigh damping C = αM + βK, `rayleigh` = (α [1/s], β [s]).
 
-    The organ need not be held.
+    The organ need not be held by supports.
     """
 
     rayleigh: tuple[float, float] = (0.0, 0.0)
     M: csr_matrix = field(init=False, repr=False)
     node_mass: csr_matrix = field(init=False, repr=False)
-    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns where nodes are held in part
+    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns, if nodes are partly held
     _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
     _operators: OrderedDict[tuple[float | str, ...], DynamicOperator] = field(init=False, repr=False, compare=False)
 
@@ -146,13 +156,13 @@ class DynamicOrgan(MeshedOrgan):
         free = self.elasticity.free
         M = csr_matrix(self.elasticity.M[free][:, free])
         object.__setattr__(self, "M", M)
-        whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of the nodes that have a free one
+        whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of nodes with a free unknown
         rolls = whole.size > free.size
         nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else M
         object.__setattr__(self, "slots", np.searchsorted(whole.ravel(), free) if rolls else None)
         object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
         if 3 * self.node_mass.nnz != nodal.nnz:
-            raise TissueError("the mass matrix must be one over the nodes, the same for x, y and z of each")
+            raise TissueError("the mass matrix must couple nodes only, with the same numbers for x, y and z")
         object.__setattr__(self, "_recalled", deque(maxlen=REMEMBERED_FORCES))
         object.__setattr__(self, "_operators", OrderedDict())
 
@@ -162,9 +172,9 @@ class DynamicOrgan(MeshedOrgan):
         return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
-        """Return the factorised operator of a time scheme; the last few operators are kept.
+        """Return the factorised operator of a time scheme; the last few operators are cached.
 
-        Without motion, a = d = 0, it is K. Raises `TissueError` for what no scheme has.
+        Without motion, a = d = 0, it is K. Raises `TissueError` for factors that no scheme has.
         """
         if not ((0.0 < a < np.inf and 0.0 <= d < np.inf) or a == d == 0.0):
             raise TissueError(
@@ -173,7 +183,7 @@ class DynamicOrgan(MeshedOrgan):
         return self._kept((a, d), lambda: self._factorized(a, d))
 
     def _kept(self, key: tuple[float | str, ...], make: Callable[[], DynamicOperator]) -> DynamicOperator:
-        """Return the operator of a key, made where it is not among the last few."""
+        """Return the operator of a key from the cache of the last few, or make it."""
         if key not in self._operators:
             while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
                 self._operators.popitem(last=False)
@@ -186,15 +196,16 @@ class DynamicOrgan(MeshedOrgan):
         return self.operator(scheme.a, scheme.d)
 
     def mass_times(self, field: Array) -> Array:
-        """Return M times a field over the free unknowns `(N,)`: a node's three components share its row."""
+        """Return M times a field over the free unknowns `(N,)`; the three components of a node have the same row of
+        M."""
         weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
         return weighed if self.slots is None else weighed[self.slots]
 
     def elastic_force(self, U: Array) -> Array:
         """Return K U.
 
-        The forces of the last fields are remembered, since both steps of a state, the one to it and the one
-        from it, need its force.
+        The forces of the last fields are cached, because the step to a state and the step from it need the same
+        force.
         """
         for known, force in self._recalled:
             if known is U:
@@ -204,7 +215,7 @@ class DynamicOrgan(MeshedOrgan):
         return force
 
     def _factorized(self, a: float, d: float, soft: csr_matrix | None = None) -> DynamicOperator:
-        """Return the operator of a scheme; `soft` is what the stiffness is less by, None: nothing."""
+        """Return the operator of a scheme; `soft` is subtracted from the stiffness, None: no change."""
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
         if soft is not None:
@@ -216,14 +227,16 @@ class DynamicOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
-        at `time` [s]: one solve."""
+        """Return the answer of a step of `scheme` from the states `past`, newest first, by one solve.
+
+        `share` of the loads acts at `time` [s].
+        """
         return self.answer_paired(scheme, past, self.paired_anew(past[0].U, past[0].ahead), time, share)
 
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
     ) -> LinearAnswer:
-        """Return the answer of a step as above, with a known pairing."""
+        """Return the answer of a step with a given pairing."""
         operator, history = self.operator_of(scheme), self.history(scheme, past)
         shares = self.shares_at(time, share)
         load = self.load_under(shares)
@@ -255,8 +268,11 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
-        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme; zeros at rest,
-        which looks back at none."""
+        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme, and their
+        products.
+
+        They are zero in equilibrium, which uses no earlier state.
+        """
         if not scheme.coefficients:
             return History(*np.zeros((5, self.size)))
         alpha, beta, gamma = zip(*scheme.coefficients, strict=True)
@@ -271,13 +287,13 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def products(self, state: OrganState) -> Products:
-        """Return M U, M V and K U of a state, those that it brings along as they are."""
+        """Return M U, M V and K U of a state; products that the state already has are not computed again."""
         MU = self.mass_times(state.U) if state.MU is None else state.MU
         MV = self.mass_times(state.V) if state.MV is None else state.MV
         return Products(MU, MV, self.elastic_force(state.U) if state.KU is None else state.KU)
 
     def is_elastic_force(self, U: Array, force: Array) -> bool:
-        """Return whether a force is K U but for round-off, as seen along two random directions."""
+        """Return whether a force is K U up to round-off, measured along two random directions."""
         if self.choice.name == MULTIGRID:
             return False
         Z, KZ = self._probes
@@ -304,7 +320,7 @@ class DynamicOrgan(MeshedOrgan):
         return np.asarray(self.y0 + self.Y @ state.U)
 
     def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, ways and friction of the pairs."""
+        """Return the gaps, forces, slides and friction of the pairs."""
         p = self.contact_forces(state)[: self.pairs]
         return Lips(self.gap(state), p, self.slides(state.U), *self.rubbing(state))
 
@@ -332,16 +348,16 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same.
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
 
-        These are the site forces `f_y` (9p,) and the contact forces of `state`; V is kept.
+        These are the site forces `f_y` (9p,) and the contact forces of `state`. V does not change.
         """
         operator, p = self.operator_of(scheme), self.contact_forces(state)
         pairing = self.pairing_of(state)
         y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
-            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            # Only the change is used, because the forces of the state can include holes that ended at this time.
             df, held = f_new - f_y, self.contact_or_none(p_new)
             U = operator.add_forces(state.U, df, p_new - p, pairing)
             return replace(state, U=U, f_y=state.f_y + df, p=held, MU=None, MV=None, KU=None)
@@ -359,10 +375,10 @@ class DynamicOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.
 
-        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The scheme's
-        own dissipation is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV), of which the bracket is zero for backward
-        Euler; viscous is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact takes −p⁺·Δg = p⁺·g ≥ 0, of first order in the
-        step except where lips strike one another; this work is part of `numerical`.
+        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The dissipation of
+        the scheme is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV); the bracket is zero for backward Euler. The viscous
+        work is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact dissipates −p⁺·Δg = p⁺·g ≥ 0. This is of first order in the
+        step, except if lips strike one another; it is part of `numerical`.
         """
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
@@ -380,9 +396,7 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def _by_nodes(self, field: Array) -> Array:
-        """Return a field over the mesh's free unknowns as one vector per node, shape `(m, 3)`; zero where a
-        node is held.
-        """
+        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`; held components are zero."""
         if self.slots is None:
             return field.reshape(-1, 3)
         whole = np.zeros(3 * self.node_mass.shape[0])

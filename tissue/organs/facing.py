@@ -1,7 +1,8 @@
-"""Pairing of points with a surface of triangles: the point of the surface that each faces, and the normal there.
+"""Pairing of points with a surface of triangles: the point of the surface that each point faces, and the normal
+there.
 
-A point in front of which the surface ends faces its edge as far as half a triangle, within which the share of the area
-around it is still over the surface, and nothing beyond.
+At an end of the surface, a point faces the edge up to a distance of half a triangle. Within this distance, part of
+the area around the point is still over the surface. A point farther away faces no triangle.
 """
 
 import numpy as np
@@ -12,20 +13,21 @@ from tissue.arrays import Array, Indices
 
 Mask = NDArray[np.bool_]
 
-NEAREST = 24  # triangles, by their centres, among which that in front of a point is sought
-EDGE = 0.5  # of a triangle's size: how far past the surface's edge a point still faces it
-UPRIGHT = 0.2  # cosine of the slope to the direction along which one faces: steeper, that direction is the normal
-OPPOSITE = np.array([[1, 2], [0, 2], [0, 1]])  # sides of a triangle, each opposite a corner
+NEAREST = 24  # triangles with the nearest centres, which are searched for the triangle in front of a point
+EDGE = 0.5  # of a triangle's size: up to this distance past its edge, a point still faces the surface
+UPRIGHT = 0.2  # least cosine between the normal and `along`: on a steeper slope, `along` is the normal
+OPPOSITE = np.array([[1, 2], [0, 2], [0, 1]])  # sides of a triangle, opposite to its corners
 
 
 def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array | None) -> Array:
-    """Return for points `at` `(k, 3)` the triangle that each faces, its barycentric coordinates there, and the vector
-    that measures the gap, shape `(k, 7)`: triangle −1 where it faces none.
+    """Return the facing of points `at` `(k, 3)`: triangle, barycentric coordinates and gap vector, shape `(k, 7)`.
 
-    `triangles` `(m, 3)` of `points` `(n, 3)` [m] turn so that their normals point away from `at`; `ends` are their
-    open sides. A point faces the nearest point of the surface, or what lies before or behind it `along` a unit vector
-    (3,). The gap is what lies between along the averaged normal n; with `along`, that over n·along, how far it is that
-    way.
+    The triangle is −1 if a point faces no triangle.
+
+    `triangles` `(m, 3)` of `points` `(n, 3)` [m] have normals that point away from `at`; `ends` are their open
+    sides. A point faces the nearest point of the surface, or the point in front of it or behind it `along` a unit
+    vector (3,). The gap is the distance along the averaged normal n. With `along`, it is this distance over
+    n·along, which is the distance in this direction.
     """
     corners, normals = points[triangles], averaged_normals(points, triangles)
     flat = np.eye(3) if along is None else across(along)
@@ -44,7 +46,7 @@ def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array 
 
 
 def across(normal: Array) -> Array:
-    """Return two unit vectors across the normal, shape `(2, 3)`."""
+    """Return two perpendicular unit vectors normal to the `normal`, shape `(2, 3)`."""
     return np.linalg.svd(normal[None])[2][1:]
 
 
@@ -54,8 +56,10 @@ def triangle_sizes(corners: Array) -> Array:
 
 
 def averaged_normals(points: Array, triangles: Indices) -> Array:
-    """Return unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m, 3, 3)`: the mean of those of
-    the triangles that meet there, by their areas."""
+    """Return averaged unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m, 3, 3)`.
+
+    The normal at a corner is the mean of the normals of its triangles, weighted by area.
+    """
     each, mean = _area_normals(points[triangles]), np.zeros((len(points), 3))
     for corner in range(3):
         np.add.at(mean, triangles[:, corner], each)
@@ -72,21 +76,23 @@ def facet_normals(corners: Array) -> Array:
 
 
 def _area_normals(corners: Array) -> Array:
-    """Return the cross products of two sides of triangles `(m, 3, 3)`, twice their areas long."""
+    """Return the cross products of two sides of triangles `(m, 3, 3)`, with the length of twice their areas."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def open_sides(triangles: Indices) -> Mask:
-    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)`, each opposite a corner, no other one shares,
-    `(m, 3)`."""
+    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)` belong to no other triangle, `(m, 3)`."""
     sides = np.sort(triangles[:, OPPOSITE].reshape(-1, 2), axis=1)
     _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
 
 
 def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
-    """Return the triangles of `corners` `(m, 3, d)` nearest to points `(k, d)`, the barycentric coordinates of the
-    nearest points, `(k, 3)`, and their distances, `(k,)`."""
+    """Return the nearest triangle to each of the points `(k, d)`, the nearest point in it, `(k, 3)`, and its
+    distance, `(k,)`.
+
+    Triangles have `corners` `(m, 3, d)`; the nearest points are barycentric coordinates.
+    """
     near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
     inside, each = _barycentric(at[:, None], corners[near]), corners[near].reshape(-1, *corners.shape[1:])
     held = _held_inside(at.repeat(near.shape[1], axis=0), each, inside.reshape(-1, 3)).reshape(inside.shape)
@@ -105,8 +111,10 @@ def _barycentric(at: Array, corners: Array) -> Array:
 
 
 def _held_inside(at: Array, corners: Array, inside: Array) -> Array:
-    """Return the barycentric coordinates of the points of triangles `(k, 3, d)` nearest to `at` `(k, d)`, whose own
-    are `inside` `(k, 3)`."""
+    """Return the barycentric coordinates of the nearest points in triangles `(k, 3, d)` to points `at` `(k, d)`.
+
+    `inside` `(k, 3)` are the barycentric coordinates of the points `at`.
+    """
     best, least = inside, np.where(inside.min(axis=1) >= 0.0, 0.0, np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         side = corners[:, j] - corners[:, i]

@@ -2,18 +2,18 @@
 
     a M (U⁺ − U_a) + α d M (U⁺ − U_d) + ∂Π/∂U − load = Zᵀ (∂y/∂z)ᵀ f_y,    z = Z U
 
-At an iterate U_k the site variables are seen through z alone (`tissue.sites.finite`), y ≈ y_k + J dz, so that with the
+At an iterate U_k the site variables depend on U only through z (`tissue.sites.finite`), y ≈ y_k + J dz. With the
 residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ and S = f_y·∂²y/∂z² the answer is
 
     dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
 
-Forces p on the gaps g = g0 + G U of lips that touch add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ, C_cy = G Ã⁻¹ Zᵀ Jᵀ
-and Ã = A − Zᵀ S Z. What faces what, and which way, is found where a step begins, in the deformed shape.
+Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ, C_cy = G Ã⁻¹ Zᵀ Jᵀ
+and Ã = A − Zᵀ S Z. The pairing and its directions are found at the start of a step, in the deformed shape.
 
-The coupled Newton asks `again` after each correction: the organ goes to U_k + dU, cut short where a cell would turn
-inside out or its potential under these forces would rise, and the answer stands once its own residual there is within
-RESIDUAL of the forces of the cells. A factor is kept while it makes the residual fall; the converged answer does not
-depend on it.
+The coupled Newton iteration calls `again` after each correction. The organ then moves to U_k + dU. The move is
+shortened if a cell would be inverted or if the organ's potential under these forces would increase. The answer has
+converged when its own residual there is within RESIDUAL of the forces of the cells. A factor is reused while it
+reduces the residual; the converged answer does not depend on the factor.
 """
 
 from collections import OrderedDict, deque
@@ -55,27 +55,30 @@ from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
 
-RESIDUAL = 1e-10  # of the largest force of a cell on a node: the organ's own equations
-ROUND_OFF = 2e-14  # of the force of a cell at a strain of one, which round-off of F = I + ∇U leaves
-BENT = 1e-12  # of the numbers of a frame: y(z) against its linearisation
-KEEP = 0.25  # a factor is kept while it makes the residual fall below this part of itself: a new one takes as long as
-# two dozen corrections by the old one
-SHORTEST = 2.0**-12  # part of a correction below which the organ gives up
-RISE = 1e-10  # of the potential: it may rise by round-off
+RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the residual of the organ's equations
+ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
+BENT = 1e-12  # of the numbers of a frame: accepted difference between y(z) and its linearisation
+KEEP = 0.25  # a factor is reused while it reduces the residual below this fraction: a new factor takes as long as
+# two dozen corrections with the old one
+SHORTEST = 2.0**-12  # smallest part of a correction that is tried
+RISE = 1e-10  # of the potential: increase due to round-off
 KEPT_TANGENTS = 2
-FARTHEST = 4.0  # times the way that the tangent at its end says: a flap that is drawn upright under four times the load
-# goes 2.7 times that far, an exponential that grows by e⁴ goes 4 times
-PARTS = (0.25, 0.5, 0.75)  # of a way, at which is seen whether a barrier lies on it
-DROP = 0.1  # of the largest force along a way: one that drops by less before it rises again is no barrier
-MOST_CORRECTIONS = 50  # of the equilibrium without site forces
+FARTHEST = 4.0  # times the displacement predicted by the tangent at the end: a flap that is pulled upright by
+# four times the load moves 2.7 times as far, an exponential law with a growth of e⁴ 4 times as far
+PARTS = (0.25, 0.5, 0.75)  # of a path: points at which the path is checked for a barrier
+DROP = 0.1  # of the largest force along a path: a smaller drop before the force rises again is no barrier
+MOST_CORRECTIONS = 50  # for the equilibrium without site forces
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What inertia does in a step: factors `a` [1/s²], `d` [1/s] and the fields U_a, U_d, `(N,)` [m]; the dead `load`
-    of the step, `(N,)` [N], and the parts of the loads that act, as a state keeps them. Where the organ `creeps`, a is
-    no inertia but drags it back to U_a; where it is `led` along a branch, its potential need not fall. Tissue that
-    relaxes does so along a `course`."""
+    """The inertia and loads of a step.
+
+    `a` [1/s²] and `d` [1/s] are its factors, and `inertia` and `damping` the fields U_a and U_d, `(N,)` [m]. `load`
+    `(N,)` [N] is the dead load, and `shares` are the parts of the loads that act. If the organ `creeps`, `a` is the
+    factor of a drag towards U_a instead of inertia. If the organ is `led` along a branch of equilibria, its
+    potential can increase. `course` is the relaxation of the tissue; None without relaxation.
+    """
 
     a: float
     d: float
@@ -89,14 +92,17 @@ class Motion:
 
     @property
     def density(self) -> Density | None:
-        """The density of tissue that relaxes in the step; None: its own."""
+        """The density of relaxing tissue in the step; None: the density of the body."""
         return None if self.course is None else self.course.density
 
 
 @dataclass(frozen=True)
 class Course:
-    """How the stress relaxes in a step of `dt` [s]: the stresses `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)`
-    at its start [Pa], and the `density` that the step goes by (`tissue.relaxation`)."""
+    """The relaxation of stress in a step of `dt` [s].
+
+    `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)` [Pa] are the stresses at the start of the step, and
+    `density` is the density used in the step (`tissue.relaxation`).
+    """
 
     dt: float
     relaxing: Array
@@ -106,7 +112,8 @@ class Course:
 
 @dataclass(frozen=True)
 class Tangent:
-    """A factorised where the organ was at `U`, with the rows `Z` `(k, N)` of its sites; whether A is `definite`."""
+    """The factorised tangent A at the displacement `U`, with the rows `Z` `(k, N)` of the sites, and whether A is
+    `definite`."""
 
     U: Array
     A: csr_matrix
@@ -118,7 +125,7 @@ class Tangent:
 
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
-        """Made when first asked for: an organ that sags alone asks for none."""
+        """Computed when first needed: an organ without site forces does not need them."""
         try:
             return compliance(self.factor, self.Z)
         except FactorError as error:
@@ -135,7 +142,7 @@ class Tangent:
         return self._columns[1]
 
     def way_without_forces(self, r: Array) -> Array:
-        """Return −A⁻¹ r, shape `(N,)` [m]; that of the last residual `(N,)` [N] is remembered. Raises `OrganError`."""
+        """Return −A⁻¹ r, shape `(N,)` [m], cached for the last residual r `(N,)` [N]. Raises `OrganError`."""
         for known, way in self._let_go:
             if known is r:
                 return way
@@ -143,8 +150,10 @@ class Tangent:
         return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
-        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N]; those of the last G are
-        remembered. Raises `OrganError`."""
+        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N], cached for the last G.
+
+        Raises `OrganError` if the tangent cannot be solved.
+        """
         if not any(known is pairing.G for known, _ in self._recalled):
             self._recalled.append((pairing.G, gap_compliance(self.factor, pairing.G)))
         try:
@@ -165,12 +174,12 @@ class Displaced(LipCompliance):
 
 
 def unsolved(error: FactorError) -> OrganError:
-    """Return the error of a tangent that cannot be solved, by which the step is taken in halves."""
+    """Return the error for a tangent that cannot be solved; the step is then repeated as two half steps."""
     return OrganError(f"the tissue's tangent cannot be solved ({error})")
 
 
 def solved(factor: Solver, b: Array) -> Array:
-    """Return A⁻¹ b of a tangent. Raises `OrganError`."""
+    """Return A⁻¹ b for a tangent. Raises `OrganError` if it cannot be solved."""
     try:
         return np.asarray(factor.solve(b))
     except FactorError as error:
@@ -179,8 +188,11 @@ def solved(factor: Solver, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Point:
-    """The organ at `U` `(N,)` under no site forces: `F` at the cells, residual `r` `(N,)` [N], and `scale` [N], the
-    largest force of a cell on a node; the numbers `z` of its sites."""
+    """The organ at `U` `(N,)` without site forces.
+
+    `F` are the deformation gradients at the cells, `r` `(N,)` [N] the residual, `scale` [N] the largest force of a
+    cell on a node, and `z` the numbers of the sites.
+    """
 
     U: Array
     F: Array
@@ -191,7 +203,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces on the organ: site forces `f_y` (9p,), and the `push` Gᵀ p of the lips over its unknowns `(N,)` [N]."""
+    """Forces on the organ: site forces `f_y` (9p,), and contact forces `push` = Gᵀ p over its unknowns `(N,)` [N]."""
 
     f_y: Array
     push: Array
@@ -199,9 +211,11 @@ class Forces:
 
 @dataclass(frozen=True)
 class FiniteAnswer:
-    """The answer linearised at a `point` under forces `f_y` (9p,), by a `tangent` made there or before;
-    `pairing` is what faces what on the lips; `ahead` (N,) [m] is how much further than by that tangent it goes, None:
-    no further."""
+    """The answer linearised at a `point` under forces `f_y` (9p,).
+
+    The `tangent` was made at this point or at an earlier one. `pairing` is the pairing of the lips. `ahead` (N,)
+    [m] is an extrapolation beyond the correction with this tangent; None without extrapolation.
+    """
 
     organ: "FiniteOrgan"
     motion: Motion
@@ -213,7 +227,7 @@ class FiniteAnswer:
 
     @property
     def linear(self) -> bool:
-        """No: `again` asks for another tangent."""
+        """False: `again` can return an answer with another tangent."""
         return False
 
     @cached_property
@@ -231,7 +245,7 @@ class FiniteAnswer:
 
     @cached_property
     def _GW_turning(self) -> Array:
-        """G A⁻¹ Zᵀ S (1 − C_z S)⁻¹, by which frames that the needle cut turn, shape `(k, number of z)`."""
+        """G A⁻¹ Zᵀ S (1 − C_z S)⁻¹, the effect of turning fibre frames, shape `(k, number of z)`."""
         return np.asarray(self._GW @ self._S @ self._bent)
 
     @cached_property
@@ -256,7 +270,7 @@ class FiniteAnswer:
 
     @cached_property
     def _U_r(self) -> Array:
-        """−A⁻¹ r, and what it goes ahead, shape `(N,)` [m]."""
+        """−A⁻¹ r plus the extrapolation `ahead`, shape `(N,)` [m]."""
         U_r = self.tangent.way_without_forces(self.point.r)
         return U_r if self.ahead is None else U_r + self.ahead
 
@@ -277,7 +291,7 @@ class FiniteAnswer:
         try:
             return np.asarray(np.linalg.inv(np.eye(self._S.shape[0]) - self.tangent.C_z @ self._S))
         except np.linalg.LinAlgError as error:
-            raise OrganError("the frames that the needle cut turn with the tissue without end") from error
+            raise OrganError("the fibre frames turn with the tissue without limit") from error
 
     @cached_property
     def C(self) -> Array:
@@ -287,7 +301,7 @@ class FiniteAnswer:
 
     @cached_property
     def y_free(self) -> Array:
-        """Site variables without site forces, as linearised, shape `(9p,)`."""
+        """Linearised site variables without site forces, shape `(9p,)`."""
         return np.asarray(self.organ.map.y(self.point.z) + self.J @ (self._bent @ (self.organ.map.Z @ self._U_r)))
 
     def moved(self, forces: Forces) -> Array:
@@ -308,8 +322,11 @@ class FiniteAnswer:
         return self.organ.state_at(self.motion, U, f_y, p, self.pairing, self.tangent)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
-        """Return itself where the organ's own equations hold under these forces, else the answer linearised where
-        they take it. Raises `OrganError`."""
+        """Return itself if the organ's equations have converged under these forces, else the answer linearised at
+        the new point.
+
+        Raises `OrganError` if the organ finds no new point or no tangent.
+        """
         organ, forces = self.organ, self._forces(f_y, p)
         before = organ.off_balance(self.point, forces)
         point, share = organ.go(self.motion, self.point, self.moved(forces), forces, before)
@@ -323,9 +340,12 @@ class FiniteAnswer:
         return kept.after(self, forces) if share == 1.0 and self.motion.a and not forces.push.any() else kept
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
-        """Return the answer that goes as far ahead as the last two corrections by one tangent say, without a solve
-        more: an old tangent leaves much the same part of each, in much the same direction (Anderson, J. ACM 12, 1965,
-        with one correction remembered: of more the last few steps need hardly fewer)."""
+        """Return the answer with an extrapolation from the last two corrections by one tangent, without another
+        solve.
+
+        With an old tangent, the remaining error of each correction has much the same ratio and direction (Anderson,
+        J. ACM 12, 1965, with one stored correction; more stored corrections hardly save iterations).
+        """
         way = self.point.U - last.point.U
         left = self.moved(forces) - self.point.U
         change = left - (way if last.ahead is None else way - last.ahead)
@@ -333,7 +353,7 @@ class FiniteAnswer:
         return replace(self, ahead=-part * (way + change))
 
     def _fits(self, point: Point, f_y: Array, p: Array) -> bool:
-        """Whether the sites are where their linearisation says."""
+        """Return whether the site variables agree with their linearisation."""
         if not any(self.organ.map.cut):
             return True
         y = self.y_free + self.C @ f_y + p @ self.C_cy
@@ -356,9 +376,9 @@ class FiniteAnswer:
 class FiniteOrgan(MeshedOrgan):
     """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always in equilibrium.
 
-    `hyper` is its energy, None the neo-Hookean solid of the same E and ν; `relaxation` is how it relaxes, None: not at
-    all. `keep` is the part of itself that the residual must fall below for a factor to be kept; 0 makes every tangent
-    anew.
+    `hyper` is its energy, None: the neo-Hookean solid with the same E and ν. `relaxation` is the relaxation of its
+    stress, None: no relaxation. A factor is reused if it reduces the residual below the fraction `keep`; 0 makes a
+    new tangent for every correction.
     """
 
     hyper: Hyperelasticity | None = None
@@ -376,7 +396,7 @@ class FiniteOrgan(MeshedOrgan):
         super().__post_init__()
         body = self.elasticity
         if self.hyper is not None and self.hyper.body is not body:
-            raise TissueError("hyper: it is of another body than the organ's; build both on one")
+            raise TissueError("hyper: it has another body than the organ; build both on the same body")
         if not 0.0 <= self.damping < np.inf:
             raise TissueError(f"damping = {self.damping} 1/s: allowed is 0 or more; damping takes energy")
         if not self.inertia:
@@ -392,11 +412,11 @@ class FiniteOrgan(MeshedOrgan):
         object.__setattr__(self, "_recalled", deque(maxlen=3))
         object.__setattr__(self, "_met", deque(maxlen=2))
 
-    # --- the organ's own numbers ------------------------------------------------------------------------------
+    # --- the organ's numbers -----------------------------------------------------------------------------------
 
     @property
     def law(self) -> Hyperelasticity:
-        """Its energy."""
+        """The energy of the organ."""
         assert self.hyper is not None
         return self.hyper
 
@@ -407,13 +427,13 @@ class FiniteOrgan(MeshedOrgan):
 
     @cached_property
     def _round_off(self) -> float:
-        """Force that round-off of F leaves [N]."""
+        """Force due to round-off of F [N]."""
         stiffness = float(self.elasticity.K.diagonal().max())
         return ROUND_OFF * stiffness * float(np.cbrt(6.0 * self.law.weights.sum(axis=0).max()))
 
     @cached_property
     def _largest_mass(self) -> float:
-        """Of a node [kg]."""
+        """Largest mass of a node [kg]."""
         return float(self.M.diagonal().max(initial=0.0))
 
     def tolerance(self, motion: Motion, point: Point) -> float:
@@ -422,7 +442,7 @@ class FiniteOrgan(MeshedOrgan):
         return RESIDUAL * point.scale + self._round_off + ROUND_OFF * inertia
 
     def point(self, motion: Motion, U: Array, F: Array | None = None) -> Point:
-        """Return the organ at U, with its deformation gradients `F` where they are known."""
+        """Return the organ at U; `F` are its deformation gradients, None if they are not known yet."""
         F = self.law.gradient(self.whole(U)) if F is None else F
         forces, scale = self.law.forces(F, motion.density)
         self._met.append((U, F, forces[self.elasticity.free], motion.density))
@@ -436,7 +456,7 @@ class FiniteOrgan(MeshedOrgan):
         return self.elasticity.nodal(self.whole(U))
 
     def _places(self, U: Array) -> Array:
-        """Return where the nodes are, shape `(m, 3)` [m]."""
+        """Return the positions of the nodes, shape `(m, 3)` [m]."""
         return self.elasticity.points + self._nodal(U)
 
     def pressing(self, shares: Array | None, U: Array) -> Array:
@@ -446,7 +466,7 @@ class FiniteOrgan(MeshedOrgan):
         return self.surface.pressing(shares, self._places(U))[self.elasticity.free]
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, pressures on their surfaces as they lie, `(l, 3)` [N]."""
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]; pressures act on the deformed surfaces."""
         return self.surface.resultants_at(self._places(state.U))
 
     def off_balance(self, point: Point, forces: Forces) -> float:
@@ -455,8 +475,11 @@ class FiniteOrgan(MeshedOrgan):
         return float(np.abs(pull - point.r).max(initial=0.0))
 
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
-        """Return the potential that the organ minimises in a step under constant forces [J]; inf if a cell is inverted.
-        The work of pressures is along the straight path from `start` (N,) to U."""
+        """Return the potential that the organ minimises in a step under constant forces [J]; infinite if a cell is
+        inverted.
+
+        The work of pressures is along the straight path from `start` (N,) to U.
+        """
         out = self.law.energy(F, motion.density) - float((motion.load + forces.push) @ U)
         out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
         if self.surface.follows:
@@ -468,14 +491,17 @@ class FiniteOrgan(MeshedOrgan):
         return out
 
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
-        """Go from `start` to U, or a part of the way: where no cell is inverted and, but where the organ is led, the
-        residual, `before` at the start, or the potential falls. Returns where, and the part. Raises `OrganError`."""
+        """Return the point at U, or at a part of the way from `start` to U, and this part.
+
+        No cell is inverted at the point. Unless the organ is led, the residual, which is `before` at the start, or
+        the potential decreases. Raises `OrganError` if there is no such point.
+        """
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F = self.law.gradient(self.whole(there))
             if self.law.is_possible(F):
-                with np.errstate(over="ignore", invalid="ignore"):  # no forces are finite there: a part of the way is
+                with np.errstate(over="ignore", invalid="ignore"):  # infinite forces there shorten the way
                     point = self.point(motion, there, F)
                 if motion.led or self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
@@ -486,13 +512,13 @@ class FiniteOrgan(MeshedOrgan):
                 inverted = share
             share *= 0.5
         raise OrganError(
-            "the tissue finds no way to give way: a cell would turn inside out"
+            "the tissue finds no equilibrium: a cell would be inverted"
             if inverted < 2.0 * SHORTEST
-            else "the tissue finds no way to give way: both its imbalance and its energy rise, as where it snaps"
+            else "the tissue finds no equilibrium: both its residual and its energy increase, as at a snap-through"
         )
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
-        """Return the tangent at U, factorised; the last few are kept. Raises `OrganError`."""
+        """Return the factorised tangent at U; the last few tangents are cached. Raises `OrganError`."""
         shares = motion.shares if self.surface.follows else None
         met = None if motion.course is None else motion.course.dt
         key = motion.a, motion.d, met, id(U), b"" if shares is None else shares.tobytes()
@@ -512,8 +538,11 @@ class FiniteOrgan(MeshedOrgan):
         return self._tangents[key]
 
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
-        """Return A factorised, by LU where it is not definite, which it `must` be or not: beyond a bifurcation; and
-        whether it is. Raises `OrganError`."""
+        """Return the factorised A, and whether A is positive definite.
+
+        Beyond a bifurcation A is indefinite and is factorised by LU. Raises `OrganError` if A is singular, or
+        indefinite although it `must` be definite.
+        """
         try:
             return solver(A, self.places, self.choice.name, bool(self._tangents), self._pattern), True
         except FactorError as indefinite:
@@ -524,10 +553,10 @@ class FiniteOrgan(MeshedOrgan):
             except FactorError as error:
                 raise unsolved(error) from error
 
-    # --- what the coupling asks -------------------------------------------------------------------------------
+    # --- the interface of the coupling ------------------------------------------------------------------------
 
     def motion(self, scheme: TimeScheme, past: Sequence[OrganState], shares: Array | None) -> Motion:
-        """Return the inertia and loads of a step of `scheme` from the states `past`, the newest first."""
+        """Return the inertia and loads of a step of `scheme` from the states `past`, newest first."""
         load, course = self.load_under(shares), self.course(slips_since(past, scheme), scheme.dt) if past else None
         if not (self.inertia and scheme.a):
             return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares, course=course)
@@ -537,7 +566,7 @@ class FiniteOrgan(MeshedOrgan):
         return Motion(scheme.a, scheme.d, inertia, damping, load, shares, course=course)
 
     def course(self, state: OrganState, dt: float) -> Course | None:
-        """Return how the stress relaxes in a step of `dt` [s] from a state, None where it does not."""
+        """Return the relaxation of stress in a step of `dt` [s] from a state, or None without relaxation."""
         if self.relaxation is None:
             return None
         S = self.law.distortional_stress(self.law.gradient(self.whole(state.U)))
@@ -546,24 +575,28 @@ class FiniteOrgan(MeshedOrgan):
         return Course(dt, relaxing, S, self.law.relaxing(self.relaxation.met(dt), H))
 
     def stressed(self, state: OrganState) -> Density | None:
-        """Return the density by whose stress the tissue is stressed in a state; None: its own."""
+        """Return the density that gives the stress of the tissue in a state; None: the density of the body."""
         if self.relaxation is None or state.relaxing is None:
             return self.lasting
         return self.law.relaxing(1.0 - self.relaxation.total, state.relaxing.sum(axis=0))
 
     @cached_property
     def lasting(self) -> Density | None:
-        """The density of tissue in which all has relaxed; None: its own."""
+        """The density of tissue after complete relaxation; None: the density of the body."""
         return None if self.relaxation is None else self.law.relaxing(1.0 - self.relaxation.total, None)
 
     def start(self) -> OrganState:
         """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
-        prestretch, unless contact surfaces would cross there. Raises `TissueError` if no such state exists."""
+        prestretch.
+
+        It is undeformed too if contact surfaces would cross in this equilibrium. Raises `TissueError` if there is
+        no equilibrium.
+        """
         return self._started
 
     @cached_property
     def _started(self) -> OrganState:
-        """The state at the start, found once."""
+        """The state at the start, computed once."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
         undeformed = OrganState(rest, rest, rest, none, self.no_contact, shares=self.no_shares)
         if self.inertia:
@@ -581,7 +614,7 @@ class FiniteOrgan(MeshedOrgan):
         return undeformed if crosses else replace(undeformed, U=U)
 
     def _sagged(self, U: Array) -> Array:
-        """Return the equilibrium without site forces that is reached from U, shape `(N,)` [m]. Raises `OrganError`."""
+        """Return the equilibrium without site forces that is found from U, shape `(N,)` [m]. Raises `OrganError`."""
         none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
         course = self.course(OrganState(U, U, U, none), np.inf)
         still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None, course=course)
@@ -599,8 +632,11 @@ class FiniteOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> FiniteAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
-        at `time` [s]: linearised at the newest with the tangent that it came with."""
+        """Return the answer of a step of `scheme` from the states `past`, newest first.
+
+        `share` of the loads acts at `time` [s]. The answer is linearised at the newest state with the tangent that
+        was last used there.
+        """
         motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
@@ -609,9 +645,12 @@ class FiniteOrgan(MeshedOrgan):
         return FiniteAnswer(self, motion, point, tangent, state.f_y, pairing)
 
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
-        """Return the answer of an organ that creeps from a state towards its equilibrium under `share` of the loads at
-        `time` [s]: dragged back by its mass, at a `pace` of 1 as hard as the stiffest node resists, 0 not at all. It
-        goes downhill, to an equilibrium that holds, also where none is near."""
+        """Return the answer of an organ that creeps from a state towards its equilibrium.
+
+        `share` of the loads acts at `time` [s]. A drag proportional to mass resists the motion. With a `pace` of 1
+        the drag is as stiff as the stiffest node, with 0 it vanishes. The potential decreases, so that the organ
+        reaches a stable equilibrium even if it is far away.
+        """
         shares = self.shares_at(time, share)
         a = pace * float(self.elasticity.K.diagonal().max()) / self._largest_mass
         course = self.course(state, 0.0)
@@ -627,21 +666,26 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
-        """Return an answer at rest under another `share` of the loads at `time` [s], where it is. From there it is led:
-        an equilibrium that does not hold is no valley of its potential."""
+        """Return an answer at rest at the same displacement under another `share` of the loads at `time` [s].
+
+        The new answer is `led`, because the potential has no minimum at an unstable equilibrium.
+        """
         shares = self.shares_at(time, share)
         motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
         return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
 
     def holds(self, answer: FiniteAnswer) -> bool:
-        """Whether the organ would stay where its answer stands, under dead forces: its tangent is definite."""
+        """Return whether the equilibrium of an answer is stable under dead forces: its tangent is positive definite."""
         return answer.tangent.definite
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
-        """Return whether a state, where an `answer` of the organ's own stands, is no continuation of an old one: the
-        tangent there takes a much shorter way for what the elastic forces changed by, and on the straight way they drop
-        and rise again. Tissue that stiffens, or a flap that turns, does the one or the other; where a hand leads tissue
-        past a limit point they drop by next to nothing before they rise, the less the shorter the way."""
+        """Return whether a new state with a converged `answer` is not a continuation of the old state.
+
+        Two conditions must hold. The displacement is much longer than the tangent at its end predicts for the
+        change of the elastic forces. The elastic forces along the straight path drop and rise again. Stiffening
+        tissue or a turning flap meets only one condition. If a hand leads tissue past a limit point, the forces
+        hardly drop before they rise, and less on a shorter path.
+        """
         way, density = new.U - old.U, answer.motion.density
         last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
         straight = solved(answer.tangent.factor, last - first)
@@ -679,7 +723,7 @@ class FiniteOrgan(MeshedOrgan):
         return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
-        """Return the stresses that relax at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)` [Pa]."""
+        """Return the relaxing stresses at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)` [Pa]."""
         if course is None or self.relaxation is None:
             return None
         change = self.law.distortional_stress(self.law.gradient(self.whole(U))) - course.S
@@ -690,7 +734,7 @@ class FiniteOrgan(MeshedOrgan):
         return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)))
 
     def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, ways and friction of the pairs."""
+        """Return the gaps, forces, slides and friction of the pairs."""
         if self.gaps is None:
             return NO_LIPS
         p = self.contact_forces(state)[: self.pairs]
@@ -713,8 +757,11 @@ class FiniteOrgan(MeshedOrgan):
         return compliance(mass_solver(self.M, self.places, self.choice.name), self.map.Z)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
-        and the contact forces those of `state`: linear in their change, of which the next step takes what is left."""
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
+
+        These are the site forces `f_y` (9p,) and the contact forces of `state`. The answer is linear in their
+        change; the next step removes the remaining error.
+        """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing_of(state)
         J = self.map.slope(np.asarray(self.map.Z @ state.U))
@@ -742,7 +789,7 @@ class FiniteOrgan(MeshedOrgan):
         return self.whole(state.V)
 
     def _stored(self, U: Array) -> tuple[float, Array]:
-        """Return the energy stored for good [J] and its force (N,) [N]; those of the last fields are remembered."""
+        """Return the energy without relaxing stress [J] and its force (N,) [N], cached for the last fields."""
         for known, energy, force in self._recalled:
             if known is U:
                 return energy, force
@@ -751,7 +798,7 @@ class FiniteOrgan(MeshedOrgan):
         return self._recalled[-1][1:]
 
     def _forces_at(self, U: Array, density: Density | None) -> tuple[Array, Array]:
-        """Return F at the cells and the force of a density's energy (N,) [N], those of the last points if they are."""
+        """Return F at the cells and the force of a density's energy (N,) [N], cached for the last points."""
         for known, F, force, by in self._met:
             if by is density and np.array_equal(known, U):
                 return F, force
@@ -759,11 +806,14 @@ class FiniteOrgan(MeshedOrgan):
         return F, self.law.forces(F, density)[0][self.elasticity.free]
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new`, and the work done from `old` to it [J]. Stress that relaxes is viscous: its
-        work is that of its value at the end, of which it gives some back where the tissue goes back.
+        """Return the energies at `new` and the work done from `old` to `new` [J].
 
-        The integrator takes what the forces at the end do along the step beyond the change of energy: of the cells,
-        of the mass and the contact as in the linear organ, and f_y·(Δy − J Δz) of frames that are cut.
+        The work of the relaxing stress counts as viscous and uses its value at the end of the step. Some of this
+        work is returned if the tissue moves back.
+
+        The dissipation of the integrator is the work of the forces at the end along the step minus the change of
+        energy. It has parts of the cells, of the mass and of the contact as in the linear organ, and f_y·(Δy − J
+        Δz) of fibre frames.
         """
         dU, dV = new.U - old.U, new.V - old.V
         (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)

@@ -13,7 +13,7 @@ from tissue.sites.site import Site, space_frames
 
 @dataclass(frozen=True)
 class FixedAnswer(SiteAnswer[OrganState]):
-    """The answer of sites fixed in space, whose rows of the assembled matrix are empty."""
+    """The answer of sites fixed in space; they have no rows in the assembled matrix."""
 
     @property
     def equation(self) -> Equation:
@@ -24,8 +24,10 @@ class FixedAnswer(SiteAnswer[OrganState]):
 
 @dataclass(frozen=True)
 class FixedSites:
-    """No organ: sites fixed in space, `y0` `(9p,)`. Made by `fixed_sites`. `directed` says of each whether a direction
-    was given; empty if unknown."""
+    """Sites fixed in space instead of an organ, `y0` `(9p,)`; made by `fixed_sites`.
+
+    `directed` says for each site whether a direction was given; empty if unknown.
+    """
 
     y0: Array
     directed: tuple[bool, ...] = ()
@@ -67,7 +69,7 @@ class FixedSites:
         return EMPTY
 
     def impulse(self, state: OrganState) -> SiteAnswer:
-        """Return the answer of sites that stand still: space takes any impulse."""
+        """Return the answer of sites at rest: they do not move under any impulse."""
         return SiteAnswer(np.zeros(self.y0.size), self._stiff, lambda j, p: state)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer:
@@ -79,14 +81,14 @@ class FixedSites:
         return np.zeros((self.y0.size, self.y0.size))
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array]:
-        """Return no energy, no way of the sites, and the forces that they bear: there are no loads."""
+        """Return zero energy, zero displacement of the sites and the forces on them: there are no loads."""
         return 0.0, np.zeros(self.y0.size), state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return zero energies and works: sites fixed in space have none."""
+        """Return zero energies and works."""
         return OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def fixed_sites(sites: Sequence[Site]) -> FixedSites:
-    """Return piercings as points fixed in space; their directions must be vectors or None."""
+    """Return sites fixed in space; their directions must be vectors or None."""
     return FixedSites(space_frames(sites), tuple(site.direction is not None for site in sites))

@@ -2,22 +2,24 @@
 
     V = [K⁻¹F, (K⁻¹M) K⁻¹F, …, (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads],   U = V η
 
-as in `tissue.organs.basis`. A body that starts at rest and is pulled by F alone moves in this space but for what falls
-with every block, so that a few blocks leave less than a solver does. What they leave is known at every step: the
-residual of the equations of motion of all unknowns,
+as in `tissue.organs.basis`. If a body starts at rest and only F acts on it, it moves almost in this space. The
+remainder decreases with every block, so that after a few blocks it is below the residual of a solver. It is known
+at every step: the residual of the equations of motion for all unknowns,
 
     r = F f − M (Ü + α U̇) − K (U + β U̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖,
 
-with one small matrix R, since F, K V, and M V but for its last block are in K V. A step is accepted where
+with one small matrix R, because F, K V, and M V without its last block are in the space of K V. The condition for
+the acceptance of a step is
 
-    ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far,
+    ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far.
 
-and else solved again in a wider space, which gets a few blocks where these are seen to do, or by the whole organ, as
-all steps after it are then. The sites are nearer than that: what they miss is a product of two residuals, of the motion
-and of the answer to a pull at a site, since r has no part along V, and V nearly has that answer.
+Otherwise the step is solved again in a wider space, if a prediction says that a few more blocks are enough. If not,
+the whole organ solves this step and all later ones. The sites are more accurate: their error is the product of two
+residuals, of the motion and of the answer to a force at a site. The reason is that r has no part along V, and V
+nearly contains this answer.
 
-What strikes the sites between two steps is answered by the whole organ, since an impulse leaves nodes alone in motion,
-which is nowhere near the space.
+The whole organ answers an impulse on the sites between two steps. An impulse only moves nodes at the sites, and
+this motion is far from the space.
 """
 
 import logging
@@ -37,31 +39,35 @@ from tissue.organs.reduced import check_held, check_memory
 
 log = logging.getLogger(__name__)
 
-# ε. Fields are as near, and sites to 1e-12 where the space has a thousandth of their answers. In the norm of
-# `tissue.solvers.factor.RESIDUAL`, which weighs what varies from node to node, it is below 1e-10.
+# ε. It is the relative error of fields. Sites are accurate to 1e-12 if the error of their answers in the space is
+# below a thousandth. In the norm of `tissue.solvers.factor.RESIDUAL`, with its large weight of variations from node
+# to node, ε is below 1e-10.
 ACCURACY = 1e-9
-START = 1  # blocks at the start: by what they miss, and those before, it is seen how many will do, or that none will
-FIRST = 4  # blocks that any step may ask for: with seven a body that is pulled no faster than it swings is at ε
-MOST = 16  # blocks; what they do not hold is no smooth motion, and they cost as much as 350 steps at two holes
-SHORT = 1e-8  # of a compliance by which one may fall short where no solution of a step was found: Newton sees no more
-AT_ONCE = (
-    4  # blocks that one step may ask for beyond: a motion that starts smoothly asks for one or two, and again later
-)
-ROUNDED = 1e-13  # of a place: a site that is off by this little is where it is to round-off of the constraints
+START = 1  # blocks at the start: their residuals predict the number of blocks that is needed, if any number is enough
+FIRST = 4  # blocks that any step can use: seven reach ε for forces that are not faster than the body's vibrations
+MOST = 16  # blocks: other motions are not smooth, and with two holes these blocks cost as much as 350 steps
+SHORT = 1e-8  # of a compliance: largest deficit accepted after a failed step; Newton does not notice a smaller one
+AT_ONCE = 4  # further blocks that one step can add: a smooth start needs one or two, and more later
+ROUNDED = 1e-13  # of the body's size: a smaller error of a site is round-off of the constraints
 
 
 @dataclass(frozen=True)
 class KrylovState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of as many vectors as they are long [√J, …], or the fields of the whole
-    organ; `work` is the largest norm of the forces so far [√J]."""
+    """A state whose U, V, A are η, η̇, η̈ [√J, …], or the fields of the whole organ.
+
+    The length of η is the number of vectors. `work` is the largest norm of the forces so far [√J].
+    """
 
     work: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The organ in so many `blocks` of its Krylov space: its `modes`, the way from them to the vectors of the space,
-    `turn` (n, n), and `missed` (m, n), R of the module."""
+    """The organ in a number of `blocks` of its Krylov space.
+
+    `modes` are its modes, `turn` (n, n) is the matrix from the modes to the vectors of the space, and `missed`
+    (m, n) is R of the module.
+    """
 
     blocks: int
     modes: Modes
@@ -78,8 +84,10 @@ class Level:
         return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
 
     def shortfall(self, scheme: TimeScheme) -> float:
-        """Return the largest relative deficit of a site's compliance in a step [-]: the square of the residual of its
-        response to a unit force, as for every Galerkin solution."""
+        """Return the largest relative deficit of a site's compliance in a step [-].
+
+        As in every Galerkin solution, it is the square of the residual of the response to a unit force.
+        """
         operator = self.modes.operator(scheme.a, scheme.d)
         left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
         own = operator.C.diagonal()
@@ -87,7 +95,7 @@ class Level:
 
 
 class Space:
-    """The Krylov space of an organ, whose blocks are made one after the other as they are asked for."""
+    """The Krylov space of an organ; each block is computed when it is first needed."""
 
     def __init__(self, organ: DynamicOrgan) -> None:
         self._organ, self._factor = organ, organ.solver_of(organ.K)
@@ -103,19 +111,22 @@ class Space:
         return self._basis.V
 
     def level(self, blocks: int) -> Level:
-        """Return the organ in the static answers and so many blocks more."""
+        """Return the organ in the static answers and a number of further `blocks`."""
         if blocks not in self._levels:
-            while len(self._ends) < blocks + 2:  # the block behind them says what they leave
+            while len(self._ends) < blocks + 2:  # the next block gives their residual
                 self._extend()
             self._levels[blocks] = self._make(blocks)
         return self._levels[blocks]
 
     def level_of(self, vectors: int) -> Level:
-        """Return the organ in so many vectors. Raises `TissueError` if no number of blocks has them."""
+        """Return the organ in a number of `vectors`. Raises `TissueError` if no number of blocks has as many
+        vectors."""
         while vectors not in self._ends and len(self._ends) <= MOST:
             self._extend()
         if vectors not in self._ends:
-            raise TissueError(f"no number of blocks of the organ's Krylov space has {vectors} vectors; begin anew")
+            raise TissueError(
+                f"no number of blocks of the organ's Krylov space has {vectors} vectors; start the run again"
+            )
         return self.level(self._ends.index(vectors))
 
     def _extend(self) -> None:
@@ -139,25 +150,28 @@ class Space:
 
 @dataclass(frozen=True)
 class KrylovAnswer(SiteAnswer[OrganState]):
-    """An answer in the Krylov space; `checked` makes the one that holds under the forces f_y (9p,) to the accuracy of
-    the module, without forces the one that holds under all of them, itself where it does."""
+    """An answer in the Krylov space.
+
+    `checked` returns an answer with the accuracy of the module under the forces f_y (9p,). For f_y = None the
+    answer has this accuracy under all forces. If the given answer is accurate enough, it is returned unchanged.
+    """
 
     checked: "Callable[[KrylovAnswer, Array | None], SiteAnswer[OrganState] | LinearAnswer]"
 
     def certified(self, f_y: Array) -> "SiteAnswer[OrganState] | LinearAnswer":
-        """Return the answer that holds under the forces `f_y` (9p,)."""
+        """Return the answer that is accurate under the forces `f_y` (9p,)."""
         return self.checked(self, f_y)
 
     def faithful(self) -> "SiteAnswer[OrganState] | LinearAnswer":
-        """Return the answer whose compliance is the whole organ's."""
+        """Return the answer that has the compliance of the whole organ."""
         return self.checked(self, None)
 
 
 @dataclass(frozen=True, eq=False)
 class KrylovOrgan(OrganOfModes):
-    """A linear organ with inertia, solved in its Krylov space as long as that is accurate, and else by `full`.
+    """A linear organ with inertia, solved in its Krylov space while the space is accurate, and otherwise by `full`.
 
-    Raises `TissueError` for an organ whose lips may touch, one that is not held, and one for which there is no memory.
+    Raises `TissueError` for an organ with contact, for an organ that is not held, and if memory is too small.
     """
 
     def __post_init__(self) -> None:
@@ -166,11 +180,11 @@ class KrylovOrgan(OrganOfModes):
 
     @cached_property
     def space(self) -> Space:
-        """The space, of as many blocks as were asked for so far."""
+        """The space with all blocks that were needed so far."""
         return Space(self.full)
 
     def level(self, state: OrganState) -> Level | None:
-        """Return the level of a state, None of one of the whole organ."""
+        """Return the level of a state, or None for a state of the whole organ."""
         return None if state.U.size == self.full.size else self.space.level_of(state.U.size)
 
     def start(self) -> KrylovState:
@@ -181,8 +195,10 @@ class KrylovOrgan(OrganOfModes):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> SiteAnswer[OrganState] | LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
-        at `time` [s]."""
+        """Return the answer of a step of `scheme` from the states `past`, newest first.
+
+        `share` of the loads acts at `time` [s].
+        """
         level = self.level(max(past, key=lambda state: state.U.size))
         if level is None:
             return self._whole_answer(scheme, past, time, share)
@@ -200,7 +216,7 @@ class KrylovOrgan(OrganOfModes):
             return replace(new, work=max(work_of(past[0]), level.forces(new)))
 
         def checked(answer: KrylovAnswer, f_y: Array | None) -> SiteAnswer[OrganState] | LinearAnswer:
-            """Return the answer, of a level as wide as it takes."""
+            """Return the answer at a level that is wide enough, or the answer of the whole organ."""
 
             def excess(level: Level, answer: KrylovAnswer) -> float:
                 """Return the residual of an answer over its bound."""
@@ -219,7 +235,10 @@ class KrylovOrgan(OrganOfModes):
         answer_of: Callable[[Level], KrylovAnswer],
         excess: Callable[[Level, KrylovAnswer], float],
     ) -> KrylovAnswer | None:
-        """Return the narrowest Krylov answer whose residual bound is met, or None, at most AT_ONCE wider than FIRST."""
+        """Return the narrowest Krylov answer whose residual bound is met, or None.
+
+        It adds at most AT_ONCE blocks to the present level, or to FIRST.
+        """
         before, most = np.inf, min(MOST, max(level.blocks, FIRST) + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
             falls = min(left / before, 1.0) if before < np.inf else 0.0
@@ -227,22 +246,22 @@ class KrylovOrgan(OrganOfModes):
                 log.info("organ: residual of %d vectors %.1g times its bound: solved whole", level.modes.size, left)
                 return None
             before, level = left, self.space.level(level.blocks + 1)
-            if level.modes.size == self.full.size:  # the whole organ, by whose size a state is known
+            if level.modes.size == self.full.size:  # the size of the whole organ marks a state as whole
                 return None
             answer = answer_of(level)
         return answer
 
     def _excess(self, level: Level, state: OrganState) -> float:
-        """Return what a state leaves of the equations of motion over what it may."""
+        """Return the residual of the equations of motion over its bound [-]."""
         return level.left(state) / max(self._allowed(state), np.finfo(float).tiny)
 
     def _allowed(self, state: OrganState) -> float:
-        """Return what a state may leave of the equations of motion [√J]."""
+        """Return the bound of the residual of the equations of motion [√J]."""
         return ACCURACY * work_of(state) + self._rounded
 
     @cached_property
     def _rounded(self) -> float:
-        """What moves no site by more than round-off of its place [√J]."""
+        """A residual that moves no site by more than round-off of its position [√J]."""
         modes = self.space.level(START).modes
         ways = modes.Y.reshape(-1, 9, modes.size)[:, :3]
         reach = np.linalg.norm(ways, 2, axis=(1, 2)).max(initial=0.0) if ways.size else 0.0
@@ -255,7 +274,7 @@ class KrylovOrgan(OrganOfModes):
         return replace(found, accepted=lambda f_y, p: KrylovState(**vars(found.accepted(f_y, p)), work=work))
 
     def _at(self, level: Level, state: OrganState) -> OrganState:
-        """Return a state at a level that is not lower than its own: it has nothing in the blocks between."""
+        """Return a state at its own level or a higher one; its parts in the additional blocks are zero."""
         own = self.level(state)
         if own is level or own is None:
             return state
@@ -263,7 +282,7 @@ class KrylovOrgan(OrganOfModes):
         return replace(state, U=U, V=V, A=A)
 
     def whole(self, state: OrganState) -> OrganState:
-        """Return a state with the fields over the free unknowns, as the full organ has it."""
+        """Return the state as a state of the full organ, with fields over the free unknowns."""
         if self.level(state) is None:
             return state
         U, V, A = (self._spread(state, x) for x in (state.U, state.V, state.A))
@@ -301,9 +320,12 @@ class KrylovOrgan(OrganOfModes):
     def modes(
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
-        """Return masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and what a step may leave: as part of
-        the largest forces, and by round-off [√J]. None if the loads at the `times` [s] are not those of the state,
-        and where that is one of the whole organ."""
+        """Return the arrays with which a kernel makes steps, or None.
+
+        Masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and two bounds of the residual: as a
+        fraction of the largest forces, and from round-off [√J]. None if the loads change at the `times` [s], and
+        for a state of the whole organ.
+        """
         level = self.level(state)
         if level is None or not self.has_loads_of(state, times):
             return None
@@ -312,14 +334,14 @@ class KrylovOrgan(OrganOfModes):
         return (modes.mu, load, W, modes.Y, self.y0, level.missed, *modes.rayleigh, *within)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of a state at the level of a later one (n,), the forces on the sites (9p,), and the largest
-        forces so far [√J]."""
+        """Return η, η̇, η̈ of a state at the level of the state `like` (n,), the site forces (9p,) and the largest
+        forces [√J]."""
         level = self.level(like)
         at = state if level is None else self._at(level, state)
         return at.U, at.V, at.A, at.f_y, work_of(at)
 
     def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> KrylovState:
-        """Return the state of a `motion` under the loads of another."""
+        """Return the state of a `motion` under the loads of another state."""
         U, V, A, f_y, work = motion
         return KrylovState(U, V, A, f_y, shares=state.shares, work=work)
 
@@ -331,22 +353,25 @@ class KrylovOrgan(OrganOfModes):
         """Return the answer of the whole organ in a step in which nothing moves."""
         return self.full.displace(scheme, self.whole(state), y, f_y)
 
-    # -- what the space leaves open --------------------------------------------------------------------------------
+    # -- the error of the space ------------------------------------------------------------------------------------
 
     def vectors(self, state: OrganState) -> int:
-        """Return the number of vectors that a state is in, 0 of one of the whole organ."""
+        """Return the number of vectors of a state; 0 for a state of the whole organ."""
         return 0 if self.level(state) is None else state.U.size
 
     def residual(self, state: OrganState) -> float:
-        """Return the residual of the equations of motion over the largest forces so far [-]; None for a state of the
+        """Return the residual of the equations of motion over the largest forces so far [-]; 0 for a state of the
         whole organ."""
         level, work = self.level(state), work_of(state)
         return 0.0 if level is None or not work else level.left(state) / work
 
 
 def has_space(organ: DynamicOrgan) -> bool:
-    """Return whether an organ has a Krylov space; not whether there is memory for it: the same scenario is solved in
-    the same way on every machine, and goes on there from a checkpoint of another."""
+    """Return whether an organ has a Krylov space.
+
+    Memory is not checked. The same scenario is therefore solved in the same way on every machine, and can be
+    resumed from a checkpoint of another machine.
+    """
     try:
         check_held(organ)
     except TissueError:

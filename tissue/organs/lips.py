@@ -1,23 +1,24 @@
-"""Gaps between surfaces that may touch: nodes of one, the left, against facets of the other, the right, g ≥ 0.
+"""Gaps between surfaces that can touch: nodes of the left surface against facets of the right surface, g ≥ 0.
 
-g is the distance of the right surface from a left node along the right one's normal n, averaged over the facets around
-each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a of the facet that the left node faces. Which that is, and d, is
-found where a step begins (`Gaps.facing`), and stays during the step. A force p on the pair acts along d, so lips that
-ride over one another do work along their slope.
+g is the distance of the right surface from a left node. It is measured along the right surface's normal n, averaged
+over the facets around each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a of the facet that the left node
+faces. This facet and d are found at the start of a step (`Gaps.facing`) and are constant during the step. A force p
+on the pair acts along d, so that lips that slide over one another do work along their slope.
 
-The lips of a wound match: at first each node faces one of its own, its pair, with P2 the middles of the edges too,
-along the normal e of the wound's plane, so that no node of one lip enters the other. What slides faces what lies in
-front of it along e, and d = n/(n·e), so that g and p are always those along e, and p over areas as seen along e is the
-pressure. Of other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that both sides share has
-no pair. While nothing has slid by more than SLID of a facet, the pairs are those of the reference, to the last bit.
+The lips of a wound match: in the reference each node faces a node of the other lip, its partner, along the normal e
+of the wound's plane; with P2 also the middles of the edges. No node of one lip then enters the other. After
+sliding, a node faces the point in front of it along e, and d = n/(n·e). g and p are therefore always measured along
+e, and p over the area projected along e is the pressure. For other surfaces (`surface_gaps`) a node faces the
+nearest point, and d = n. A node that belongs to both sides has no pair. While no pair has slid by more than SLID of
+a facet, the pairs are exactly the pairs of the reference.
 
-A pair of surfaces with friction has two slips besides, how far what a node faces has moved past it along two unit
-vectors across d since the step began (`Gaps.slip_sums`), and forces conjugate to them. Nothing else is remembered of
-what sticks: what faces what anew is where it is.
+A pair of surfaces with friction also has two slips: how far the faced point has moved past the node along two unit
+vectors normal to d since the step began (`Gaps.slip_sums`). Two forces are conjugate to the slips. The sticking of
+a pair has no other memory: a newly faced point starts with zero slip.
 
-The forces p on the pairs are those of a pressure against the P1 functions ψ of the left side's vertices: P_a = Σ
-ψ_a(x_k) p_k / ∫ψ_a dA. With P1 that is force over area; with P2, whose vertices carry no force under a uniform
-pressure, it gathers those of the edges.
+The forces p on the pairs are the forces of a pressure against the P1 functions ψ of the left side's vertices: P_a =
+Σ ψ_a(x_k) p_k / ∫ψ_a dA. With P1 this is force over area. With P2, whose vertices carry no force under a uniform
+pressure, it gathers the forces of the edges.
 """
 
 import math
@@ -38,25 +39,25 @@ from tissue.organs.facing import Mask, face, facet_normals, open_sides, triangle
 from tissue.organs.rim import Rim, rim_of
 from tissue.supports import facets_of
 
-SLID = 0.01  # of the smallest facet of the right side: nearer, what lies in front of a node is its pair
-TURNED = 0.01  # of a unit normal: turned by less, what a node faces at finite strain lies along its first normal
-CLOSED = 1e-12  # over the lips' extent: a gap this far below zero is that of a closed slit
-SUNK = 0.1  # of a facet: surfaces made of facets that touch overlap by less
+SLID = 0.01  # of the smallest facet of the right side: after less sliding the pairs of the reference are used
+TURNED = 0.01  # of a unit normal: after a smaller turn at finite strain the pairs of the reference are used
+CLOSED = 1e-12  # of the lips' extent: a smaller overlap is round-off of a closed slit
+SUNK = 0.1  # of a facet: touching surfaces of flat facets overlap by less
 LIPS = ("lip_left", "lip_right")
-EXACT = 9  # digits in which the sizes of facets are compared
-MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, as they come behind its corners
+EXACT = 9  # digits for the comparison of facet sizes
+MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, in the order after its corners
 
 
 @dataclass(frozen=True)
 class Part:
-    """The pairs of two surfaces, `between` them by name.
+    """The pairs of two surfaces; `between` are their names.
 
-    The vertices of the left side's `triangles` `(t, 3)` and the nodes on it that can meet, `left` `(k,)`, the right
-    side's `facets` `(m, 3)`, with P2 `(m, 6)`, which turn so that their normals point away from the left one, and their
-    open sides, the `ends`; `along` as in `tissue.organs.facing.face`. `start` `(k, 7)` is what each node faces in the
-    reference shape, and `sunk` `(k,)` [m] how far beyond it is, which counts as touching. `hats` `(v, k)` are the P1
-    functions of the left vertices at the pairs, `areas` `(v,)` [m²] their integrals. `friction` is Coulomb's
-    coefficient [-].
+    `triangles` `(t, 3)` are the vertices of the left side, and `left` `(k,)` its nodes that can meet the right
+    side. `facets` `(m, 3)`, with P2 `(m, 6)`, are the right side's, with normals that point away from the left
+    side; `ends` are their open sides. `along` is as in `tissue.organs.facing.face`. `start` `(k, 7)` is the facing
+    of each node in the reference shape. `sunk` `(k,)` [m] is the initial overlap, which counts as touching. `hats`
+    `(v, k)` are the P1 functions of the left vertices at the pairs, and `areas` `(v,)` [m²] their integrals.
+    `friction` is Coulomb's coefficient [-].
     """
 
     between: tuple[str, str]
@@ -78,12 +79,14 @@ class Part:
 
     @cached_property
     def pair_areas(self) -> Array:
-        """The area that each pair stands for, shape `(k,)` [m²]: its shares of those of the vertices."""
+        """The area of each pair, shape `(k,)` [m²]: its shares of the areas of the vertices."""
         return np.asarray(self.hats.T @ (self.areas / np.asarray(self.hats.sum(axis=1)).ravel()))
 
     def faced(self, points: Array, turns: bool = False) -> Array:
-        """Return what each left node faces with all nodes at `points` `(n, 3)` [m], shape `(k, 7)`: along `along`, or
-        the nearest point where the surface `turns`."""
+        """Return the facing of each left node, shape `(k, 7)`, with all nodes at `points` `(n, 3)` [m].
+
+        A node faces the point along `along`, or the nearest point if the surface `turns`.
+        """
         return face(points[self.left], points, self.facets[:, :3], self.ends, None if turns else self.along)
 
     def vertex_pressure(self, p: Array) -> Array:
@@ -93,7 +96,8 @@ class Part:
 
 @dataclass(frozen=True)
 class Gaps:
-    """The `k` pairs of all `parts` of a `body` in turn: g = `g0` + `G` U over its free unknowns while nothing slides.
+    """The `k` pairs of all `parts` of a `body` in order: g = `g0` + `G` U over its free unknowns while no pair
+    slides.
 
     Made by `build_gaps` for a wound's lips, by `surface_gaps` for surfaces by name.
     """
@@ -155,8 +159,10 @@ class Gaps:
         return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
 
     def nearest(self, points: Array) -> tuple[Indices, Array]:
-        """Return the pair of which a node is nearest to each of the `points` `(m, 3)` [m] in the reference shape, and
-        how far it is [m], `(m,)` each."""
+        """Return the nearest pair to each of the `points` `(m, 3)` [m], and its distance [m], `(m,)` each.
+
+        The distance is to the nearest node of the pair in the reference shape.
+        """
         away, node = self._tree.query(points)
         return np.asarray(node % len(self.left), dtype=np.intp), np.asarray(away)
 
@@ -166,7 +172,7 @@ class Gaps:
 
     @cached_property
     def extent(self) -> float:
-        """Length of the sides [m], which is the gap of a node that faces nothing."""
+        """Length of the sides [m]; it is used as the gap of a node that faces no facet."""
         return float(np.ptp(self.body.points[self.lip_nodes], axis=0).max())
 
     @cached_property
@@ -190,8 +196,10 @@ class Gaps:
         return np.concatenate([part.hats.T @ part.vertex_pressure(p[pairs]) for part, pairs in own])
 
     def slides(self, displacement: Array) -> Array:
-        """Return the sliding distance of each pair along the surface since the reference, shape `(k,)` [m], from the
-        `displacement` of all nodes `(n, 3)` [m]."""
+        """Return the sliding distance of each pair along the surface since the reference, shape `(k,)` [m].
+
+        `displacement` `(n, 3)` [m] is the displacement of all nodes.
+        """
         nodes, weights = self.weights(self.start)
         past = np.sum(weights[..., None] * displacement[nodes], axis=1) - displacement[self.left]
         d = self.start[:, 4:]
@@ -199,11 +207,14 @@ class Gaps:
         return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
     def facing(self, points: Array, displacement: Array, turns: bool = False) -> Array | None:
-        """Return the pairing of each left node, shape `(k, 7)`: facet (−1: none), barycentric coordinates in it, and d.
-        None if no pair has slid, so that the reference pairing is valid.
+        """Return the facing of each left node, shape `(k, 7)`: facet (−1: none), barycentric coordinates in it, and
+        d.
 
-        `points` `(n, 3)` [m] are all nodes of the reference, `displacement` as for `slides`. Surfaces that turn, each
-        of which faces the nearest point, have none of the reference where a normal has turned by more than TURNED.
+        It is None if no pair has slid, so that the pairing of the reference is valid.
+
+        `points` `(n, 3)` [m] are all nodes of the reference, and `displacement` is as for `slides`. If surfaces
+        turn, each node faces the nearest point. The pairing of the reference is then also invalid after a normal
+        has turned by more than TURNED.
         """
         sizes, faced = triangle_sizes(points[self.facets[:, :3]]), self.start[:, 0] >= 0.0
         still = faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min()
@@ -212,41 +223,51 @@ class Gaps:
         return self._stacked([part.faced(points + displacement, turns) for part in self.parts])
 
     def _turn(self, points: Array, displacement: Array) -> float:
-        """Return how far a facet's normal has turned at most, as the distance of the unit normals [-]."""
+        """Return the largest turn of a facet's normal, as the distance between the unit normals [-]."""
         before, now = (facet_normals(x[self.facets[:, :3]]) for x in (points, points + displacement))
         return float(np.linalg.norm(now - before, axis=1).max(initial=0.0))
 
     def crossed(self, U: Array) -> float:
-        """Return the largest overlap of nodes under a displacement of all unknowns (N,) [m], over the extent of the
-        surfaces [-]."""
+        """Return the largest overlap under a displacement of all unknowns (N,) [m], over the extent of the surfaces
+        [-]."""
         gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
 
     def apart(self, displacement: Array, turns: bool = False) -> Array:
-        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m], along
-        `along`, or to the nearest point if surfaces turn."""
+        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m].
+
+        They are measured along `along`, or to the nearest point if surfaces turn.
+        """
         facing = self.facing(self.body.points, displacement, turns)
         at = self.start if facing is None else facing
         return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
-        """Return the nodes that make the point each left node faces, and their weights, shape `(k, 3)`, with P2
-        `(k, 6)`; weights of zero where it faces none."""
+        """Return the nodes and weights of the point that each left node faces, shape `(k, 3)`, with P2 `(k, 6)`.
+
+        Weights are zero if a node faces no facet.
+        """
         return weights_on(self.facets, facing)
 
     def sums(self, facing: Array) -> csr_matrix:
-        """Return S, the gaps by the displacement of all nodes of both sides, shape `(k, 3r)`."""
+        """Return S, the matrix from the displacement of all nodes of both sides to the gaps, shape `(k, 3r)`."""
         return self._sums(self.left, facing, facing[:, 4:])
 
     def slip_sums(self, facing: Array) -> csr_matrix:
-        """Return the slips of the rough pairs by the displacement of all nodes of both sides, along both of `tangents`
-        of each pair in turn, shape `(2m, 3r)`."""
+        """Return the matrix from the displacement of all nodes of both sides to the slips, shape `(2m, 3r)`.
+
+        Each rough pair has two slips, along its two `tangents`.
+        """
         twice = np.repeat(self.rough, 2)
         return self._sums(self.left[twice], facing[twice], tangents(facing[self.rough, 4:]).reshape(-1, 3))
 
     def _sums(self, left: Indices, facing: Array, along: Array) -> csr_matrix:
-        """Return how far what nodes `left` `(j,)` face moves past them `along` `(j, 3)` by the displacement of all
-        nodes of both sides, shape `(j, 3r)`."""
+        """Return the matrix from the displacement of all nodes to the relative displacement of pairs, shape
+        `(j, 3r)`.
+
+        The relative displacement is the motion of the faced points minus the motion of the nodes `left` `(j,)`,
+        `along` `(j, 3)`.
+        """
         right, weights = self.weights(facing)
         nodes, w = np.hstack([right, left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
         columns = 3 * np.searchsorted(self.lip_nodes, nodes)[..., None] + np.arange(3)
@@ -262,7 +283,7 @@ class Gaps:
         return np.where(facing[:, 0] < 0.0, self.extent, gaps + sunk)
 
     def _stacked(self, each: Sequence[Array]) -> Array:
-        """Return what the nodes of all parts face, with their facets numbered among all."""
+        """Return the facings of the nodes of all parts, with facets numbered over all parts."""
         first = np.cumsum([0, *(len(part.facets) for part in self.parts)])[: len(each)]
         counts = np.repeat(first, [len(facing) for facing in each])
         facing = np.vstack(each)
@@ -272,8 +293,9 @@ class Gaps:
 def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal: ArrayLike) -> Gaps:
     """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and the right one.
 
-    `vertices` `(v, 2)`: each vertex of the left lip and its partner, itself where the lips meet. `normal` (3,)
-    points from the left lip to the right one. Raises `TissueError` if the lips cross, or no pair can move.
+    `vertices` `(v, 2)` has each vertex of the left lip and its partner; a vertex common to both lips is its own
+    partner. `normal` (3,) points from the left lip to the right one. Raises `TissueError` if the lips cross, or if
+    no pair can move.
     """
     n, pairs = _unit(normal), np.asarray(vertices, dtype=np.intp)
     partner = np.arange(body.mesh.nvertices)
@@ -289,8 +311,11 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
 
 
 def tangents(normals: Array) -> Array:
-    """Return two unit vectors across each of the `normals` `(m, 3)`, and across one another, shape `(m, 2, 3)`: the
-    first lies nearest to the axis that is most across the normal, so that a roller along an axis holds one alone."""
+    """Return two perpendicular unit vectors normal to each of the `normals` `(m, 3)`, shape `(m, 2, 3)`.
+
+    The first one is nearest to the axis that is most perpendicular to the normal. A roller along an axis then holds
+    only one of them.
+    """
     n = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = np.eye(3)[np.abs(n).argmin(axis=1)]
     first = first - np.vecdot(first, n)[:, None] * n
@@ -299,12 +324,13 @@ def tangents(normals: Array) -> Array:
 
 
 def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction: Sequence[float] = ()) -> Gaps:
-    """Return the gaps between pairs of boundaries of the mesh by name, with a coefficient of `friction` for each pair,
-    0 by default.
+    """Return the gaps between pairs of named boundaries of the mesh.
 
-    The left of two is that with the smaller facets, or the only one that is not held: nodes that are farther apart than
-    those they press on leave some of these without a force. Raises `TissueError` if they overlap by more than SUNK
-    of a facet, or nothing of them can move.
+    `friction` has a coefficient for each pair; missing coefficients are 0.
+
+    The left one of two boundaries is the boundary with the smaller facets, or the only one that is not held. With
+    larger facets on the left, some nodes on the right would get no force. Raises `TissueError` if two boundaries
+    overlap by more than SUNK of a facet, or if no pair can move.
     """
     parts = [_between(body, names) for names in between]
     coefficients = [*friction, *[0.0] * (len(parts) - len(friction))]
@@ -312,7 +338,7 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction:
 
 
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:
-    """Return the pairs of two boundaries by name."""
+    """Return the pairs of two named boundaries."""
     sides = [facets_of(body.mesh, "contact", name) for name in between]
     for name, facets in zip(between, sides, strict=True):
         if (body.mesh.f2t[1, facets] >= 0).any():
@@ -328,13 +354,14 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     if sunk.max() > SUNK * size:
         raise TissueError(
             f"contact between {between[0]!r} and {between[1]!r}: they overlap by {sunk.max():.3g} m before they are "
-            f"loaded, which is more than {SUNK:g} of a facet of {size:.3g} m; move them apart, or name those that meet"
+            f"loaded, which is more than {SUNK:g} of a facet of {size:.3g} m; move them apart, or name other boundaries"
         )
     return part
 
 
 def _rank(body: Elasticity, facets: Indices) -> tuple[bool, float]:
-    """Return whether a surface is held, and the mean size of its facets [m]: the lower is on the left."""
+    """Return the rank of a surface: whether it is held, and the mean size of its facets [m]; the lower one is on
+    the left."""
     corners = body.mesh.facets[:, facets].T
     size = float(triangle_sizes(body.points[corners]).mean())
     return not _movable(body)[corners].any(), round(size, EXACT - math.floor(math.log10(size)))
@@ -348,9 +375,9 @@ def _part(
     along: Array | None,
     start: Array,
 ) -> tuple[Part, Array]:
-    """Return the pairs that can move, and how far each overlaps at first [m].
+    """Return the pairs that can move, and their initial overlaps [m].
 
-    The left `side` is its triangles, its nodes, and the two vertices whose middle each is.
+    The left `side` has its triangles, its nodes, and for each node the two vertices whose middle it is.
     """
     triangles, left, corners = side
     nodes, weights = weights_on(right, start)
@@ -371,7 +398,7 @@ def _part(
 
 
 def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:
-    """Return the nodes of `facets` that make the points faced, and their weights, as `Gaps.weights`."""
+    """Return the nodes of `facets` and weights of the faced points, as `Gaps.weights`."""
     nodes = facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
     w = facing[:, 1:4]
     if facets.shape[1] > 3:
@@ -385,14 +412,15 @@ def _movable(body: Elasticity) -> Mask:
 
 
 def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
-    """Return triangles `(m, 3)` that turn so that their normals point as `towards` `(m, 3)` does."""
+    """Return triangles `(m, 3)` in the vertex order in which their normals point in the direction `towards`
+    `(m, 3)`."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
     return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 def _at_partners(facets: Indices, nodes: Indices, n: Array) -> Array:
-    """Return what is faced by who faces the `nodes` `(k,)` of `facets` along `n`, shape `(k, 7)`."""
+    """Return the facing of points that face the `nodes` `(k,)` of `facets` along `n`, shape `(k, 7)`."""
     corners = np.vstack([np.eye(3), np.eye(3)[MIDDLES].mean(axis=1)])[: facets.shape[1]]
     order = np.argsort(facets, axis=None, kind="stable")
     facet, place = np.divmod(order[np.searchsorted(facets.ravel(), nodes, sorter=order)], facets.shape[1])
@@ -407,9 +435,10 @@ def _unit(normal: ArrayLike) -> Array:
 
 
 def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Indices, Indices]:
-    """Return the left and right node of every pair, `(k, 2)`, and the two vertices whose middle the left node is.
+    """Return the left and right node of every pair, `(k, 2)`, and two vertices with the left node in their middle,
+    `(k, 2)`.
 
-    A vertex is given as itself twice.
+    For a vertex, both are the vertex itself.
     """
     left = np.unique(triangles)
     ends = np.column_stack([left, left])
@@ -422,9 +451,9 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
 
 
 def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array | None) -> tuple[csr_array, Array]:
-    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA, as seen along n where that is given.
+    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA; the area is projected along n if n is given.
 
-    Vertices of no pair are left out.
+    Vertices without a pair are left out.
     """
     vertices = np.unique(corners)
     k, v = len(corners), len(vertices)

@@ -40,10 +40,10 @@ from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, sol
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
 
-KEPT_OPERATORS = 12  # operators kept, memory allowing: of BDF2, of backward Euler, and of each part of a halved step
-COLUMNS = 64  # of A⁻¹Gᵀ that are made together
-SHARE = 0.5  # of the free memory that the compliance of the gaps may take
-SLIPPING = 1.0 - 1e-9  # of the largest friction: as much as that is what slips has
+KEPT_OPERATORS = 12  # cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step
+COLUMNS = 64  # of A⁻¹Gᵀ that are solved for together
+SHARE = 0.5  # of the free memory that the compliance of the gaps can take
+SLIPPING = 1.0 - 1e-9  # of the largest friction: a pair with at least this friction slips
 EMPTY = np.zeros(0)
 NO_POINTS = np.zeros((0, OWN))
 
@@ -100,7 +100,8 @@ class TimeScheme(Protocol):
 
     @property
     def dt(self) -> float:
-        """Length of the step [s], in equilibrium the time since the last one; infinite where all has relaxed."""
+        """Length of the step [s], in equilibrium the time since the last equilibrium; infinite after complete
+        relaxation."""
 
     @property
     def a(self) -> float:
@@ -116,8 +117,11 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J]; `friction` is the dissipation of contact friction,
-    `prestretch` the energy of a prestretch in the reference shape."""
+    """Energies at the end of a step and work done during it [J].
+
+    `friction` is the dissipation of contact friction, `prestretch` the energy of a prestretch in the reference
+    shape.
+    """
 
     kinetic: float
     elastic: float
@@ -129,9 +133,12 @@ class OrganEnergies(NamedTuple):
 
 
 class Lips(NamedTuple):
-    """Pairs that may touch in a state: their gaps g [m], the contact forces p that push them apart [N] and how far they
-    have slid past one another since the reference [m], `(pairs,)` each, the `friction` of each pair's left node on what
-    it faces, `(pairs, 3)` [N], and whether that is all there can be, `slips` `(pairs,)`."""
+    """The pairs of a state that can touch.
+
+    Arrays `(pairs,)`: the gaps g [m], the contact forces p that push the surfaces apart [N], and the sliding
+    distances since the reference [m]. `friction` `(pairs, 3)` [N] is the friction that the left node of each pair
+    exerts on the point that it faces. `slips` `(pairs,)` says whether the friction has its largest possible value.
+    """
 
     gap: Array
     force: Array
@@ -159,9 +166,9 @@ Body = TypeVar("Body")
 
 @dataclass(frozen=True)
 class SiteAnswer(Generic[Body]):
-    """An answer of sites alone, y = y_free + C f_y with C (9p, 9p) of `compliance`, made when first asked for.
+    """An answer of sites alone, y = y_free + C f_y; `compliance` is a function that returns C, shape (9p, 9p).
 
-    `accepted` makes the organ's state at the end of the step of f_y and p.
+    `accepted` makes the organ's state at the end of the step from f_y and p.
     """
 
     y_free: Array
@@ -170,7 +177,7 @@ class SiteAnswer(Generic[Body]):
 
     @property
     def linear(self) -> bool:
-        """Yes."""
+        """True: the answer is linear in the forces."""
         return True
 
     @property
@@ -215,8 +222,8 @@ class SiteAnswer(Generic[Body]):
 class LinearAnswer:
     """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and its factored operator.
 
-    `accepted` makes the state at the end of the step of f_y and p; `right_hand_side` makes b of the organ's equation;
-    `pairing` is what faces what on the lips.
+    `accepted` makes the state at the end of the step from f_y and p. `right_hand_side` makes b of the organ's
+    equation. `pairing` is the pairing of the lips during the step.
     """
 
     operator: "LipCompliance"
@@ -228,7 +235,7 @@ class LinearAnswer:
 
     @property
     def linear(self) -> bool:
-        """Yes."""
+        """True: the answer is linear in the forces."""
         return True
 
     @property
@@ -305,7 +312,7 @@ class MeshedOrgan:
             )
         places = body.basis.doflocs[:, free].T
         K = csr_matrix(body.K[free][:, free])
-        K.eliminate_zeros()  # a fifth of the entries on a block
+        K.eliminate_zeros()  # removes a fifth of the entries of a block
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "Y", self.sites.Y)
         object.__setattr__(self, "load", body.body_force(gravity)[free])
@@ -336,7 +343,7 @@ class MeshedOrgan:
 
     @property
     def pairs(self) -> int:
-        """Number k of pairs of nodes on the lips that may touch; 0 without gaps."""
+        """Number of pairs of nodes on the lips that can touch; 0 without gaps."""
         return 0 if self.gaps is None else len(self.gaps.g0)
 
     @property
@@ -350,8 +357,10 @@ class MeshedOrgan:
         return 0 if self.gaps is None else self.pairs + 2 * self.gaps.rough.size
 
     def friction(self, facing: Array | None) -> Array:
-        """Return friction over contact force of each pair that slips, `(pairs,)` [-]: p acts along d, and the force
-        across the surface is |d| times as large."""
+        """Return friction over contact force of each slipping pair, `(pairs,)` [-].
+
+        p acts along the vector d of the facing, and the force normal to the surface is |d| p.
+        """
         if self.gaps is None:
             return EMPTY
         mu = self.gaps.friction
@@ -359,7 +368,7 @@ class MeshedOrgan:
 
     @property
     def g0(self) -> Array:
-        """Gaps of the reference shape, shape `(k,)` [m]."""
+        """Gaps of the reference shape, shape `(pairs,)` [m]."""
         return EMPTY if self.gaps is None else self.gaps.g0
 
     @cached_property
@@ -457,7 +466,8 @@ class MeshedOrgan:
         return np.append(np.arange(self.pairs, self.contacts), np.arange(self.contacts + points, len(pairing.g0)))
 
     def slides(self, U: Array) -> Array:
-        """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(k,)` [m]."""
+        """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(pairs,)`
+        [m]."""
         return EMPTY if self.gaps is None else self.gaps.slides(self.elasticity.nodal(self.whole(U)))
 
     def contact_forces(self, state: OrganState) -> Array:
@@ -465,8 +475,8 @@ class MeshedOrgan:
         return EMPTY if state.p is None else state.p
 
     def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the friction of each pair's left node on its facing point, shape `(pairs, 3)` [N], and whether the
-        pair slips, shape `(pairs,)`."""
+        """Return the friction of each pair's left node on its facing point, `(pairs, 3)` [N], and whether it slips,
+        `(pairs,)`."""
         out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
         if self.gaps is None or not self.gaps.rough.size:
             return out, np.zeros(self.pairs, dtype=bool)
@@ -478,8 +488,11 @@ class MeshedOrgan:
         return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
 
     def slipping_surfaces(self, state: OrganState) -> dict[str, bool]:
-        """Return by name the surfaces with friction that press on one another, and whether they slip as a whole: with
-        all of their pairs that press."""
+        """Return by name whether each pressed contact surface with friction slips as a whole.
+
+        A surface slips as a whole if all of its pressed pairs slip. Surfaces without pressed pairs are not
+        included.
+        """
         if self.gaps is None or not self.gaps.rough.size:
             return {}
         pressed, slips = self.contact_forces(state)[: self.pairs] > 0.0, self.rubbing(state)[1]
@@ -488,33 +501,37 @@ class MeshedOrgan:
         return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
 
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
-        """Return the energy that the forces `(k,)` take along changes `ways` of the gaps and slips `(k,)` [m]: the
-        pushes −p·Δg, which count as the integrator's, and friction [J]."""
+        """Return the energies that contact forces `(k,)` dissipate: numerical −p·Δg, and friction [J].
+
+        `ways` `(k,)` [m] are the changes of the gaps and slips. The part −p·Δg counts as dissipation of the time
+        integrator.
+        """
         works, rubs = -p * ways, np.zeros(len(p), dtype=bool)
         points = (len(p) - self.contacts) // (3 if self.skin is not None and self.skin.friction else 1)
         rubs[self.pairs : self.contacts] = rubs[self.contacts + points :] = True
         return float(works[~rubs].sum()), float(works[rubs].sum())
 
     def shares_at(self, time: float, share: float) -> Array | None:
-        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps, as a state keeps
-        them: None without loads."""
+        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps; None without
+        loads."""
         return self.surface.shares(time, share) if self.surface.each else None
 
     @property
     def no_shares(self) -> Array | None:
-        """The parts of the loads before they act, None without loads."""
+        """Zero parts of all loads, `(l,)`; None without loads."""
         return np.zeros(len(self.surface.each)) if self.surface.each else None
 
     def load_under(self, shares: Array | None) -> Array:
-        """Return the forces of gravity and of parts of the loads `(l,)`, shape `(N,)` [N]."""
+        """Return the forces of gravity and of the given parts of the loads `(l,)`, shape `(N,)` [N]."""
         return self.load if shares is None else self.load + self.surface_load @ shares
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]; those of a linear organ are dead."""
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]; in a linear organ the forces keep their
+        direction."""
         return self.surface.resultants
 
     def contact_or_none(self, p: Array) -> Array | None:
-        """Return the contact forces `(k,)` as a state keeps them: None without gaps."""
+        """Return the contact forces `(k,)` for a state, or None without gaps."""
         return p if self.touches else None
 
     @property
@@ -523,7 +540,7 @@ class MeshedOrgan:
 
     @property
     def solved_once(self) -> bool:
-        """Whether all that is ever solved for are the sites' columns and the load."""
+        """Whether the organ only ever solves for the columns of the sites and for the load."""
         return False
 
     def solver_of(self, A: csr_matrix) -> Solver:
@@ -552,7 +569,7 @@ class MeshedOrgan:
 
 @dataclass(frozen=True)
 class Remade:
-    """A matrix whose solver is rebuilt for each use, and takes no memory in between."""
+    """A matrix whose solver is rebuilt for each use, so that it needs no memory in between."""
 
     A: csr_matrix
     made: Callable[[csr_matrix], Solver]
@@ -563,15 +580,17 @@ class Remade:
 
 
 def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
-    """Return the state from which slips are counted: the newest, and in equilibrium the oldest that is given, at which
-    the load step began."""
+    """Return the state from which slips are counted: the newest one, or in equilibrium the oldest one.
+
+    In equilibrium, the oldest of the states `past` is the one at which the load step began.
+    """
     return past[0] if scheme.a else past[-1]
 
 
 def refuse_loose(body: Elasticity) -> None:
-    """Raise `TissueError` where a body without inertia can move as a rigid body."""
+    """Raise `TissueError` if a body without inertia can move as a rigid body."""
     if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
-        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
         raise TissueError(
             f"clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary (the mesh "
             f"names {known}) or give it inertia"
@@ -579,11 +598,13 @@ def refuse_loose(body: Elasticity) -> None:
 
 
 class Columns:
-    """A compliance `(k, k)` [m/N] whose columns are made when first asked for: they are expensive, and of the pairs
-    that might touch few do."""
+    """A compliance `(k, k)` [m/N] whose columns are computed when first needed.
+
+    Columns are expensive, and only few of the possible pairs touch.
+    """
 
     def __init__(self, k: int, make: Callable[[Indices], Array]) -> None:
-        """`make` returns the columns of some of the k, shape `(k, j)`."""
+        """`make` returns some of the k columns, shape `(k, j)`."""
         self._make, self._at, self._C = make, np.full(k, -1), np.zeros((k, 0), order="F")
 
     def of(self, some: Indices) -> Array:
@@ -595,13 +616,13 @@ class Columns:
         return self._C[:, self._at[some]]
 
     def times(self, p: Array) -> Array:
-        """Return what forces p `(k,)` [N] open, shape `(k,)` [m]."""
+        """Return the compliance times forces p `(k,)` [N], shape `(k,)` [m]."""
         acts = np.flatnonzero(p)
         return np.asarray(self.of(acts) @ p[acts])
 
 
 class LipCompliance:
-    """The compliance of the gaps, made when first asked for."""
+    """The compliance of the gaps, computed when first needed."""
 
     organ: MeshedOrgan
     A: csr_matrix
@@ -610,7 +631,7 @@ class LipCompliance:
     C: Array
 
     def free_values(self, y: Array, g: Array, f_y: Array, p: Array, pairing: Pairing) -> tuple[Array, Array]:
-        """Return `y_free` and `g_free` of an answer that gives y and g under the forces `f_y` and `p`."""
+        """Return `y_free` and `g_free` of an answer that has y and g under the forces `f_y` and `p`."""
         y = y - self.C @ f_y
         if not g.size:
             return y, g
@@ -646,16 +667,17 @@ class LipCompliance:
 
     @cached_property
     def C_rr(self) -> Columns:
-        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not asked for while no pair has slid."""
+        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid."""
         return gap_compliance(self.factor, self.organ.lip_rows)
 
 
 def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:
-    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, made symmetric to the last bit; a row of zeros, of a frame
-    that does not move, is not solved for.
+    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, which is exactly symmetric.
 
-    Where W may be `rough`, with an error E, what it leaves of the forces is added to C = Y W + Wᵀ(Yᵀ − A W): its error
-    is EᵀA E, of second order.
+    Rows of zeros in Y, which belong to frames that do not move, are not solved for.
+
+    If `rough`, W has an error E, and the residual of the solve corrects C = Y W + Wᵀ(Yᵀ − A W). The error of C is
+    then EᵀA E, of second order.
     """
     moving = np.flatnonzero(np.diff(Y.indptr))
     together = [moving[first : first + COLUMNS] for first in range(0, moving.size, COLUMNS)]
@@ -672,7 +694,7 @@ def gap_compliance(factor: Solver, G: csr_matrix) -> Columns:
     """Return G A⁻¹ Gᵀ `(k, k)`."""
 
     def some_rows(some: Indices) -> Array:
-        """Return columns, a few at a time."""
+        """Return the columns, computed a few at a time."""
         few = [some[first : first + COLUMNS] for first in range(0, some.size, COLUMNS)]
         return np.hstack([touching(G, factor.solve(G[rows].T.toarray())) for rows in few])
 
@@ -680,6 +702,9 @@ def gap_compliance(factor: Solver, G: csr_matrix) -> Columns:
 
 
 def touching(Y: csr_matrix, W: Array) -> Array:
-    """Return Y W for `(k, N)` by `(N, j)` where Y touches few of the N: the product of scipy turns all of W."""
+    """Return Y W, shape `(k, j)`, for a matrix Y `(k, N)` with entries in few columns.
+
+    The product of scipy would first copy all of W into another memory order.
+    """
     touched = np.unique(Y.indices)
     return np.asarray(Y[:, touched] @ W[touched])

@@ -1,8 +1,10 @@
-"""A linear organ with inertia by modes: stiffness is the identity, mass is diagonal, and a step is one small product.
+"""A linear organ with inertia, described by modes: stiffness is the identity and mass is diagonal.
+
+A step is one small product:
 
     (a + α d) μ (η − η_a) + …  becomes  η⁺ = η_free + W f_y,   W = Yᵀ / (a μ + d (α μ + β) + 1),   y = y0 + Y η
 
-as in `tissue.organs.meshed`, with numbers in the place of matrices. Rayleigh damping is α μ + β in each mode.
+as in `tissue.organs.meshed`, with numbers instead of matrices. Rayleigh damping is α μ + β in each mode.
 """
 
 from collections import OrderedDict
@@ -30,7 +32,7 @@ from tissue.solvers.choice import SolverChoice
 
 @dataclass(frozen=True)
 class ModalOperator:
-    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W = its inverse times Yᵀ `(n, 9p)`, and C `(9p, 9p)`."""
+    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W `(n, 9p)` = its inverse times Yᵀ, and C `(9p, 9p)`."""
 
     a: float
     d: float
@@ -41,8 +43,11 @@ class ModalOperator:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Modes of an organ, of which the first `size` answer: their masses `mu` (n,) = 1/ω² [s²], stiffness being one, `Y`
-    (9p, n), `load` (n,) of gravity, `surface_load` (n, l), and `rayleigh` = (α [1/s], β [s])."""
+    """Modes of an organ; the first `size` of them move the sites.
+
+    `mu` (n,) = 1/ω² [s²] are their masses for a stiffness of one. `Y` has shape (9p, n). `load` (n,) is gravity,
+    `surface_load` (n, l) the loads, and `rayleigh` = (α [1/s], β [s]).
+    """
 
     mu: Array
     Y: Array
@@ -55,7 +60,7 @@ class Modes:
     )
 
     def operator(self, a: float, d: float) -> ModalOperator:
-        """Return the operator of a time scheme; the last few are kept."""
+        """Return the operator of a time scheme; the last few operators are cached."""
         if (a, d) not in self._operators:
             while len(self._operators) >= KEPT_OPERATORS:
                 self._operators.popitem(last=False)
@@ -78,10 +83,13 @@ class Modes:
         shares: Array | None,
         state: Callable[[Array, Array, Array, Array], OrganState],
     ) -> SiteAnswer[OrganState]:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, under parts of the loads
-        `(l,)`, to sites whose reference is `y0` (9p,); `state` makes the state of η, η̇, η̈ (n,) and f_y."""
+        """Return the answer of a step of `scheme` from the states `past`, newest first.
+
+        Parts `shares` `(l,)` of the loads act. The sites have the reference `y0` (9p,). `state` makes the state
+        from η, η̇, η̈ (n,) and f_y.
+        """
         operator = self.operator(scheme.a, scheme.d)
-        terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium looks back at none
+        terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium uses no earlier state
         inertia = sum((alpha * s.U + beta * s.V for (alpha, beta, _), s in terms), np.zeros(1))
         damping = sum((gamma * s.U for (_, _, gamma), s in terms), np.zeros(1))
         free = self._free(operator, past[0], inertia, damping, self.load_under(shares))
@@ -94,7 +102,10 @@ class Modes:
         return SiteAnswer(self.site_variables(y0, free), lambda: operator.C, accept)
 
     def _free(self, operator: ModalOperator, now: OrganState, inertia: Array, damping: Array, load: Array) -> Array:
-        """Return η⁺ under a load without site forces, `(n,)`: by its increment, so that round-off is relative to it."""
+        """Return η⁺ under a load without site forces, `(n,)`.
+
+        The increment is computed, so that round-off is relative to the increment.
+        """
         alpha, beta = self.rayleigh
         moved = operator.a * (inertia - now.U) + alpha * operator.d * (damping - now.U)
         left = load + self.mu * moved + beta * operator.d * (damping - now.U) - now.U
@@ -109,12 +120,14 @@ class Modes:
         return np.asarray(y0 + self.Y[:, : self.size] @ U[: self.size])
 
     def rates(self, state: OrganState) -> Array:
-        """Return η̈ + α η̇, `(n,)`, which times μ is the force of inertia and its damping."""
+        """Return η̈ + α η̇, `(n,)`; times μ it is the force of inertia and of mass damping."""
         return np.asarray(state.A + self.rayleigh[0] * state.V)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the works of the step, exact for the modes that answer, as in
-        `tissue.organs.dynamic`."""
+        """Return the energies at `new` and the works of the step, as in `tissue.organs.dynamic`.
+
+        They are exact for the first `size` modes.
+        """
         (alpha, beta), own = self.rayleigh, slice(self.size)
         mu, U, V, A = self.mu[own], new.U[own], new.V[own], new.A[own]
         dU, dV = U - old.U[own], V - old.V[own]
@@ -129,7 +142,7 @@ class Modes:
 
 @dataclass(frozen=True, eq=False)
 class OrganOfModes:
-    """Common part of organs that move by modes of the `full` one, with its mesh, sites and loads."""
+    """Common part of organs that move in modes of the `full` organ and have its mesh, sites and loads."""
 
     full: DynamicOrgan
 
@@ -165,7 +178,7 @@ class OrganOfModes:
 
     @property
     def choice(self) -> SolverChoice:
-        """The solver of its basis."""
+        """The solver used to build its basis."""
         return self.full.choice
 
     def load_resultants(self, state: OrganState) -> Array:
@@ -173,10 +186,10 @@ class OrganOfModes:
         return self.full.load_resultants(state)
 
     def has_loads_of(self, state: OrganState, times: Sequence[float]) -> bool:
-        """Return whether the parts of the loads at the `times` [s] are those of a state."""
+        """Return whether the same parts of the loads act at all `times` [s] as in a state."""
         shares = state.shares
         return shares is None or all(bool((self.surface.shares(time, 1.0) == shares).all()) for time in times)
 
     def lips(self, state: OrganState) -> Lips:
-        """Return no pairs: nothing touches."""
+        """Return no pairs: this organ has no contact."""
         return NO_LIPS

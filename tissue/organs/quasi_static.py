@@ -1,4 +1,4 @@
-"""An organ without inertia: at every time in equilibrium with its sites."""
+"""An organ without inertia, which is always in equilibrium with its sites."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -29,16 +29,16 @@ from tissue.solvers.choice import MULTIGRID, Solver
 from tissue.solvers.ranks import Ranks, SharedColumns
 from tissue.supports import holds_still
 
-CROSSED = 1e-9  # of the surfaces' extent: round-off of gaps that are closed
-ALL = np.ones(1)  # of gravity, which is not ramped
+CROSSED = 1e-9  # of the surfaces' extent: round-off of closed gaps
+ALL = np.ones(1)  # the part of gravity, which has no ramp
 
 
 @dataclass(frozen=True)
 class QuasiStaticOperator(LipCompliance):
-    """A = K with the answers to gravity and to each load known: no work that grows with the mesh is left in a step.
+    """A = K with known answers to gravity and to each load: the work in a step does not grow with the mesh.
 
-    `U_loads` (N, 1 + l), gravity first, `y_loads` (9p, 1 + l), and `loads_work` (1 + l, 1 + l) [J], by which each load
-    does work on the displacement of each.
+    `U_loads` (N, 1 + l) and `y_loads` (9p, 1 + l) are the answers, gravity first. `loads_work` (1 + l, 1 + l) [J]
+    is the work of each load on the displacement due to each load.
     """
 
     organ: "QuasiStaticOrgan"
@@ -51,21 +51,21 @@ class QuasiStaticOperator(LipCompliance):
     loads_work: Array
 
     def y_load(self, parts: Array) -> Array:
-        """Return the site variables under parts of the loads (1 + l,) alone, shape `(9p,)`."""
+        """Return the site variables under only the parts of the loads (1 + l,), shape `(9p,)`."""
         return np.asarray(self.organ.y0 + self.y_loads @ parts)
 
     def g_load(self, pairing: Pairing, parts: Array) -> Array:
-        """Return the gaps under parts of the loads (1 + l,) alone, shape `(k,)` [m]."""
+        """Return the gaps under only the parts of the loads (1 + l,), shape `(k,)` [m]."""
         return np.asarray(pairing.g0 + pairing.G @ (self.U_loads @ parts))
 
 
 @dataclass(frozen=True, eq=False)
 class QuasiStaticOrgan(MeshedOrgan):
-    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state is `f_y` alone, its field is made on
+    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state has only forces; its field is computed on
     demand.
 
-    `ranks` share out the columns of its sites and loads, all of them by one call of `operator`; None: this process
-    solves them all.
+    `ranks` distribute the columns of its sites and loads among processes, in one call of `operator`. None: this
+    process solves all columns.
     """
 
     ranks: Ranks | None = None
@@ -77,7 +77,7 @@ class QuasiStaticOrgan(MeshedOrgan):
     def __post_init__(self) -> None:
         super().__post_init__()
         body = self.elasticity
-        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none at all"
+        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
         if body.clamped.size == 0:
             raise TissueError(
                 "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
@@ -91,46 +91,49 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     @cached_property
     def _recalled(self) -> deque[tuple[OrganState, Array]]:
-        """The last two states whose lips press on one another, with their fields."""
+        """The last two states with contact forces, and their fields."""
         return deque(maxlen=2)
 
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
-        """Factorised when first asked for: a scenario is checked without."""
+        """Factorised when first needed, because the check of a scenario does not need it."""
         factor, count = self.solver_of(self.K), self.Y.shape[0]
         together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
         loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
-        # Gaps have columns as their coefficients, and so to first order.
+        # The columns enter the gaps to first order, so that `rough` is not accurate enough with contact.
         U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.touches)
         W, U_loads = U[:, :count], U[:, count:]
-        # Without lips nothing asks for a column again, and levels take more memory than all the rest of the organ.
+        # Without lips no column is solved again, and levels take more memory than the rest of the organ.
         kept = factor if self.touches or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
         return QuasiStaticOperator(
             self, self.K, kept, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
         )
 
     def start(self) -> OrganState:
-        """Return the equilibrium under gravity, without site forces and loads; the lips are not held apart yet."""
+        """Return the equilibrium under gravity, without site forces, loads and contact forces."""
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def parts(self, state: OrganState) -> Array:
-        """Return the parts of gravity, all of it, and of each load that act in a state, shape `(1 + l,)`."""
+        """Return the parts of gravity, always 1, and of each load that act in a state, shape `(1 + l,)`."""
         return ALL if state.shares is None else np.append(ALL, state.shares)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
-        """Return K factorised, whatever the time scheme."""
+        """Return the factorised K for any time scheme."""
         return self._operator
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of any step under `share` of the loads at `time` [s], from the known equilibrium without
-        site forces. The pairing is found in that field, for one back-substitution with contact."""
+        """Return the answer of any step under `share` of the loads at `time` [s].
+
+        It starts from the known equilibrium without site forces. With contact, the pairing is found in the field of
+        the last state, which takes one back-substitution.
+        """
         operator, shares = self._operator, self.shares_at(time, share)
         pairing = self._paired_after(past, scheme) if self.touches and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
-            """Return the state of an organ that is where its forces put it."""
+            """Return the state of an organ in equilibrium with its forces."""
             held = self.contact_or_none(p)
             return OrganState(EMPTY, EMPTY, EMPTY, f_y, held, pairing.facing, shares, points=pairing.points)
 
@@ -139,8 +142,11 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
 
     def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
-        """Return what faces what after states. Surfaces that cross, at a start under a weight that nothing holds yet,
-        have slipped since the reference."""
+        """Return the pairing after states.
+
+        At a start under gravity surfaces can cross, because no contact force acts yet. Their slips are then counted
+        from the reference.
+        """
         pairing, first = self.paired_anew(self.field(past[0]), past[0].ahead), slips_since(past, scheme)
         if not self.slips(pairing).size:
             return pairing
@@ -148,7 +154,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.slipping_from(np.zeros(self.size) if crosses else self.field(first), pairing)
 
     def is_unloaded(self, state: OrganState) -> bool:
-        """Whether no force at all acts on the organ: nothing has to be solved to know where it is."""
+        """Return whether no force acts on the organ, so that its displacement is zero."""
         forces = self.load, state.f_y, self.contact_forces(state)
         return not any(force.any() for force in forces) and (state.shares is None or not state.shares.any())
 
@@ -161,7 +167,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return y + p @ self._operator.gaps_by_sites(self.pairing_of(state)) if p.any() else y
 
     def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, ways and friction of the pairs."""
+        """Return the gaps, forces, slides and friction of the pairs."""
         if not self.pairs:
             return NO_LIPS
         p, slides = self.contact_forces(state)[: self.pairs], self.slides(self.field(state))
@@ -182,7 +188,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]; that of the last state is remembered."""
+        """Return the displacement over the free unknowns, shape `(N,)` [m]; the last two in contact are cached."""
         for known, field in self._recalled:
             if known is state:
                 return field
@@ -198,16 +204,18 @@ class QuasiStaticOrgan(MeshedOrgan):
         return np.zeros(self.elasticity.N)
 
     def impulse(self, state: OrganState) -> None:
-        """Return None: without mass nothing takes an impulse."""
+        """Return None: an organ without mass has no answer to an impulse."""
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) as long as the site forces are `f_y` (9p,)
-        and the contact forces those of `state`."""
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
+
+        These are the site forces `f_y` (9p,) and the contact forces of `state`.
+        """
         operator, p, pairing = self._operator, self.contact_forces(state), self.pairing_of(state)
         y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
-            # By the change alone: the state's own forces may be those of holes that ended at this very moment.
+            # Only the change is used, because the forces of the state can include holes that ended at this time.
             return replace(state, f_y=state.f_y + (f_new - f_y), p=self.contact_or_none(p_new))
 
         def right_hand_side() -> Array:
@@ -216,9 +224,12 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
-        """Return the elastic energy under gravity and loads alone [J], how far they move the sites, and the forces that
-        these bear, `(9p,)` each; None if the loads at the `times` [s] are not those of the state, or surfaces may
-        touch."""
+        """Return the elastic energy under only gravity and loads [J], the displacement of the sites under them and
+        the site forces.
+
+        The last two have shape `(9p,)`. It returns None if the loads at the `times` [s] differ from the loads of
+        the state, or if surfaces can touch.
+        """
         shares = state.shares
         changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
         if self.touches or changing:
@@ -227,7 +238,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works as the dynamic organ does, with 9p + k + l numbers.
+        """Return the energies and works of a step, as for the dynamic organ, from 9p + k + l numbers.
 
         U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load = g_load − g0.
         """
@@ -245,7 +256,8 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
 
     def _energies_in_contact(self, p: Array, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the same by the fields where lips press, or did; the work −p⁺·Δg is part of `numerical`."""
+        """Return the energies and works from the fields, if contact forces act or acted; −p⁺·Δg is part of
+        `numerical`."""
         U = self.field(new)
         dU = U - self.field(old)
         pushes, friction = self.contact_works(p, self.pairing_of(new).G @ dU)

@@ -1,15 +1,15 @@
-"""An organ with inertia in a small basis, U ≈ V η: steps that cost the same however large the mesh is.
+"""An organ with inertia in a small basis, U ≈ V η: the cost of a step does not depend on the size of the mesh.
 
-Beside the model that answers runs its check, whose basis has one block of the Krylov space more
-(`tissue.organs.basis`), under the same forces. With y_k and y_{k+1} of the two, and y of the whole organ,
+In parallel with this model, a check runs under the same forces. The basis of the check has one more block of the
+Krylov space (`tissue.organs.basis`). With y_k and y_{k+1} of the two, and y of the whole organ,
 
     |y − y_k|  ≤  |y_{k+1} − y_k| + |y − y_{k+1}|,      |y_i − y_{k+1,i}| ≤ ‖Y_i‖ ‖e‖,   ‖Y_i‖² = (Y K⁻¹ Yᵀ)_ii
     ‖e(t)‖ in K  ≤  ‖r(t)‖ + Σ ‖Δr‖,   both in K⁻¹
 
-The first term is the error but for what the second is smaller than the first. The last line holds since a body that is
-let go at rest swings to no more than where it was: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1 in each mode, by backward Euler,
-by BDF2 and without steps. An impulse and a way between two steps leave more open, which is added in the same norm.
-What is not in the bound is that the thread, too, would pull otherwise.
+If the second term is small, the first term is the error. The last line holds because a body that is released at
+rest does not swing beyond its initial displacement: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1 in each mode, by backward
+Euler, by BDF2 and in continuous time. An impulse or a displacement between two steps leaves a further residual,
+which is added in the same norm. The bound does not include the change of the thread's forces due to the error.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,13 @@ from tissue.solvers.choice import GIGA
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
 
-ALSO_MADE = 3  # blocks beside those asked for: static answers, the check's, and what shows what that leaves open
-TIMES_HELD = 4  # vectors, K times them, and the products and copies of a block while it is made
+ALSO_MADE = 3  # blocks beyond the requested ones: static answers, the check's block, the block for its residual
+TIMES_HELD = 4  # vectors, K times the vectors, and products and copies of a block during its construction
 
 
 @dataclass(frozen=True)
 class ReducedState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of the model that answers, followed by those of its check, `(r + c,)` [√J,
-    …].
+    """A state whose U, V, A are η, η̇, η̈ of the model, followed by η, η̇, η̈ of its check, `(r + c,)` [√J, …].
 
     `drift` is Σ‖Δr‖ of the check so far [√J].
     """
@@ -45,10 +44,11 @@ class ReducedState(OrganState):
 
 @dataclass(frozen=True)
 class Reduction:
-    """An organ in two bases, the first `size` numbers of each array of the model that answers, the rest of its check.
+    """An organ in two bases: the first `size` numbers of each array belong to the model, the rest to its check.
 
-    `vectors` (N, size) is V of the first; `mu` (n,) the masses, stiffness being one; `Y` (9p, n), `load` (n,),
-    `surface_load` (n, l) and `missed` (m, c), R of the check, as in `tissue.organs.basis`.
+    `vectors` (N, size) is V of the model. `mu` (n,) are the masses for a stiffness of one. `Y` (9p, n), `load` (n,)
+    and `surface_load` (n, l) are as in `tissue.organs.modal`. `missed` (m, c) is R of the check, as in
+    `tissue.organs.basis`.
     """
 
     vectors: Array
@@ -60,12 +60,12 @@ class Reduction:
 
     @property
     def size(self) -> int:
-        """Number of vectors of the model that answers."""
+        """Number of vectors of the model."""
         return self.vectors.shape[1]
 
     @cached_property
     def reach(self) -> Array:
-        """Largest way of each site's point under a unit of strain energy, ‖Y_x‖ in K⁻¹, `(p,)` [m/√J]."""
+        """Largest displacement of each site's point per unit of strain energy, ‖Y_x‖ in K⁻¹, `(p,)` [m/√J]."""
         own = self.Y[:, self.size :].reshape(-1, 9, self.mu.size - self.size)[:, :3]
         return np.linalg.norm(own, 2, axis=(1, 2)) if own.size else np.zeros(len(own))
 
@@ -80,39 +80,39 @@ class Reduction:
 def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
     """Return the reduction of an organ by static answers, `blocks` of the Krylov space and `modes` vibration modes.
 
-    Raises `TissueError` for an organ whose lips may touch, one that is not held, and numbers that cannot be.
+    Raises `TissueError` for an organ with contact, for an organ that is not held, and for impossible numbers.
     """
     check_reducible(organ, blocks, modes)
     return _reduction(organ, _krylov_of(organ, blocks, modes))
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
-    """Refuse organs without a small basis, and a basis that exceeds the memory. Raises `TissueError`."""
+    """Raise `TissueError` for an organ without a small basis, and for a basis that does not fit into memory."""
     check_held(organ)
     if blocks < 0 or not (0 <= modes <= organ.size // 2):
         raise TissueError(
-            f"reduction: blocks = {blocks}, modes = {modes}; allowed are none and more, and modes up to half of the "
+            f"reduction: blocks = {blocks}, modes = {modes}; allowed are 0 or more, and modes up to half of the "
             f"{organ.size} unknowns"
         )
     check_memory(organ, blocks, modes, "take fewer blocks, modes or holes, or a coarser mesh")
 
 
 def check_held(organ: DynamicOrgan) -> None:
-    """Refuse an organ whose lips may touch, and one that is not held. Raises `TissueError`."""
+    """Raise `TissueError` for an organ with contact, and for an organ that is not held."""
     body = organ.elasticity
     held = np.ones(body.N, dtype=bool)
     held[body.free] = False
     if organ.pairs:
         raise TissueError(
-            f"reduction: the organ has {organ.pairs} pairs of nodes that may touch, and any of them may be pushed; "
-            "leave out contact, or the reduction"
+            f"reduction: the organ has {organ.pairs} pairs of nodes that can touch, and a reduced organ has no "
+            "contact; leave out contact, or the reduction"
         )
     if not holds_still(body.points, body.nodal(held.astype(float)).astype(bool)):
-        raise TissueError("reduction: the organ is not held, so nothing is its static answer; clamp a boundary")
+        raise TissueError("reduction: the organ is not held and has no static answer; clamp a boundary")
 
 
 def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> None:
-    """Refuse so many blocks and modes where there is no memory for them, with a remedy. Raises `TissueError`."""
+    """Raise `TissueError` with a remedy if the blocks and modes do not fit into memory."""
     vectors = modes + (blocks + ALSO_MADE) * (organ.Y.shape[0] + 1 + organ.surface_load.shape[1])
     need, room = 8.0 * TIMES_HELD * vectors * organ.size, SHARE * free_memory()
     if need > room:
@@ -123,7 +123,7 @@ def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> N
 
 
 def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
-    """Return the vectors of both models."""
+    """Return the vectors of model and check."""
     factor = organ.solver_of(organ.K)
     forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
     own = np.zeros((organ.size, modes))
@@ -133,7 +133,7 @@ def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
 
 
 def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
-    """Return both models by their modes, side by side."""
+    """Return model and check in their modes, in common arrays."""
     two = made.modal(inner=True), made.modal(inner=False)
     return Reduction(
         vectors=two[0].vectors,
@@ -147,13 +147,13 @@ def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
 
 @dataclass(frozen=True, eq=False)
 class ReducedOrgan(OrganOfModes):
-    """A linear organ with inertia as its reduction answers; `full` has the mesh, the sites and the loads."""
+    """A linear organ with inertia in a reduced basis; `full` has the mesh, the sites and the loads."""
 
     reduction: Reduction
 
     @cached_property
     def both(self) -> Modes:
-        """Both models, of which the first answers."""
+        """The modes of model and check; only the model moves the sites."""
         given = self.reduction
         return Modes(given.mu, given.Y, given.load, given.surface_load, self.full.rayleigh, given.size)
 
@@ -165,8 +165,10 @@ class ReducedOrgan(OrganOfModes):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> SiteAnswer[OrganState]:
-        """Return the answer of a step of `scheme` from the states `past`, the newest first, under `share` of the loads
-        at `time` [s]."""
+        """Return the answer of a step of `scheme` from the states `past`, newest first.
+
+        `share` of the loads acts at `time` [s].
+        """
         shares = self.full.shares_at(time, share)
 
         def accept(U: Array, V: Array, A: Array, f_y: Array) -> ReducedState:
@@ -193,15 +195,17 @@ class ReducedOrgan(OrganOfModes):
         return self.full.whole(self.reduction.vectors @ state.V[: self.reduction.size])
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the works of the step, exact for the model that answers."""
+        """Return the energies at `new` and the works of the step, exact for the model."""
         return self.both.energies(old, new)
 
     def modes(
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
-        """Return masses and loads of both models (n,), W (n, 9p), Y of the one that answers, y0, R of the check,
-        Rayleigh's α and β, and that nothing else is asked of a step; None if the loads at the `times` [s] are not
-        those of the state."""
+        """Return the arrays with which a kernel makes steps, or None if the loads change at the `times` [s].
+
+        Masses and loads of model and check (n,), W (n, 9p), Y of the model, y0, R of the check, Rayleigh's α and β,
+        and two zeros: no bound on the residual of a step.
+        """
         shares, given = state.shares, self.reduction
         if not self.has_loads_of(state, times):
             return None
@@ -210,17 +214,19 @@ class ReducedOrgan(OrganOfModes):
         return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh, 0.0, 0.0)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of both models (n,), the forces on the sites (9p,), and Σ‖Δr‖ of the check so far [√J]."""
+        """Return η, η̇, η̈ of model and check (n,), the site forces (9p,), and Σ‖Δr‖ of the check so far [√J]."""
         return state.U, state.V, state.A, state.f_y, drift_of(state)
 
     def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> ReducedState:
-        """Return the state of a `motion` under the loads of another."""
+        """Return the state of a `motion` under the loads of another state."""
         U, V, A, f_y, drift = motion
         return ReducedState(U, V, A, f_y, shares=state.shares, drift=drift)
 
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
-        """Return the answer to an impulse on the sites, dy/dt = Y η̇, by the masses of the basis: a hole is heavier
-        than in the mesh, whose nodes alone take an impulse."""
+        """Return the answer to an impulse on the sites, dy/dt = Y η̇, with the masses of the basis.
+
+        A hole has more mass in the basis than in the mesh, where only its nodes take an impulse.
+        """
         own = self.reduction.size
 
         def struck(j: Array, p: Array) -> ReducedState:
@@ -234,14 +240,14 @@ class ReducedOrgan(OrganOfModes):
 
     @cached_property
     def _mobility(self) -> Array:
-        """M⁻¹ Yᵀ of both models, `(n, 9p)`: what has no mass takes no impulse."""
+        """M⁻¹ Yᵀ of model and check, `(n, 9p)`; modes without mass take no impulse."""
         mu = self.reduction.mu
         inverse = np.divide(1.0, mu, out=np.zeros_like(mu), where=np.greater(mu, 0.0))
         return np.asarray(inverse[:, None] * self.reduction.Y.T)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer[OrganState]:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces stay the same; V is
-        kept."""
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant; V does
+        not change."""
         operator = self.both.operator(scheme.a, scheme.d)
 
         def displaced(f_new: Array, p: Array) -> ReducedState:
@@ -254,26 +260,25 @@ class ReducedOrgan(OrganOfModes):
 
         return SiteAnswer(y - operator.C @ f_y, lambda: operator.C, displaced)
 
-    # -- what the basis leaves open --------------------------------------------------------------------------------
+    # -- the error of the basis ------------------------------------------------------------------------------------
 
     def difference(self, state: OrganState) -> Array:
-        """Return how far the check's points of the sites are from those of the model that answers, `(p,)` [m]."""
+        """Return the distances between the site points of the model and of its check, `(p,)` [m]."""
         own, Y = self.reduction.size, self.reduction.Y
         apart = Y[:, own:] @ state.U[own:] - Y[:, :own] @ state.U[:own]
         return np.asarray(np.linalg.norm(apart.reshape(-1, 9)[:, :3], axis=1))
 
     def bound(self, state: OrganState) -> Array:
-        """Return how far the points of the sites may be from those of the whole organ under the same forces, `(p,)`
-        [m]."""
+        """Return bounds of the errors of the site points against the whole organ under the same forces, `(p,)` [m]."""
         left = self._dual_norm(self.both.rates(state)) + drift_of(state)
         return np.asarray(self.difference(state) + self.reduction.reach * left)
 
     def _left_open(self, new: OrganState, old: OrganState) -> float:
-        """Return ‖Δr‖ of the check between two states [√J]."""
+        """Return the change ‖Δr‖ of the check's residual between two states [√J]."""
         return self._dual_norm(self.both.rates(new) - self.both.rates(old))
 
     def _dual_norm(self, rates: Array) -> float:
-        """Return the norm in K⁻¹ of what the check leaves open at these rates `(n,)` [√J]."""
+        """Return the norm in K⁻¹ of the check's residual at these rates `(n,)` [√J]."""
         return float(np.linalg.norm(self.reduction.missed @ rates[self.reduction.size :]))
 
 

@@ -1,10 +1,10 @@
-"""A linear organ whose tissue relaxes (`tissue.relaxation`), with inertia or without.
+"""A linear organ whose tissue relaxes (`tissue.relaxation`), with or without inertia.
 
     K U − Σ K_i U + Σ K_i e_i = forces,    de_i/dt + e_i/τ_i = dU/dt
 
-K_i is the stiffness of the share of the distortion that relaxes with τ_i, and e_i, a field over the free unknowns, what
-is left of U in it. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U), so that the step is that of an organ of the
-stiffness K − Σ (1 − φ_i) K_i under the further forces Σ K_i (φ_i U − e^(−x_i) e_i).
+K_i is the stiffness of the share of the distortion that relaxes with τ_i. e_i, a field over the free unknowns, is
+the part of U that has not relaxed yet. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U). The step is therefore the
+step of an organ with the stiffness K − Σ (1 − φ_i) K_i under the additional forces Σ K_i (φ_i U − e^(−x_i) e_i).
 """
 
 from collections.abc import Sequence
@@ -30,13 +30,16 @@ from tissue.organs.meshed import (
 from tissue.relaxation import Prony
 from tissue.stress import StressRecovery, stress_recovery
 
-DIGITS = 12  # of a step's length by which an operator is known: what is left of it is round-off
+DIGITS = 12  # of a step's length in the key of a cached operator: further digits are round-off
 
 
 @dataclass(frozen=True, eq=False)
 class RelaxingOrgan(DynamicOrgan):
-    """A linear organ whose distortion relaxes by a series `relaxation`, with `inertia` or always in equilibrium. The
-    fields e_i are `relaxing` `(b, N)` [m] of its states; None: all has relaxed."""
+    """A linear organ whose distortion relaxes by a series `relaxation`.
+
+    It has `inertia`, or is always in equilibrium. Its states have the fields e_i in `relaxing` `(b, N)` [m]; None
+    if all stress has relaxed.
+    """
 
     relaxation: Prony = field(kw_only=True)
     inertia: bool = field(default=True, kw_only=True)
@@ -53,7 +56,7 @@ class RelaxingOrgan(DynamicOrgan):
         return [csr_matrix(distortion(self.elasticity, share)[free][:, free]) for share in self.relaxation.shares]
 
     def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
-        """Return the factorised operator of a step of a scheme; the last few are kept."""
+        """Return the factorised operator of a step of a scheme; the last few operators are cached."""
         key = scheme.a, scheme.d, f"{scheme.dt:.{DIGITS}g}"
         return self._kept(key, lambda: self._factorized(scheme.a, scheme.d, self._soft(scheme.dt)))
 
@@ -63,11 +66,12 @@ class RelaxingOrgan(DynamicOrgan):
         return csr_matrix(sum((1.0 - mean) * K for mean, K in parts))
 
     def scheme_of(self, scheme: TimeScheme) -> TimeScheme:
-        """Return the scheme by which the organ goes: without inertia it is in equilibrium at the end of the step."""
+        """Return the scheme used for the organ: an equilibrium at the end of the step if it has no inertia."""
         return scheme if self.inertia else Drag(0.0, coefficients=(), dt=scheme.dt)
 
     def start(self) -> OrganState:
-        """Return the state at the start: undeformed and at rest, or without inertia in equilibrium with gravity."""
+        """Return the state at the start: undeformed and at rest, or in equilibrium with gravity if it has no
+        inertia."""
         rest = super().start()
         if self.inertia:
             return rest
@@ -84,27 +88,29 @@ class RelaxingOrgan(DynamicOrgan):
         return [stress_recovery(self.elasticity, share) for share in self.relaxation.shares]
 
     def relaxed_stress(self, state: OrganState) -> Array:
-        """Return by how much the stress is less than that of a sudden pull, per node, shape `(m, 6)` [Pa]."""
+        """Return the instantaneous elastic stress minus the present stress, per node, shape `(m, 6)` [Pa]."""
         left = zip(self._stresses, self.strains(state), strict=True)
         return np.asarray(sum(each.stress(self.whole(state.U - e)) for each, e in left))
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of a step as an organ in motion does; in equilibrium slips and relaxation are counted from
-        the last of `past`."""
+        """Return the answer of a step, as for an organ in motion.
+
+        In equilibrium, slips and relaxation are counted from the last state of `past`.
+        """
         pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(past[0].U, past[0].ahead))
         return self.answer_paired(scheme, past, pairing, time, share)
 
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
     ) -> LinearAnswer:
-        """Return the answer of a step as above, with a known pairing."""
+        """Return the answer of a step with a given pairing."""
         first, scheme = slips_since(past, scheme), self.scheme_of(scheme)
         e, decays, means = self.strains(first), self.relaxation.decays(scheme.dt), self.relaxation.means(scheme.dt)
         shares = self.shares_at(time, share)
         load, operator, history = self.load_under(shares), self.operator_of(scheme), self.history(scheme, past)
-        soft = np.zeros(self.size)  # by what K of the organ at once resists more at the start than that of the step
+        soft = np.zeros(self.size)  # resistance at the start: instantaneous stiffness minus stiffness of the step
         for K, part, decay, mean in zip(self.branches, e, decays, means, strict=True):
             load = load + K @ (mean * first.U - decay * part)
             soft += K @ ((1.0 - mean) * past[0].U)
@@ -118,8 +124,10 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(answer, accepted=complete)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,), as the organ in motion does; what moves
-        since the forces change does so at once."""
+        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in motion.
+
+        Motion due to a change of the forces is instantaneous.
+        """
         answer = super().displace(self.scheme_of(scheme), state, y, f_y)
 
         def displaced(f_new: Array, p_new: Array) -> OrganState:
@@ -129,9 +137,12 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(answer, accepted=displaced)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the works of the step: elastic is what stays once all has relaxed. Stress
-        that relaxes is viscous: its work is that of its value at the end, of which it gives some back where the tissue
-        goes back."""
+        """Return the energies at `new` and the works of the step.
+
+        The elastic energy is the part that remains after complete relaxation. The work of the relaxing stress
+        counts as viscous and uses its value at the end of the step. Some of this work is returned if the tissue
+        moves back.
+        """
         whole, dU = super().energies(old, new), new.U - old.U
         lost, taken, relaxed = 0.0, 0.0, 0.0
         for K, e in zip(self.branches, self.strains(new), strict=True):

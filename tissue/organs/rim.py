@@ -1,7 +1,8 @@
 """The rim of a wound's side: the edge of a contact surface on the outer surface of the organ.
 
-Beside each edge of a rim lies a facet of the outer surface. Where it turns so that it rises towards the edge, the edge
-is everted by that angle. An organ that turns as a whole everts one side of a wound by what it takes from the other.
+A facet of the outer surface lies next to each edge of a rim. The edge is everted by an angle if this facet has
+turned by that angle so that it rises towards the edge. If the organ turns as a whole, it everts one side of a wound
+and inverts the other by the same angle.
 """
 
 from dataclasses import dataclass
@@ -16,16 +17,17 @@ from skfem import MeshTet
 from tissue.arrays import Array, Indices
 from tissue.organs.facing import OPPOSITE, Mask, facet_normals, open_sides
 
-SMOOTH = 0.5  # cosine of 60°: the outer surface of one rim turns by less from edge to edge
+SMOOTH = 0.5  # cosine of 60°: within one rim, the outer surface turns by less from edge to edge
 
 
 @dataclass(frozen=True)
 class Rim:
     """The edges of a surface on the outer surface of the organ.
 
-    Their vertices `edges` `(e, 2)` and the vertices `facets` `(e, 3)` of the outer facet beside each, in the order in
-    which its normal points out of the organ; of the reference shape that `normal` `(e, 3)`, the unit vector `rising`
-    `(e, 3)` in the facet across the edge and towards it, `middles` `(e, 3)` [m] and `lengths` `(e,)` [m].
+    `edges` `(e, 2)` are their vertices. `facets` `(e, 3)` are the vertices of the outer facet next to each edge, in
+    the order in which its normal points out of the organ. The other arrays describe the reference shape: `normal`
+    `(e, 3)` of the facet, `rising` `(e, 3)` the unit vector in the facet across the edge and towards it, `middles`
+    `(e, 3)` [m] and `lengths` `(e,)` [m] of the edges.
     """
 
     edges: Indices
@@ -36,13 +38,16 @@ class Rim:
     lengths: Array
 
     def of(self, chosen: Mask) -> "Rim":
-        """Return the `chosen` `(e,)` edges of it."""
+        """Return the rim of the `chosen` edges, `(e,)`."""
         own = self.normal[chosen], self.rising[chosen], self.middles[chosen], self.lengths[chosen]
         return Rim(self.edges[chosen], self.facets[chosen], *own)
 
     def near(self, points: Array) -> "Rim":
-        """Return the part of it that most of the `points` `(m, 3)` [m] are nearest to, of two the one with the first of
-        them, without a point the longest: the edges that go on in one another without a fold of the outer surface."""
+        """Return the part of the rim that is nearest to most of the `points` `(m, 3)` [m].
+
+        A part is a chain of edges that continue in one another without a fold of the outer surface. Of two parts
+        with equally many points, the part of the first point is returned; without points, the longest part.
+        """
         if not len(self.edges):
             return self
         if not len(points):
@@ -51,21 +56,26 @@ class Rim:
         return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
 
     def turn(self, points: Array) -> float:
-        """Return by how much the outer facets rise towards their edges with all nodes at `points` `(n, 3)` [m], in the
-        mean along the rim [rad], against the reference shape."""
+        """Return the mean angle along the rim by which the outer facets rise towards their edges [rad].
+
+        All nodes are at `points` `(n, 3)` [m]; the angle is relative to the reference shape. It is 0 for an empty
+        rim.
+        """
         normal = facet_normals(points[self.facets])
         angles = np.arctan2(-np.vecdot(normal, self.rising), np.vecdot(normal, self.normal))
         return float(self.lengths @ angles / self.lengths.sum()) if len(angles) else 0.0
 
     @cached_property
     def way(self) -> tuple[Indices, Array]:
-        """Its vertices in the order in which one comes along it, `(v,)`, and how far that is, `(v,)` [m]; a closed one
-        begins at its vertex of the lowest number."""
+        """The rim's vertices in order along it, `(v,)`, and their distance along it from the first, `(v,)` [m].
+
+        A closed rim begins at its vertex with the lowest number.
+        """
         vertices, ends = np.unique(self.edges, return_inverse=True)
         ends = ends.reshape(-1, 2)
         lone = np.bincount(ends.ravel(), minlength=len(vertices)) == 1
         kept = np.ones(len(ends), dtype=bool)
-        if len(ends) and not lone.any():  # a ring is opened at its first vertex
+        if len(ends) and not lone.any():  # a closed rim is cut at its first vertex
             kept[np.flatnonzero((ends == 0).any(axis=1))[0]] = False
         graph = csr_matrix((self.lengths[kept], ends[kept].T), shape=(len(vertices),) * 2)
         far = dijkstra(graph, directed=False, indices=[int(lone.argmax())])[0] if len(ends) else np.zeros(0)
@@ -74,7 +84,7 @@ class Rim:
 
     @cached_property
     def _tree(self) -> cKDTree:
-        """The middles of the edges, to ask which is nearest."""
+        """A search tree of the middles of the edges."""
         return cKDTree(self.middles)
 
     @cached_property
@@ -89,7 +99,10 @@ class Rim:
 
 
 def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
-    """Return the rim of the surface of `triangles` `(t, 3)`, which faces that of `other` `(m, 3)`: neither is outer."""
+    """Return the rim of the surface of `triangles` `(t, 3)`.
+
+    It faces the surface of the triangles `other` `(m, 3)`. Neither counts as outer surface.
+    """
     outer, normals = _outer_facets(mesh, np.vstack([triangles, other]))
     open_edges = _numbered(mesh, triangles[:, OPPOSITE][open_sides(triangles)])
     sides = outer[:, OPPOSITE]
@@ -104,8 +117,10 @@ def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
 
 
 def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
-    """Return the facets of the organ's surface but for those `inner` ones, `(f, 3)`, in the order in which their unit
-    normals `(f, 3)` point out of the organ."""
+    """Return the facets of the organ's surface except the `inner` ones, `(f, 3)`, and their unit normals `(f, 3)`.
+
+    The vertices of a facet are in the order in which its normal points out of the organ.
+    """
     found = mesh.boundary_facets()
     triangles = mesh.facets[:, found].T.astype(np.intp)
     outer = ~np.isin(_numbered(mesh, triangles), _numbered(mesh, inner))
@@ -118,6 +133,6 @@ def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
 
 
 def _numbered(mesh: MeshTet, corners: Indices) -> Indices:
-    """Return one number for each edge `(m, 2)` or triangle `(m, 3)` of vertices, whichever way round it is given."""
+    """Return one number for each edge `(m, 2)` or triangle `(m, 3)`, independent of the order of its vertices."""
     numbers = np.sort(corners, axis=1).T
     return np.asarray(np.ravel_multi_index(tuple(numbers), (mesh.nvertices,) * len(numbers)))

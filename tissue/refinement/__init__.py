@@ -1,1 +1,1 @@
-"""Cells where the holes are: error estimate, marking and bisection."""
+"""Mesh refinement at the holes: error estimate, marking and bisection."""

@@ -1,14 +1,15 @@
-"""Lower and upper bounds of each hole's compliance, which enclose that of the exact body.
+"""Lower and upper bounds of each hole's compliance, which enclose the compliance of the exact body.
 
-Lower: C_h of quadratic displacements on the mesh, which by Galerkin is below C by the energy ‖e‖² of the error of the
-column. Upper: ‖e‖ is at most ‖θ − σ_h‖ for every stress θ in equilibrium with the load (Prager and Synge, Quart. Appl.
-Math. 5, 1947), which is made star by star (`tissue.refinement.star`). θ has the quadratic part of the traction under a
-footprint; the rest moves the body by an energy of at most r² (`tissue.refinement.rim`):
+Lower bound: C_h of quadratic displacements on the mesh. By Galerkin orthogonality it is below C by the energy ‖e‖²
+of the error of the column. Upper bound: ‖e‖ is at most ‖θ − σ_h‖ for every stress θ in equilibrium with the load
+(Prager and Synge, Quart. Appl. Math. 5, 1947). θ is made star by star (`tissue.refinement.star`). θ balances the
+quadratic part of the traction under a footprint. The rest of the traction moves the body by an energy of at most r²
+(`tissue.refinement.rim`):
 
     C_h ≤ C ≤ C_h + (‖θ − σ_h‖ + r)².
 
-Dilatation is that of each cell, without an average, which has no bounds. The mesh is bisected at the rims of footprints
-until r is small, so both bounds are nearer to C than the mesh itself is.
+The dilatation is used cell by cell, because an averaged dilatation has no bounds. The mesh is bisected at the rims
+of footprints until r is small, so that both bounds are nearer to C than the compliance of the original mesh.
 """
 
 from collections.abc import Sequence
@@ -32,15 +33,17 @@ from tissue.solvers.choice import GIGA, SHARE, Solver, solver_of_columns
 from tissue.solvers.memory import free_memory
 from tissue.supports import axis_of, facets_of
 
-BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # of its stiffness, and what else there is
-ACCURACY = 0.03  # of the compliance, where none is asked for
-ROOM = 5e8  # bytes of the multipliers of the goals that are solved at once
+BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # of its stiffness, and of all other data
+ACCURACY = 0.03  # of the compliance, if none is given
+ROOM = 5e8  # bytes of the multipliers of goals that are solved together
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """`lower` and `upper` bounds of the compliance of the `goals` `(g,)`, the sites that have a footprint and are not
-    of a line, to forces along x, y and z, `(g, 3)` each [m/N]."""
+    """`lower` and `upper` bounds of the compliance to forces along x, y and z, `(g, 3)` each [m/N].
+
+    The `goals` `(g,)` are the sites with a footprint that do not belong to a line.
+    """
 
     goals: Indices
     lower: Array
@@ -55,13 +58,13 @@ def bounds(
     roller: Sequence[str] = (),
     accuracy: float = ACCURACY,
 ) -> Bounds:
-    """Return bounds of the compliance of sites to forces, for the linear body of a mesh that is held at boundaries.
+    """Return bounds of the compliance of sites to forces, for a linear body with supports at boundaries.
 
-    A smaller `accuracy` of the compliance [-] has finer cells at the rims of footprints. A bare point has no
-    compliance, and the sites of a line are not asked for.
+    A smaller `accuracy` of the compliance [-] gives finer cells at the rims of footprints. Bare points, which have
+    no finite compliance, and the sites of a line are left out.
 
-    Raises `TissueError` for a body that is free to move, for a footprint inside of it or one that its facets do not
-    cover once, and for want of memory.
+    Raises `TissueError` for a body that is free to move, and for a footprint inside the body. It is also raised for
+    a footprint that the facets do not cover exactly once, and if memory is too small.
     """
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0 and not site.line], np.intp)
     chosen = [sites[goal] for goal in goals]
@@ -69,9 +72,7 @@ def bounds(
     check_memory(mesh.nelements)
     body = elasticity(mesh, material, "P2", clamp, "cell", roller)
     if not is_held(body):
-        raise TissueError(
-            "bounds of the compliance: a part of the organ is free to move, so it has none; clamp a boundary"
-        )
+        raise TissueError("bounds of the compliance: a part of the organ is free to move; clamp a boundary")
     surface, stars = outer_surface(mesh), Stars(mesh, material, held_facets(mesh, clamp, roller))
     pulls = [pull_of(stars, load_of(surface, site)) for site in chosen]
     rows, factor = goal_rows(body, chosen), factor_of(body)
@@ -94,8 +95,11 @@ def relative_bounds(
     roller: Sequence[str] = (),
     accuracy: float = ACCURACY,
 ) -> Array:
-    """Return between which two numbers the exact compliance of each site is over that of a linear `body`, to forces
-    along x, y and z, `(p, 2)` [-], not a number of sites that are no goals. Raises `TissueError` as `bounds` does."""
+    """Return bounds of each site's exact compliance over the compliance in a linear `body`, `(p, 2)` [-].
+
+    They hold for forces along x, y and z. They are not a number for sites that are no goals. Raises `TissueError`
+    as `bounds` does.
+    """
     known = bounds(body.mesh, body.material, sites, clamp, roller, accuracy)
     rows = goal_rows(body, [sites[goal] for goal in known.goals])
     own = compliance(rows, factor_of(body).solve(rows.T.toarray()))
@@ -111,12 +115,12 @@ def goal_rows(body: Elasticity, sites: Sequence[Site]) -> csr_matrix:
 
 
 def factor_of(body: Elasticity) -> Solver:
-    """Return what solves for the columns of a body."""
+    """Return the solver for the columns of a body."""
     return solver_of_columns(csr_matrix(body.K[body.free][:, body.free]), body.basis.doflocs[:, body.free].T)
 
 
 def compliance(rows: csr_matrix, columns: Array) -> Array:
-    """Return the compliance along x, y and z `(p, 3)` [m/N] by the rows of sites `(3p, N)` and their columns."""
+    """Return the compliance along x, y and z `(p, 3)` [m/N] from the rows of sites `(3p, N)` and their columns."""
     return np.asarray(rows.multiply(columns.T).sum(axis=1)).reshape(-1, AXES)
 
 
@@ -131,7 +135,7 @@ def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> N
 
 
 def check_memory(cells: int) -> None:
-    """Refuse a number of cells whose matrices have no room. Raises `TissueError`."""
+    """Raise `TissueError` if the matrices of a number of cells do not fit into memory."""
     need = BYTES_OF_CELL * cells
     if need > SHARE * free_memory():
         raise TissueError(

@@ -1,14 +1,15 @@
-"""How much of each hole's compliance a mesh misses, cell by cell, from the columns K⁻¹Yᵀ that condensation asks for.
+"""Estimate of the error of each hole's compliance, cell by cell, from the columns K⁻¹Yᵀ of the condensation.
 
-The compliance is C = Y K⁻¹ Yᵀ, and by Galerkin orthogonality C_kk − C_kk,h is the energy of the error of column k: an
-estimate of that energy is one of the error of the compliance (Becker and Rannacher, Acta Numerica 10, 2001). The stress
-of the column, averaged at the nodes and made to agree with the traction on the surface, stands for the exact one
-(Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
+The compliance is C = Y K⁻¹ Yᵀ. By Galerkin orthogonality, C_kk − C_kk,h is the energy of the error of column k. An
+estimate of this energy is therefore an estimate of the error of the compliance (Becker and Rannacher, Acta Numerica
+10, 2001). The exact stress is replaced by the stress of the column, averaged at the nodes. This stress is changed
+at the surface to balance the traction (Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
 
     η_T² = ∫_T (σ* − σ_h) : D⁻¹ (σ* − σ_h) dx,      C_kk − C_kk,h ≈ Σ_T η_T².
 
-σ* is of the element's own order. It is averaged within a material alone, since stress jumps between two. The part of
-the pressure that is averaged at the vertices already (`tissue.elasticity`) is in σ* what it is in σ_h.
+σ* has the order of the element. It is averaged only within one material, because stress jumps between two
+materials. The part of the pressure that is already averaged at the vertices (`tissue.elasticity`) is the same in σ*
+and in σ_h.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,20 +30,23 @@ from tissue.sites.surface import outer_surface
 from tissue.solvers.choice import solver_of_columns
 from tissue.supports import holds_still
 
-CELLS = 4096  # that are looked at once: some ten megabytes a column
-TOGETHER = 4  # goals whose columns are solved and held at once
-OWN = 4.0  # radii of a goal within which its column is looked at in every cell
-THEIRS, NEARER = 8.0, 0.5  # radii from another goal, and over the distance, within which cells are there for that one
-SMOOTH = np.cos(np.radians(30.0))  # of a facet's normal with the mean one of its node: below, the node is on an edge
+CELLS = 4096  # processed together: about ten megabytes per column
+TOGETHER = 4  # goals whose columns are solved and stored together
+OWN = 4.0  # radii of a goal: within this distance every cell is used for its column
+THEIRS, NEARER = 8.0, 0.5  # radii of another goal, and ratio of distances: nearer cells are fine because of that goal
+SMOOTH = np.cos(np.radians(30.0))  # least cosine between normals of facet and node; else the node is on an edge
 AXES = 3
-SOFT = 1.0  # of E/ρL²: springs that hold a body which nothing else does are as soft as the body itself
+SOFT = 1.0  # of E/ρL²: springs that hold a free body are as soft as the body itself
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The `compliance` of the goals, `(g, 3)` [m/N], along x, y and z each, and what of it the mesh is estimated to
-    have `missed`, `(g, 3)` [m/N]. `goals` `(g,)` are the sites that have a footprint. The `indicators` `(c,)` [-] are
-    what is missed in each cell, over the compliance of its goal and direction, in sum."""
+    """The `compliance` of the goals along x, y and z, `(g, 3)` [m/N], and its estimated error, `missed` `(g, 3)`
+    [m/N].
+
+    `goals` `(g,)` are the sites with a footprint. The `indicators` `(c,)` [-] are the errors from each cell over
+    the compliance of the goal and direction, summed over all goals and directions.
+    """
 
     goals: Indices
     compliance: Array
@@ -51,16 +55,17 @@ class Estimate:
 
     @cached_property
     def errors(self) -> Array:
-        """Relative error of the compliance of each goal, in the direction in which it is largest, `(g,)` [-]."""
+        """Largest relative error of the compliance of each goal over the directions, `(g,)` [-]."""
         return np.asarray(np.max(self.missed / (self.compliance + self.missed), axis=1))
 
 
 def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate:
-    """Return what the mesh of a body misses of the compliance of its sites to forces. A bare point has no limit under
-    refinement, and is no goal.
+    """Return the estimated errors of the compliance of sites to forces.
 
-    The column of a goal is looked at everywhere but in cells that are as fine as another goal, far away, needs them:
-    the cost of a goal does not grow with their number.
+    A bare point is no goal, because its compliance has no limit under refinement.
+
+    The error of a goal's column is computed in all cells except the fine cells at other, distant goals. The cost of
+    a goal then does not grow with the number of goals.
     """
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0], np.intp)
     compliance, missed = np.empty((2, goals.size, AXES))
@@ -83,8 +88,11 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
 
 
 def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Callable[[int], Indices]:
-    """Return what gives the cells in which the column of a goal is looked at, of goals with footprints of `radii` (g,)
-    [m] at `centres` `(g, 3)` [m]: all but those that another goal, which is nearer by far, asks to be fine."""
+    """Return a function that returns the cells in which the error of a goal's column is computed.
+
+    Goals have footprints of `radii` (g,) [m] at `centres` `(g, 3)` [m]. Cells that are fine because of another,
+    much nearer goal are left out.
+    """
     middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
     nearest, reach = np.full(len(middles), np.inf), np.zeros(len(middles))
     for centre, radius in zip(centres, radii, strict=True):
@@ -101,8 +109,8 @@ def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Call
 
 
 def held(body: Elasticity) -> csr_matrix:
-    """Return the stiffness over the free unknowns; where a part of the body is free to move, with soft springs all
-    over."""
+    """Return the stiffness over the free unknowns; with soft springs everywhere if a part of the body can move
+    freely."""
     K = body.K[body.free][:, body.free]
     if is_held(body):
         return csr_matrix(K)
@@ -123,8 +131,10 @@ def is_held(body: Elasticity) -> bool:
 
 
 def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], placed: Sites, goal: int) -> Array:
-    """Return the size of the traction by a unit force on a goal's footprint at the nodes of the surface, `(r,)` [Pa/N];
-    none by a force inside."""
+    """Return the traction of a unit force on a goal's footprint at the nodes of the surface, `(r,)` [Pa/N].
+
+    It is zero for a force inside the body.
+    """
     site, axis = sites[goal], placed.normals[goal]
     if not np.isfinite(axis).all():
         return np.zeros(recovery.rim.size)
@@ -137,7 +147,7 @@ def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], pla
 
 @dataclass(frozen=True)
 class Recovery:
-    """What recovers the stress of columns on a `body`, cell by cell."""
+    """Recovery of the stress of columns on a `body`, cell by cell."""
 
     body: Elasticity
 
@@ -150,7 +160,7 @@ class Recovery:
 
     @cached_property
     def copies(self) -> tuple[Indices, Indices]:
-        """The number of each cell's nodes within its own material, `(c, n)`, and the node of each number."""
+        """The numbers of each cell's nodes within its material, `(c, n)`, and the node of each number."""
         return np.searchsorted(self.keys, self._cell_keys), self.keys % len(self.body.nodes)
 
     @cached_property
@@ -160,17 +170,17 @@ class Recovery:
 
     @property
     def _cell_keys(self) -> Indices:
-        """Number of the material times that of the nodes, plus the node, of each cell, `(c, n)`."""
+        """A key for each node of each cell, `(c, n)`: material index times number of nodes, plus node index."""
         return np.asarray(self.groups[:, None] * len(self.body.nodes) + self.body.cells)
 
     @cached_property
     def keys(self) -> Indices:
-        """Those that there are, rising: a node on a border has one in each material, `(m,)`."""
+        """The sorted keys, `(m,)`: a node on a border has one key in each material."""
         return np.unique(self._cell_keys)
 
     @cached_property
     def _surface(self) -> tuple[Indices, Array]:
-        """Nodes of the surface at which the traction is known, and the normals there."""
+        """Nodes of the surface with a known traction, and the normals there."""
         surface = outer_surface(self.body.mesh)
         nodes = self.body.facet_nodes(surface.vertices)
         rim, place = np.unique(nodes, return_inverse=True)
@@ -186,17 +196,20 @@ class Recovery:
 
     @property
     def rim(self) -> Indices:
-        """Nodes of the surface that are free and on no edge, at which the traction is known, `(r,)`."""
+        """Nodes of the surface with a known traction, `(r,)`: free, and not on an edge."""
         return self._surface[0]
 
     @property
     def normals(self) -> Array:
-        """Outward unit normals there, `(r, 3)`."""
+        """Outward unit normals at `rim`, `(r, 3)`."""
         return self._surface[1]
 
     def missed(self, W: Array, traction: Array, cells: Indices) -> Array:
-        """Return η² of `cells` `(k,)`, `(3, k)` [m/N], of columns W `(N, 3)` [m/N] by unit forces along x, y and z that
-        are a `traction` `(r,)` [Pa/N] on the nodes of the surface."""
+        """Return η² of `cells` `(k,)` for three columns W `(N, 3)` [m/N], shape `(3, k)` [m/N].
+
+        The columns belong to unit forces along x, y and z with a `traction` `(r,)` [Pa/N] at the nodes of the
+        surface.
+        """
         nodal, numbers = self._nodal(W, traction, cells)
         out = np.empty((AXES, cells.size))
         element = ELEMENTS[self.body.element]()
@@ -230,8 +243,10 @@ class Recovery:
         return stress
 
     def _nodal(self, W: Array, traction: Array, cells: Indices) -> tuple[Array, Indices]:
-        """Return σ* `(m, 3, 3, k)` at the nodes within materials of `cells` `(c,)`, and the numbers of each cell's
-        among these, `(c, n)`."""
+        """Return σ* `(m, 3, 3, k)` at the nodes of `cells` `(c,)`, and the indices of each cell's nodes, `(c, n)`.
+
+        A node on a border between materials has one σ* in each material.
+        """
         copies, node = self.copies
         touched = np.zeros(node.size, dtype=bool)
         touched[copies[cells]] = True
@@ -256,7 +271,7 @@ class Recovery:
 
     @cached_property
     def _borders(self) -> tuple[Indices, Array]:
-        """The two numbers of each node on a border between materials, `(b, 2)`, and the normal there, `(b, 3)`."""
+        """The two key indices of each node on a border between materials, `(b, 2)`, and the normal there, `(b, 3)`."""
         mesh, groups = self.body.mesh, self.groups
         inner = np.flatnonzero(mesh.f2t[1] >= 0)
         facets = inner[groups[mesh.f2t[0, inner]] != groups[mesh.f2t[1, inner]]]
@@ -275,8 +290,11 @@ class Recovery:
         return pairs, sums / np.linalg.norm(sums, axis=1)[:, None]
 
     def _continuous(self, stress: Array, known: Indices) -> Array:
-        """Return σ* `(m, 3, 3, k)` of the `known` numbers `(m,)`, changed at borders of materials by as little as makes
-        the traction the same on both sides; in the energy the softer side is changed less."""
+        """Return σ* `(m, 3, 3, k)` of the `known` key indices `(m,)` with continuous traction at borders of
+        materials.
+
+        The change is the smallest one, with weights by softness, so that the softer side changes less.
+        """
         pairs, n = self._borders
         both = np.isin(pairs, known).all(axis=1)
         pairs, n = pairs[both], n[both]
@@ -294,13 +312,13 @@ class Recovery:
 
     @cached_property
     def _places(self) -> Indices:
-        """The place of each node in `rim`, -1 of one that is not there, `(m,)`."""
+        """The index of each node in `rim`, `(m,)`; −1 if the node is not in `rim`."""
         place = np.full(len(self.body.nodes), -1, np.intp)
         place[self.rim] = np.arange(self.rim.size)
         return place
 
     def _balanced(self, stress: Array, node: Indices, W: Array, traction: Array) -> Array:
-        """Return σ* at nodes `(m,)`, changed at the surface by as little as makes σ*n the traction there."""
+        """Return σ* at nodes `(m,)`, with the smallest change for which σ*n is the traction at the surface."""
         at = np.flatnonzero(self._places[node] >= 0)
         row = self._places[node[at]]
         n = self.normals[row]
@@ -320,13 +338,16 @@ class Recovery:
 
 
 def chunks(count: int) -> list[slice]:
-    """Return parts of so many cells that are small enough to be looked at once."""
+    """Return slices of a number of cells that are small enough to be processed together."""
     return [slice(first, first + CELLS) for first in range(0, count, CELLS)]
 
 
 def turned(traction: Array, n: Array) -> Array:
-    """Return the least symmetric stresses `(m, 3, 3, k)` that have a `traction` `(m, 3, k)` on planes of the unit
-    normals `n` `(m, 3)`."""
+    """Return the smallest symmetric stresses `(m, 3, 3, k)` with a `traction` `(m, 3, k)` on planes of unit normals
+    `n`.
+
+    `n` has shape `(m, 3)`.
+    """
     along = np.einsum("mik,mi->mk", traction, n)
     both = np.einsum("mik,mj->mijk", traction, n)
     return np.asarray(both + both.swapaxes(1, 2) - np.einsum("mk,mi,mj->mijk", along, n, n))

@@ -1,4 +1,4 @@
-"""Which cells are too large: beforehand by their distance from the holes, then by what they contribute to the error."""
+"""Marking of too large cells: at first by their distance from the holes, then by their contribution to the error."""
 
 from collections.abc import Callable, Sequence
 
@@ -10,22 +10,24 @@ from tissue.arrays import Array, Indices
 from tissue.sites.site import Site
 from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
 
-# Size of cells at a footprint over its radius at which half-spaces have an error of REACHED, the same of balls inside,
-# whose force is spread over a volume, its growth with the distance, and the order of the error of the compliance in the
-# size; P1 comes near to that in two rounds.
+# For each element: size of cells over the footprint's radius at which a half-space has the error REACHED; this size
+# for a ball inside, whose force is distributed over a volume; growth of the size with the distance; order of the
+# compliance error in the size. P1 comes near to REACHED in two rounds.
 SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.0, 0.8, 4.0)}
 REACHED = 0.03
-THINNEST = 0.4  # of the radius: thinner layers are left to the estimate
-BULK = 0.7  # of the indicators in sum that the marked cells have (Dörfler, SIAM J. Numer. Anal. 33, 1996)
-ALIKE = 1e-6  # of an indicator: cells that differ by less are images of one another, and marked together
+THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
+BULK = 0.7  # share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
+ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and are marked together
 
 
 def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
-    """Return what gives the size [m] that cells of corners `(c, 4, 3)` may have at most before any error is known, with
-    holes at `sites` that are to be of an `accuracy` [-].
+    """Return a function that returns the largest size [m] of cells with corners `(c, 4, 3)`, before an error is
+    known.
 
-    A region of the mesh that begins or ends within the radius of a hole on the surface is a thin layer there, and asks
-    for cells that are smaller in proportion.
+    The compliance of the holes at `sites` is to have a relative `accuracy` [-].
+
+    A region of the mesh that begins or ends within the radius of a surface hole is a thin layer there. It needs
+    proportionally smaller cells.
     """
     on_surface, inside, growth, order = SIZES[element]
     looser, surface = (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
@@ -61,7 +63,7 @@ def borders(mesh: MeshTet) -> Array:
 
 
 def place(surface: Surface, site: Site) -> tuple[Array, Array]:
-    """Return where a site comes to lie (3,) [m], and the outward normal there, not a number inside the body."""
+    """Return the located point (3,) [m] of a site, and the outward normal there, not a number inside the body."""
     point = np.asarray(site.point, float)
     distance, nearest, facets = surface.nearest(point)
     if distance > ON_SURFACE * surface.diagonal:
@@ -71,8 +73,8 @@ def place(surface: Surface, site: Site) -> tuple[Array, Array]:
 
 
 def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
-    """Return the distance of points `(k, 3)` from a disc across an `axis`, or from a ball where that is none, `(k,)`
-    [m]."""
+    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m]; without an axis from a
+    ball."""
     offset = points - centre
     height = offset @ axis if np.isfinite(axis).all() else np.zeros(len(points))
     across = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - height**2, 0.0))
@@ -80,8 +82,11 @@ def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
 
 
 def marked(mesh: MeshTet, indicators: Array, mirror: int | None = None) -> Indices:
-    """Return the cells of the largest `indicators` `(c,)` that together have BULK of all, with those that are as large;
-    with their images about the plane across the axis `mirror`, None for a mesh that need not stay its own image."""
+    """Return the cells with the largest `indicators` `(c,)`, which together have the share BULK of the sum.
+
+    Cells with an equal indicator are included. The mirror images about the plane normal to the axis `mirror` are
+    included too; None if the mesh need not stay symmetric.
+    """
     falling = np.sort(indicators)[::-1]
     least = falling[np.searchsorted(np.cumsum(falling), BULK * falling.sum())]
     cells = np.flatnonzero(indicators >= (1.0 - ALIKE) * least)

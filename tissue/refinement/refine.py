@@ -1,10 +1,9 @@
-"""Tetrahedra cut finer where they are marked, with all that a mesh names, by bisection of the longest edge (Rivara,
-Int. J. Numer. Meth. Eng. 20, 1984).
+"""Refinement of tetrahedra by bisection of the longest edge (Rivara, Int. J. Numer. Meth. Eng. 20, 1984).
 
-A cut edge hangs in the cells around it, which are bisected too, each by its own longest edge, until no edge hangs.
-Among edges of equal length the place decides, in the same way for a mesh and its mirror images about the planes through
-the origin, so marks that are mirror images of one another give a mesh that is. Where two edges of one cell are images
-of one another the side decides, and not round-off.
+Marked cells are cut, and all names of the mesh are kept. A cut edge hangs in the cells around it. These cells are
+bisected too, each at its own longest edge, until no edge hangs. Among edges of equal length the place decides. It
+decides in the same way for a mesh and for its mirror images about the planes through the origin, so that symmetric
+marks give a symmetric mesh. If two edges of one cell are mirror images, the side decides, and not round-off.
 """
 
 from collections.abc import Callable
@@ -19,15 +18,15 @@ from skfem import MeshTet
 from tissue.arrays import Array, Indices
 
 PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-BITS = 32  # of the number of a point in the key of an edge
-EQUAL = 1e-7  # of a length: edges that differ by less are equally long
-TIED = 1e-11  # of a length: by so much the side decides between edges that are images of one another in one cell
-SAME = 1e-8  # of the mesh's span: coordinates that differ by less are the same
+BITS = 32  # bits of the number of a point in the key of an edge
+EQUAL = 1e-7  # of a length: edges that differ by less count as equal
+TIED = 1e-11  # of a length: weight of the side, which decides between edges of one cell that are mirror images
+SAME = 1e-8  # of the mesh's span: coordinates that differ by less count as equal
 LOTS = np.array(
     [0.8191725134, 0.6710436067, 0.5497004779]
 )  # Roberts' sequence in three dimensions: even and not periodic
 OPPOSITE = (3, 2, 1, 0)  # corner opposite to each facet of a cell, in scikit-fem's order of the facets
-WITHIN = -1  # of a facet that lies inside a cell of the mesh before
+WITHIN = -1  # for a facet inside a cell of the mesh before refinement
 
 Mask = NDArray[np.bool_]
 Keys = NDArray[np.int64]
@@ -35,8 +34,11 @@ Keys = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Refined:
-    """A refined `mesh` with the names of the one before; the cell there that each of its cells is a part of, `(c,)`,
-    and the facet there that each of its facets is a part of, `(f,)`, WITHIN for one inside a cell."""
+    """A refined `mesh` with the names of the mesh before refinement.
+
+    `parents` `(c,)` is the earlier cell that contains each cell. `sides` `(f,)` is the earlier facet that contains
+    each facet, WITHIN for a facet inside a cell.
+    """
 
     mesh: MeshTet
     parents: Indices
@@ -44,7 +46,7 @@ class Refined:
 
 
 def refine(mesh: MeshTet, marked: Indices) -> Refined:
-    """Return the mesh with the `marked` cells bisected, and those around as far as edges would hang."""
+    """Return the mesh with the `marked` cells bisected, and all cells around them in which edges would hang."""
     split = np.zeros(mesh.nelements, dtype=bool)
     split[marked] = True
     return _refined(mesh, split, lambda corners: np.zeros(len(corners), dtype=bool))
@@ -60,9 +62,9 @@ def refine_to(mesh: MeshTet, size: Callable[[Array], Array]) -> Refined:
 
 
 def _refined(mesh: MeshTet, split: Mask, too_large: Callable[[Array], Mask]) -> Refined:
-    """Return the mesh with cells `split` `(c,)`, and of their parts those that are `too_large` by their corners.
+    """Return the mesh with the cells `split` `(c,)` bisected, and their parts too while they are `too_large`.
 
-    Boundaries and subdomains keep their names; a node that is there twice, on both lips of a slit, stays so.
+    Boundaries and subdomains keep their names. A double node on both lips of a slit stays double.
     """
     if not split.any():
         return Refined(mesh, np.arange(mesh.nelements), np.arange(mesh.nfacets))
@@ -79,8 +81,10 @@ def _refined(mesh: MeshTet, split: Mask, too_large: Callable[[Array], Mask]) -> 
 
 
 def _joined(mesh: MeshTet) -> Indices:
-    """Return for each node the first that lies at the same place on the surface, `(n,)`: lips that lie on one another
-    are cut alike as long as they are joined."""
+    """Return for each node the first node at the same place of the surface, `(n,)`.
+
+    Lips that coincide are cut in the same way while their nodes are joined.
+    """
     one, surface = np.arange(mesh.nvertices), np.unique(mesh.facets[:, mesh.boundary_facets()])
     _, first, place = np.unique(mesh.p[:, surface].T, axis=0, return_index=True, return_inverse=True)
     one[surface] = surface[first[place.ravel()]]
@@ -88,8 +92,11 @@ def _joined(mesh: MeshTet) -> Indices:
 
 
 def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]:
-    """Return points and cells with a node for each part of the cells around it that hang together by facets, but for
-    those of the surface, `outer` `(c, 4)` opposite to a corner."""
+    """Return points and cells with a separate node for each connected group of cells around a place.
+
+    Cells are connected by common facets, except facets of the surface; `outer` `(c, 4)` marks these opposite to
+    each corner.
+    """
     whole = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(cells.T))
     closed = np.zeros(whole.nfacets, dtype=bool)
     closed[whole.t2f[list(OPPOSITE)].T[outer]] = True
@@ -105,8 +112,11 @@ def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]
 def _bisected(
     mesh: MeshTet, cells: Indices, split: Mask, too_large: Callable[[Array], Mask]
 ) -> tuple[Array, Indices, Indices, Indices]:
-    """Return points, cells, the parents of these `(c,)`, and the facet of the mesh in which that opposite to each
-    corner of a cell lies, `(c, 4)`, WITHIN for one that lies in none."""
+    """Return points, cells, their parents `(c,)`, and the mesh facet that contains the facet opposite to each
+    corner.
+
+    The latter has shape `(c, 4)`, with WITHIN for a facet inside a cell of the mesh.
+    """
     points = mesh.p.T
     parents, sides = np.arange(len(cells)), mesh.t2f[list(OPPOSITE)].T.astype(np.intp)
     span = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -121,7 +131,7 @@ def _bisected(
         points = np.vstack([points, points[_ends(fresh)].mean(axis=0)])
         parts, inner = _halves(cells[split], sides[split], longest[split], middles[np.searchsorted(cut, own)])
         edges, whole = _edges(points, parts, span), ~split
-        # A cell that was left whole is small enough, and of the edges cut before none is its own.
+        # A cell that was not split is small enough, and none of its edges was cut before.
         hanging = np.isin(keys[whole], fresh).any(axis=1)
         split = np.concatenate([hanging, too_large(points[parts]) | np.isin(edges[0], cut).any(axis=1)])
         cells, sides = np.concatenate([cells[whole], parts]), np.concatenate([sides[whole], inner])
@@ -131,8 +141,11 @@ def _bisected(
 
 
 def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) -> tuple[Indices, Indices]:
-    """Return the two parts of each of the `cells` `(k, 4)`, first the one and then the other of all, and their `sides`:
-    one end of the longest edge becomes its middle, and the facet opposite to the other end lies within."""
+    """Return the two parts of each of the `cells` `(k, 4)` and their `sides`; all first parts come first.
+
+    In each part, one end of the longest edge becomes the middle of this edge. The facet opposite to the other end
+    lies inside the cell.
+    """
     rows, parts, inner = np.arange(len(cells)), [], []
     for end, other in (PAIRS[longest].T, PAIRS[longest].T[::-1]):
         part, side = cells.copy(), sides.copy()
@@ -143,10 +156,10 @@ def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) 
 
 
 def _edges(points: Array, cells: Indices, span: float) -> tuple[Keys, Indices]:
-    """Return the keys of the edges `(c, 6)`, and which of them is the longest `(c,)`, in a mesh of a `span` [m]."""
+    """Return the keys of the edges `(c, 6)` and the longest edge of each cell `(c,)`, in a mesh of a `span` [m]."""
     ends = np.sort(cells[:, PAIRS], axis=2).astype(np.int64)
     keys, (low, high) = (ends[..., 0] << BITS) + ends[..., 1], np.moveaxis(points[ends], 2, 0)
-    # A lot that is drawn by the place keeps the choice from running in one direction, through the whole mesh.
+    # A pseudo-random number from the place prevents the choice from running in one direction through the mesh.
     place = (low + high) / span
     lot = EQUAL * (np.round(np.abs(place) / SAME) @ LOTS % 1.0) + TIED * (place @ LOTS)
     return keys, np.argmax(np.linalg.norm(high - low, axis=2) * (1.0 + lot), axis=1)
@@ -158,5 +171,5 @@ def _ends(keys: Keys) -> Indices:
 
 
 def cell_sizes(corners: Array) -> Array:
-    """Return the edge of a cube of six cells like each of the corners `(c, 4, 3)`, shape `(c,)` [m]."""
+    """Return the size of cells with corners `(c, 4, 3)`, shape `(c,)` [m]: the edge of a cube of six equal cells."""
     return np.asarray(np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))))

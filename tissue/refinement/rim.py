@@ -1,10 +1,10 @@
-"""What of a force on a footprint no quadratic traction on facets has, since a footprint ends within facets.
+"""The part of a footprint's traction that is not quadratic on facets, because a footprint ends inside facets.
 
-The rest g of the traction on a facet is orthogonal to quadratics, and moves the body by little:
+The rest g of the traction on a facet is orthogonal to quadratics, and moves the body only a little:
 
     |∫ g·v|² ≤ ‖g‖² ‖v − Πv‖² ≤ ‖g‖² Λ_K ∫_K σ(v) : ε(v) dx ,
 
-Π the projection on quadratics on the facet of cell K. Λ_K is the largest value of a small eigenvalue problem.
+with the projection Π on quadratics on the facet of cell K. Λ_K is the largest value of a small eigenvalue problem.
 """
 
 from collections.abc import Sequence
@@ -24,16 +24,16 @@ from tissue.refinement.star import AXES, MEANS, NODES, OTHERS, SIDES, Pull, Star
 from tissue.sites.site import Load, Site, load_of
 from tissue.sites.surface import outer_surface
 
-DEGREE = 6  # of the displacements in `trace_factor`
-ENLARGED = 2.0  # of `trace_factor`, for higher ones: degree 8 adds up to 40 % in cells of a bisected block
-ROUND = 1e-12  # of the square of a traction: less is none
-SHARE = 0.15  # of the error of displacements that is accepted: that of the rests, which add to it before it is squared
-SOFT = 0.5  # of 1/(E a): the least compliance of a half-space, along its normal at ν = 0.45
-MOST_ROUNDS = 12  # of bisection; where they are too few the bounds are wider
+DEGREE = 6  # degree of the displacements in `trace_factor`
+ENLARGED = 2.0  # factor on `trace_factor` for higher degrees: degree 8 adds up to 40 % in cells of a bisected block
+ROUND = 1e-12  # of the square of a traction: a smaller rest is round-off
+SHARE = 0.15  # of the accepted error of displacements: share of the rests, which are added before squaring
+SOFT = 0.5  # of 1/(E a): the smallest compliance of a half-space, along its normal at ν = 0.45
+MOST_ROUNDS = 12  # of bisection; if they are too few, the bounds are wider
 
 
 def pull_of(stars: Stars, load: Load) -> Pull:
-    """Return a load facet by facet."""
+    """Return the load of a footprint, facet by facet."""
     facets = np.unique(load.facets)
     cells, vertices = load.surface.behind[facets], load.surface.vertices[facets]
     opposite = np.argmin((stars.corners[cells][:, :, None] == vertices[:, None]).any(axis=2), axis=1)
@@ -43,21 +43,26 @@ def pull_of(stars: Stars, load: Load) -> Pull:
         at, weights = on_facet(stars, cell, side, load.points[own]), load.weights[own]
         moments[row] = (at * weights) @ quadratic(at, SIDES).T
         missed[row] = rest(stars, cell, side, moments[row].sum(axis=0), float(weights @ load.densities[own]))
-    shared = np.sum(cells[:, None] == cells, axis=1)  # rests on facets of one cell add up as forces do
+    shared = np.sum(cells[:, None] == cells, axis=1)  # rests on facets of one cell add up like forces
     return Pull(cells, opposite, moments, missed * shared)
 
 
 def on_facet(stars: Stars, cell: int, side: int, points: Array) -> Array:
-    """Return the barycentric coordinates of points `(k, 3)` [m] on the facet opposite to a corner of a cell, `(3, k)`;
-    each is zero at the other two corners of the facet."""
+    """Return the barycentric coordinates `(3, k)` of points `(k, 3)` [m] on the facet opposite to a corner of a
+    cell.
+
+    Each coordinate is zero at the other two corners of the facet.
+    """
     corners = OTHERS[side]
     zero = stars.points[cell, np.roll(corners, 1)]
     return np.einsum("kij,ij->ik", points[:, None] - zero, stars.gradients[cell, corners])
 
 
 def rest(stars: Stars, cell: int, side: int, moments: Array, square: float) -> float:
-    """Return Λ_K ‖g‖² [m/N] of a traction on a facet, whose `moments` with quadratics `(6,)` [-] and `square` [1/m²]
-    are known."""
+    """Return Λ_K ‖g‖² [m/N] of a traction on a facet.
+
+    `moments` `(6,)` [-] are its moments with quadratics, and `square` [1/m²] is the integral of its square.
+    """
     area = float(np.linalg.norm(stars.areas[cell, side]))
     left = square - float(moments @ np.linalg.solve(area * MEANS.facet, moments))
     if left <= ROUND * square:
@@ -67,8 +72,11 @@ def rest(stars: Stars, cell: int, side: int, moments: Array, square: float) -> f
 
 
 def cut_at_rims(mesh: MeshTet, material: Material, sites: Sequence[Site], accuracy: float) -> tuple[MeshTet, Material]:
-    """Return a mesh and its material, bisected at the rims of footprints until quadratic tractions miss little of the
-    relative error of the compliance that is accepted [-]."""
+    """Return a mesh and its material, bisected at the rims of footprints until quadratic tractions are accurate
+    enough.
+
+    The remaining error is small compared with the accepted relative error `accuracy` of the compliance [-].
+    """
     for _ in range(MOST_ROUNDS):
         stars, surface = Stars(mesh, material, np.zeros((0, AXES), dtype=bool)), outer_surface(mesh)
         marks = [coarse(stars, load_of(surface, site), SHARE**2 * accuracy * SOFT / site.radius) for site in sites]
@@ -80,8 +88,10 @@ def cut_at_rims(mesh: MeshTet, material: Material, sites: Sequence[Site], accura
 
 
 def coarse(stars: Stars, load: Load, most: float) -> Indices:
-    """Return the cells behind a footprint where quadratic tractions miss more than their share of `most`, an energy
-    times Young's modulus [1/m]."""
+    """Return the cells behind a footprint whose tractions must be refined.
+
+    There the rest of quadratic tractions has more than its share of `most`, an energy times Young's modulus [1/m].
+    """
     pull = pull_of(stars, load)
     missed = pull.missed * np.max(np.broadcast_to(stars.material.youngs_modulus, stars.mesh.nelements)[pull.cells])
     if missed.sum() <= most:
@@ -96,8 +106,11 @@ def part_of(material: Material, cells: Indices) -> Material:
 
 
 def trace_factor(points: Array, lam: float, mu: float, degree: int = DEGREE) -> float:
-    """Return the largest ∫ |v − Πv|² over the facet of the last three of the corners `(4, 3)` [m], over the energy
-    ∫ σ(v) : ε(v) of the cell, by polynomials of a degree [m³/N]."""
+    """Return the largest ratio of ∫ |v − Πv|² on a facet to the energy ∫ σ(v) : ε(v) of its cell [m³/N].
+
+    The cell has the corners `points` `(4, 3)` [m], the facet the last three of them. v are polynomials of the
+    `degree`.
+    """
     strains, coordinates, sides = polynomials(degree)
     slopes, volume = hat_gradients(points[None])[0, 1:], abs(np.linalg.det(points[1:] - points[0])) / 6.0
     N = volume * np.einsum("akbl,ki,lj->aibj", strains, slopes, slopes, optimize=True)
@@ -105,7 +118,7 @@ def trace_factor(points: Array, lam: float, mu: float, degree: int = DEGREE) -> 
     offset = points - points.mean(axis=0)
     turns = np.cross(np.eye(AXES), (coordinates @ offset / np.abs(offset).max())[:, None]).swapaxes(1, 2)
     slides = np.eye(AXES) * coordinates.sum(axis=1)[:, None, None]
-    Q = np.linalg.qr(np.concatenate([slides, turns], axis=2).reshape(len(K), -1))[0]  # no facet's v − Πv has these
+    Q = np.linalg.qr(np.concatenate([slides, turns], axis=2).reshape(len(K), -1))[0]  # with v − Πv = 0 on facets
     K += np.trace(K) / len(K) * Q @ Q.T
     half = scipy.linalg.solve_triangular(np.linalg.cholesky(K), np.kron(sides, np.eye(AXES)).T, lower=True)
     area = 0.5 * float(np.linalg.norm(np.cross(points[2] - points[1], points[3] - points[1])))
@@ -114,9 +127,10 @@ def trace_factor(points: Array, lam: float, mu: float, degree: int = DEGREE) -> 
 
 @cache
 def polynomials(degree: int) -> tuple[Array, Array, Array]:
-    """Return of polynomials of a degree that are orthonormal in a cell, for the last three barycentric coordinates: the
-    means of products of their slopes, `(a, 3, a, 3)`; the means with all four coordinates, `(a, 4)`; and what they have
-    on the facet of the last three that no quadratic has, by orthonormal functions there, `(b, a)`."""
+    """Return three matrices of the polynomials of a degree, orthonormal in a cell; a is their number. - The means
+    of products of their slopes by the last three barycentric coordinates, `(a, 3, a, 3)`. - The means of their
+    products with all four coordinates, `(a, 4)`. - Their non-quadratic parts on the facet of the last three
+    corners, in b orthonormal functions, `(b, a)`."""
     powers = np.array([each for each in product(range(degree + 1), repeat=AXES) if sum(each) <= degree])
     x, w = conical(2 * degree)
     y, v = get_quadrature(ElementTriP2(), 2 * degree)
@@ -138,7 +152,7 @@ def monomials(powers: Array, at: Array) -> Array:
 
 
 def conical(order: int) -> tuple[Array, Array]:
-    """Return points `(3, k)` of a rule of the cell that is exact for an order, and weights `(k,)`, which sum to 1."""
+    """Return points `(3, k)` of a quadrature rule of a cell, exact for an order, and weights `(k,)`, which sum to 1."""
     rules = [roots_jacobi(order // 2 + 1, power, 0.0) for power in (2.0, 1.0, 0.0)]
     u, v, w = np.meshgrid(*(0.5 * (x + 1.0) for x, _ in rules), indexing="ij")
     weights = np.einsum("i,j,k->ijk", *(each for _, each in rules)).ravel()

@@ -1,4 +1,4 @@
-"""A body with cells where its holes are: its mesh is estimated, marked and refined until the accuracy is reached."""
+"""A body with fine cells at its holes: its error is estimated, and its mesh refined until the accuracy is reached."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -18,27 +18,33 @@ from tissue.sites.site import Site, build_sites
 log = logging.getLogger(__name__)
 
 MOST_ROUNDS = 8  # three to six are usual
-GROWTH = 2.0  # of the unknowns in a round, at most about
+GROWTH = 2.0  # of the unknowns in a round, about the largest factor
 
 
 @dataclass(frozen=True)
 class Round:
-    """A round of refinement: the free `unknowns`, the largest relative `error` of a hole's compliance that was
-    estimated [-], and the `seconds` it took."""
+    """A round of refinement.
+
+    `unknowns` are the free ones, `error` is the largest estimated relative error of a hole's compliance [-], and
+    `seconds` the time of the round.
+    """
 
     unknowns: int
     error: float
     seconds: float
 
     def record(self) -> dict[str, float | int]:
-        """The numbers to be written down."""
+        """Return the numbers for the record of a run."""
         return {"unknowns": self.unknowns, "estimate": self.error, "seconds": self.seconds}
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A `body` whose mesh was refined in `rounds`, the relative `errors` of the compliance of its sites that were
-    estimated `(p,)` [-], not a number of bare points, and the `indicators` of its cells `(c,)` [-], shares of these."""
+    """A `body` whose mesh was refined in `rounds`, with its estimated errors.
+
+    `errors` `(p,)` [-] are the relative errors of the compliance of its sites, not a number for bare points.
+    `indicators` `(c,)` [-] are the shares of its cells in these errors.
+    """
 
     body: Elasticity
     rounds: tuple[Round, ...]
@@ -47,7 +53,7 @@ class Fitted:
 
     @property
     def error(self) -> float:
-        """The largest of the errors, 0 without a footprint [-]."""
+        """The largest of the errors [-]; 0 without a footprint."""
         return self.rounds[-1].error
 
 
@@ -60,10 +66,13 @@ def fitted(
     most: float = np.inf,
     mirror: int | None = None,
 ) -> Fitted:
-    """Return the body of an `element` that `body_on` makes on a mesh, refined until the relative error of the
-    compliance of every site is within the `accuracy`, or the next round might have more than `most` unknowns.
+    """Return the body that `body_on` makes on a mesh, refined until every site's compliance is accurate enough.
 
-    A mesh that is its own image about the plane across the axis `mirror`, as lips that match need it, stays so.
+    The refinement ends when the estimated relative errors are within the `accuracy`, or if the next round could
+    have more than `most` unknowns.
+
+    A mesh that is symmetric about the plane normal to the axis `mirror` stays symmetric, because matching lips need
+    this.
     """
     begun, size = perf_counter(), wanted(mesh, element, accuracy, sites)
     body = body_on(refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh)
@@ -84,8 +93,10 @@ def fitted(
 
 
 def mirrored(size: Callable[[Array], Array], axis: int) -> Callable[[Array], Array]:
-    """Return the smaller size of those wanted at corners `(c, 4, 3)` and at their images about the plane across an
-    axis."""
+    """Return a size function that is symmetric about the plane normal to an axis.
+
+    It returns the smaller of the sizes wanted at corners `(c, 4, 3)` and at their mirror images.
+    """
     signs = np.ones(3)
     signs[axis] = -1.0
     return lambda corners: np.minimum(size(corners), size(corners * signs))

@@ -1,18 +1,18 @@
-"""A stress in equilibrium with a load, made star by star from that of quadratic displacements.
+"""A stress in equilibrium with a load, made star by star from the stress of quadratic displacements.
 
-About vertex i, with its hat function ψ_i, the stress θ_i on the cells around solves
+A star is the set of cells around a vertex i. With its hat function ψ_i, the stress θ_i on the star solves
 
     minimise ‖θ_i − ψ_i σ_h‖  with  div θ_i = σ_h ∇ψ_i,  θ_i n = ψ_i t on free facets,  θ_i n = 0 where the star ends.
 
-Σ ψ_i = 1, so Σ θ_i has no divergence and the traction t (Ladevèze and Leguillon, SIAM J. Numer. Anal. 20, 1983; Braess
-and Schöberl, Math. Comp. 77, 2008). A star that may move as a rigid body is in balance, since ψ_i times a rigid motion
-is a quadratic displacement, for which σ_h is in equilibrium.
+Since Σ ψ_i = 1, Σ θ_i has no divergence and has the traction t (Ladevèze and Leguillon, SIAM J. Numer. Anal. 20,
+1983; Braess and Schöberl, Math. Comp. 77, 2008). A star that can move as a rigid body is in balance: ψ_i times a
+rigid motion is a quadratic displacement, and σ_h is in equilibrium for all quadratic displacements.
 
-θ_i is symmetric and quadratic on the four parts of a cell about its centre, and its tractions are continuous. On such
-parts every quadratic traction on the facets of a cell can be met (Johnson and Mercier, Numer. Math. 30, 1978, in the
-plane). The multipliers of equilibrium are displacements, linear in each part; those of the tractions are quadratic on
-facets. Without those inside, a cell has a stiffness matrix over the 72 multipliers of its facets, and a star is solved
-like a small organ.
+θ_i is symmetric and quadratic on four parts of a cell, which meet at the cell's centre. Its tractions are
+continuous. With these parts, every quadratic traction on the facets of a cell is possible (Johnson and Mercier,
+Numer. Math. 30, 1978, in the plane). The multipliers of equilibrium are displacements, linear in each part. The
+multipliers of the tractions are quadratic on facets. After elimination of the inner multipliers, a cell has a
+stiffness matrix over the 72 multipliers of its facets, and a star is solved like a small organ.
 """
 
 import logging
@@ -36,23 +36,26 @@ from tissue.refinement.refine import OPPOSITE
 
 log = logging.getLogger(__name__)
 
-AXES, CORNERS, NODES = 3, 4, 6  # NODES of a facet
+AXES, CORNERS, NODES = 3, 4, 6  # NODES: of a facet
 OF_FACET, OF_CELL = AXES * NODES, AXES * NODES * CORNERS  # multipliers of a facet, and of the facets of a cell
 EDGES = list(combinations(range(CORNERS), 2))
 SIDES = list(combinations(range(3), 2))
 OTHERS = np.array([[k for k in range(CORNERS) if k != j] for j in range(CORNERS)])
-WITHIN = AXES * (CORNERS * CORNERS + len(EDGES) * NODES)  # multipliers inside a cell: of its parts, and between these
-TOGETHER = 64  # cells whose matrices are made at once: 60 MB
-UNBALANCED = 1e-6  # of the loads of all stars: a star with more is not in balance, far above the error of the columns
-FIXED = 1e-9  # of the largest singular value: a rigid motion that is held less is not held
+WITHIN = AXES * (CORNERS * CORNERS + len(EDGES) * NODES)  # multipliers inside a cell: of parts, and between parts
+TOGETHER = 64  # cells whose matrices are made together: 60 MB
+UNBALANCED = 1e-6  # of the loads of all stars: more is out of balance, and is far above the error of the columns
+FIXED = 1e-9  # of the largest singular value: a rigid motion with a smaller value is not held
 
 
 @dataclass(frozen=True)
 class Pull:
-    """A unit force on a footprint facet by facet: the `cells` behind these `(k,)`, the corner `opposite` to each by
-    rising number of the vertices `(k,)`, the `moments` of the traction with the product of a linear and a quadratic
-    shape function of the facet, `(k, 3, 6)` [-], and bounds of the energy of what no quadratic traction has of it,
-    `missed` `(k,)` [m/N]."""
+    """A unit force on a footprint, facet by facet.
+
+    `cells` `(k,)` are behind the facets, and `opposite` `(k,)` is the corner opposite to each facet, with the
+    vertices of a cell in ascending order. `moments` `(k, 3, 6)` [-] are of the traction with the products of a
+    linear and a quadratic shape function of the facet. `missed` `(k,)` [m/N] bounds the energy of the part of the
+    traction that is not quadratic.
+    """
 
     cells: Indices
     opposite: Indices
@@ -61,8 +64,10 @@ class Pull:
 
 
 def quadratic(at: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return the quadratic shape functions of the corners and of the middles of `pairs` at barycentric coordinates
-    `(n, k)`, shape `(n + pairs, k)`."""
+    """Return the quadratic shape functions at barycentric coordinates `(n, k)`, shape `(n + pairs, k)`.
+
+    The functions of the corners come first, then the functions of the middles of `pairs` of corners.
+    """
     return np.vstack([at * (2.0 * at - 1.0), *([4.0 * at[a] * at[b]] for a, b in pairs)])
 
 
@@ -73,12 +78,12 @@ def hat_gradients(points: Array) -> Array:
 
 
 class Means(NamedTuple):
-    """Means of products of shape functions, which are those of any cell.
+    """Means of products of shape functions, which are the same in any cell.
 
-    `facet`: of two quadratic ones on a facet, `(6, 6)`. `thrice`: of two linear ones and a quadratic one there,
-    `(3, 3, 6)`. `strains`: from the multipliers of a part, of its corners and its facets, and the gradients of two
-    linear functions to the energy, `(28, 4, 28, 4)`. `hats`: of a linear function of a part and a hat function of the
-    cell, by part and corner, `(16, 4)`.
+    `facet`: of two quadratic functions on a facet, `(6, 6)`. `thrice`: of two linear functions and a quadratic one
+    on a facet, `(3, 3, 6)`. `strains` `(28, 4, 28, 4)`: the energy of a part, from two of its multipliers and the
+    gradients of two linear functions; the multipliers of its corners come before the multipliers of its facets.
+    `hats`: of a linear function of a part and a hat function of the cell, by part and corner, `(16, 4)`.
     """
 
     facet: Array
@@ -88,7 +93,7 @@ class Means(NamedTuple):
 
 
 def means() -> Means:
-    """Return the means, by rules that are exact for them."""
+    """Return the means, by exact quadrature rules."""
     (x, w), (y, v) = (get_quadrature(element(), 6) for element in (ElementTetP2, ElementTriP2))
     cell, side = (np.vstack([1.0 - at.sum(axis=0), at]) for at in (x, y))
     w, v = w / w.sum(), v / v.sum()
@@ -110,8 +115,10 @@ def means() -> Means:
 
 
 def slopes_of(cell: Array) -> Array:
-    """Return the derivatives of the quadratic shape functions by the barycentric coordinates, at these `(4, k)`, shape
-    `(10, 4, k)`."""
+    """Return the derivatives of the quadratic shape functions by the barycentric coordinates, shape `(10, 4, k)`.
+
+    `cell` `(4, k)` are the barycentric coordinates of the points.
+    """
     slopes = np.zeros((CORNERS + len(EDGES), CORNERS, cell.shape[1]))
     slopes[range(CORNERS), range(CORNERS)] = 4.0 * cell - 1.0
     for n, (a, b) in enumerate(EDGES, CORNERS):
@@ -120,10 +127,10 @@ def slopes_of(cell: Array) -> Array:
 
 
 def part_numbers() -> Indices:
-    """Return the multipliers of a cell that each of its parts has, `(4, 84)`: those inside the cell come first."""
+    """Return the multiplier numbers of each part of a cell, `(4, 84)`; multipliers inside the cell come first."""
     rows = []
     for j, others in enumerate(OTHERS.tolist()):
-        between = [EDGES.index((others[a], others[b])) for a, b in reversed(SIDES)]  # opposite to each of the others
+        between = [EDGES.index((others[a], others[b])) for a, b in reversed(SIDES)]  # opposite to the other corners
         facets = [*(CORNERS**2 + NODES * edge for edge in between), WITHIN // AXES + NODES * j]
         rows.append(np.concatenate([CORNERS * j + np.arange(CORNERS), *(first + np.arange(NODES) for first in facets)]))
     return (AXES * np.array(rows)[..., None] + np.arange(AXES)).reshape(CORNERS, -1)
@@ -143,9 +150,11 @@ def isotropic(N: Array, lam: Array, mu: Array) -> Array:
 
 
 class Cells(NamedTuple):
-    """Cells over the multipliers of their facets: the `stiffness` `(c, 72, 72)`; the forces there of a unit divergence
-    of σ_h along x, y and z times the hat function of each corner, `drag` `(c, 72, 4, 3)`; and the energy inside of that
-    divergence, `inner` `(c, 3, 3)`."""
+    """Cells over the multipliers of their facets.
+
+    `stiffness` has shape `(c, 72, 72)`. `drag` `(c, 72, 4, 3)` are the forces of a unit divergence of σ_h along x,
+    y and z times the hat function of each corner. `inner` `(c, 3, 3)` is the inner energy of this divergence.
+    """
 
     stiffness: Array
     drag: Array
@@ -153,7 +162,7 @@ class Cells(NamedTuple):
 
 
 def condensed(points: Array, lam: Array, mu: Array) -> Cells:
-    """Return cells with corners `(c, 4, 3)` [m] and moduli `(c,)` [Pa] without the multipliers inside."""
+    """Return cells with corners `(c, 4, 3)` [m] and moduli `(c,)` [Pa], with the inner multipliers eliminated."""
     count, volume = len(points), np.abs(np.linalg.det(points[:, 1:] - points[:, :1])) / (6.0 * CORNERS)
     whole = np.zeros((count, WITHIN + OF_CELL, WITHIN + OF_CELL))
     for others, numbers in zip(OTHERS, PARTS, strict=True):
@@ -175,8 +184,11 @@ def condensed(points: Array, lam: Array, mu: Array) -> Cells:
 
 @dataclass(frozen=True)
 class Field:
-    """σ_h of n columns: the `stress` at the corners of each cell, `(c, 4, 3, 3, n)`, which is linear between these, its
-    `divergence` `(c, 3, n)`, and by facet the columns that `pulls` load, as their goal and moments `(3, 6)`."""
+    """σ_h of n columns.
+
+    `stress` `(c, 4, 3, 3, n)` is the stress at the corners of each cell, linear in between. `divergence` is its
+    divergence `(c, 3, n)`. `pulls` lists for each loaded facet the goals and moments `(3, 6)`.
+    """
 
     stress: Array
     divergence: Array
@@ -185,9 +197,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Star:
-    """The cells around a vertex, which is the corner `place` of each, `(k,)` both; the `facets` that share the vertex
-    `(f,)`; which of these each cell has, `local` `(k, 3)`; and of each facet one of these cells and its side there,
-    `first` `(f,)`, cell times three plus side."""
+    """The cells around a vertex, and their facets.
+
+    The vertex is the corner `place` of each of the `cells`, `(k,)` both. `facets` `(f,)` share the vertex, and
+    `local` `(k, 3)` are the facets of each cell among them. `first` `(f,)` gives one cell and side for each facet:
+    cell times three plus side.
+    """
 
     cells: Indices
     place: Indices
@@ -197,28 +212,29 @@ class Star:
 
     @property
     def sides(self) -> Indices:
-        """The corners of the cells opposite to these facets, `(k, 3)`."""
+        """The corners of the cells opposite to the facets that share the vertex, `(k, 3)`."""
         return np.asarray(OTHERS[self.place])
 
     @property
     def near(self) -> Indices:
-        """The multipliers in each cell of the facets that share the vertex, `(k, 54)`."""
+        """The multipliers of the facets that share the vertex, by their numbers in each cell, `(k, 54)`."""
         return (OF_FACET * self.sides[..., None] + np.arange(OF_FACET)).reshape(len(self.cells), -1)
 
     @property
     def far(self) -> Indices:
-        """Those of the facet opposite to the vertex, `(k, 18)`."""
+        """The multipliers of the facet opposite to the vertex, `(k, 18)`."""
         return np.asarray(OF_FACET * self.place[:, None] + np.arange(OF_FACET))
 
     @property
     def numbers(self) -> Indices:
-        """The numbers in the star of the near ones, `(k, 54)`."""
+        """The numbers of the `near` multipliers in the star, `(k, 54)`."""
         return (OF_FACET * self.local[..., None] + np.arange(OF_FACET)).reshape(len(self.cells), -1)
 
 
 @dataclass(frozen=True)
 class Stars:
-    """The stars of the vertices of a `mesh` of a linear material, whose facets are `held` `(f, 3)`."""
+    """The stars of the vertices of a `mesh` of a linear material; `held` `(f, 3)` says which facet components are
+    held."""
 
     mesh: MeshTet
     material: Material
@@ -226,22 +242,25 @@ class Stars:
 
     @cached_property
     def order(self) -> Indices:
-        """The corners of each cell by rising number of the vertex, `(c, 4)`: two cells see a facet alike."""
+        """The corners of each cell in ascending order of the vertex, `(c, 4)`.
+
+        Both cells of a facet then have its vertices in the same order.
+        """
         return np.argsort(self.mesh.t.T, axis=1)
 
     @cached_property
     def corners(self) -> Indices:
-        """Vertices of each cell, rising, `(c, 4)`."""
+        """Vertices of each cell in ascending order, `(c, 4)`."""
         return np.take_along_axis(self.mesh.t.T, self.order, axis=1)
 
     @cached_property
     def points(self) -> Array:
-        """Places of these, `(c, 4, 3)` [m]."""
+        """Positions of the `corners`, `(c, 4, 3)` [m]."""
         return self.mesh.p.T[self.corners]
 
     @cached_property
     def facets(self) -> Indices:
-        """The facet opposite to each of these, `(c, 4)`."""
+        """The facet opposite to each of the `corners`, `(c, 4)`."""
         return np.take_along_axis(self.mesh.t2f.T[:, OPPOSITE], self.order, axis=1)
 
     @cached_property
@@ -271,8 +290,10 @@ class Stars:
         return Cells(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
     def field(self, body: Elasticity, W: Array, pulls: Sequence[Pull]) -> Field:
-        """Return σ_h of the columns W `(N, 3g)` [m/N] of a quadratic body, by unit forces along x, y and z of g goals
-        with their `pulls`."""
+        """Return σ_h of the columns W `(N, 3g)` [m/N] of a quadratic body.
+
+        The columns belong to unit forces along x, y and z on g goals with their `pulls`.
+        """
         slopes = shape_gradients(body, np.vstack([np.zeros(AXES), np.eye(AXES)]))
         H = np.einsum("cpnj,cnik->cpijk", slopes, W[body.nodes[body.cells]], optimize=True)
         lam, mu = (modulus[:, None, None, None, None] for modulus in self.moduli)
@@ -287,14 +308,14 @@ class Stars:
         return Field(stress, np.einsum("cpijk,cpj->cik", stress, self.gradients), loaded)
 
     def excess(self, field: Field) -> Array:
-        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N]. Raises `TissueError` for stars that are not in balance."""
+        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N]. Raises `TissueError` if the stars are not in balance."""
         divergence, cells = field.divergence, self.cells
         moved, balance = np.zeros((len(divergence), OF_CELL, divergence.shape[2])), np.zeros(2)
         for star in self._stars():
             balance += self._add(moved, star, field)
         if balance[0] > UNBALANCED**2 * balance[1]:
             raise TissueError(
-                "bounds of the compliance: cells around a vertex hang together at an edge or a point alone, so their "
+                "bounds of the compliance: cells around a vertex are joined only at an edge or a point, so that their "
                 "stress cannot be balanced; join them by facets, or leave tissue.mesh.bound out"
             )
         energy = np.einsum("cxk,cxy,cyk->k", moved, cells.stiffness, moved, optimize=True)
@@ -311,8 +332,11 @@ class Stars:
             yield Star(cells, place, facets, local.reshape(every.shape), first)
 
     def _add(self, moved: Array, star: Star, field: Field) -> Array:
-        """Add the multipliers of a star to those `moved` `(c, 72, n)` of all facets by their cells; return the squares
-        of what is not in balance, and of the loads."""
+        """Add the multipliers of a star to `moved` `(c, 72, n)`, and return the squares of its unbalanced load and
+        its loads.
+
+        `moved` has the multipliers of all facets, cell by cell.
+        """
         forces, S, rows = self._forces(star, field), self.cells.stiffness[star.cells], np.arange(len(star.cells))
         near, far, numbers, whole = star.near, star.far, star.numbers, rows[:, None, None]
         across = S[whole, far[:, :, None], near[:, None]]
@@ -334,7 +358,7 @@ class Stars:
         return np.array([np.sum(unbalanced**2), np.sum(b[free] ** 2)])
 
     def _forces(self, star: Star, field: Field) -> Array:
-        """Return what σ_h times the hat function of the vertex leaves to the multipliers of each cell, `(k, 72, n)`."""
+        """Return the forces of σ_h times the vertex's hat function on the multipliers of each cell, `(k, 72, n)`."""
         rows, cells = np.arange(len(star.cells)), star.cells
         dragged = np.einsum("cxi,cik->cxk", self.cells.drag[cells, :, star.place], field.divergence[cells])
         forces = -dragged.reshape(rows.size, CORNERS, NODES, AXES, -1)
@@ -346,7 +370,7 @@ class Stars:
         return np.asarray(forces.reshape(rows.size, OF_CELL, -1))
 
     def _pulled(self, star: Star, field: Field) -> Array:
-        """Return the footprints' loads times the hat function, on the facets of a star, `(18f, n)`."""
+        """Return the footprint loads times the hat function on the facets of a star, `(18f, n)`."""
         forces = np.zeros((star.facets.size, NODES, AXES, field.divergence.shape[2]))
         for row, facet in enumerate(star.facets.tolist()):
             cell, side = divmod(int(star.first[row]), 3)
@@ -357,8 +381,10 @@ class Stars:
         return forces.reshape(OF_FACET * star.facets.size, -1)
 
     def _motions(self, star: Star, free: NDArray[np.bool_]) -> Array:
-        """Return the rigid motions that the supports leave to a star, over the `free` multipliers of its facets,
-        orthonormal columns `(k, d)`."""
+        """Return the rigid motions of a star that its supports allow, as orthonormal columns `(k, d)`.
+
+        Rows are the `free` multipliers of its facets.
+        """
         cell, side = np.divmod(star.first, 3)
         corners = OTHERS[star.sides[cell, side]]
         at = self.points[star.cells[cell][:, None], corners] - self.points[star.cells[0], star.place[0]]
@@ -371,6 +397,7 @@ class Stars:
 
 
 def solved_with(A: Array, b: Array, motions: Array) -> Array:
-    """Return x `(k, n)` of A x = b, where A `(k, k)` does not resist the orthonormal `motions` `(k, d)`."""
+    """Return x `(k, n)` with A x = b for a matrix A `(k, k)` that is singular for the orthonormal `motions`
+    `(k, d)`."""
     A = A + np.trace(A) / len(A) * motions @ motions.T
     return np.asarray(scipy.linalg.cho_solve(scipy.linalg.cho_factor(A, overwrite_a=True, check_finite=False), b))

@@ -1,1 +1,1 @@
-"""Where a thread bears on the organ: footprints, the rows they give, and what a mesh is too coarse for."""
+"""Sites of threads on the organ: footprints, their rows over the unknowns, and checks against too coarse meshes."""

@@ -1,8 +1,9 @@
 """Site variables at finite strain: y = y(z), z = Z U linear in the organ's unknowns, y(z) local and smooth.
 
-The point and a frame that convects with the surface are linear in U, u = ⟨F⟩ u₀, and z is y − y₀ itself. A frame that
-the needle cut follows the material line d₀ by T ∥ ⟨F⟩ d₀: u and v are those across it, u = ⟨F⟩⁻ᵀ u₀, and z holds the
-displacement of the point and the nine numbers of ⟨∇U⟩. To first order in U that is the linear organ's frame.
+The point is linear in U. A normal frame, which convects with the surface by u = ⟨F⟩ u₀, is linear too. For both, z
+is y − y₀ itself. A fibre frame, along the cut of the needle, follows the material line d₀ by T ∥ ⟨F⟩ d₀. Its u and
+v are normal to T, u = ⟨F⟩⁻ᵀ u₀. There z holds the displacement of the point and the nine numbers of ⟨∇U⟩. To first
+order in U the result is the frame of the linear organ.
 """
 
 from dataclasses import dataclass
@@ -20,13 +21,16 @@ NINE, TWELVE = 9, 12
 
 @dataclass(frozen=True)
 class SiteMap:
-    """y(z) of `sites`, with its slope and bend; shapes `(9p,)`, `(k,)` with k = 9 or, of a cut frame, 12 a site."""
+    """y(z) of `sites`, with its first and second derivatives.
+
+    y has shape `(9p,)`. z has shape `(k,)`: 9 numbers per site, or 12 for a fibre frame.
+    """
 
     sites: Sites
 
     @cached_property
     def cut(self) -> tuple[bool, ...]:
-        """Which sites have a frame that the needle cut."""
+        """Whether each site has a fibre frame, along the cut of the needle."""
         slopes = self.sites.slopes or (None,) * len(self.sites.points)
         return tuple(rows is not None for rows in slopes)
 
@@ -48,7 +52,7 @@ class SiteMap:
 
     @cached_property
     def _parts(self) -> list[slice]:
-        """The numbers of each site in z."""
+        """The slice of each site in z."""
         ends = np.cumsum([0, *(TWELVE if cut else NINE for cut in self.cut)]).tolist()
         return [slice(first, last) for first, last in pairwise(ends)]
 
@@ -82,7 +86,10 @@ class SiteMap:
         return csr_matrix(block_diag(blocks))
 
     def bend(self, z: Array, f_y: Array) -> csr_matrix:
-        """Return S = Σ f_y ∂²y/∂z², symmetric, shape `(k, k)`: with a = F⁻¹ f_u, H_lk a_m u_j + a_k H_jm u_l."""
+        """Return S = Σ f_y ∂²y/∂z², symmetric, shape `(k, k)`.
+
+        Its entries are H_lk a_m u_j + a_k H_jm u_l with a = F⁻¹ f_u.
+        """
         if not any(self.cut):
             return csr_matrix((z.size, z.size))
         blocks = []
@@ -99,5 +106,5 @@ class SiteMap:
 
 
 def _carried(z: Array) -> Array:
-    """Return H = F⁻ᵀ of a cut frame's numbers (12,)."""
+    """Return H = F⁻ᵀ from the numbers (12,) of a fibre frame."""
     return np.asarray(np.linalg.inv(np.eye(3) + z[3:].reshape(3, 3)).T)

@@ -1,15 +1,16 @@
 """Averaging rules over the width of the hole: ⟨f⟩ = Σ_q w_q f(x_q) with Σ_q w_q = 1, and ⟨∇f⟩ = Σ_q c_q f(x_q).
 
-Points are in units of the radius. The rules are products of Gauss rules and equal angles, so they are exact for
-polynomials far above the shape functions' degree; many points, because a shape function is only piecewise polynomial.
+Points are in units of the radius. The rules are products of Gauss rules and equal angles, so that they are exact
+for polynomials far above the degree of the shape functions. The rules have many points, because a shape function is
+only piecewise polynomial.
 
-The gradient is averaged by parts, ⟨∂f/∂x_j⟩ = ∫ w ∂f/∂x_j = ∮ w f n_j − ∫ f ∂w/∂x_j, which asks for the values of f
-alone. Gradients of shape functions jump from cell to cell, and a sum over points that are not many times more than
-the cells under the footprint would be as wrong as a bare point (measured: a couple's compliance doubled at a/h = 5).
+The gradient is averaged by parts, ⟨∂f/∂x_j⟩ = ∫ w ∂f/∂x_j = ∮ w f n_j − ∫ f ∂w/∂x_j, which uses only values of f.
+Gradients of shape functions jump from cell to cell. A sum of gradients needs many more points than cells under the
+footprint; with fewer points it is as wrong as a bare point (measured: a couple's compliance doubled at a/h = 5).
 
-Nor may the points stay the same while the cells shrink: a fixed sum is a set of bare points, whose compliance has no
-limit (measured with 640 points and P2: orders fell from 3 to 0.5 from a/h = 4 to 6). A disc is therefore
-integrated facet by facet, exactly.
+The number of points must grow while the cells shrink. A fixed sum is a set of bare points, and their compliance has
+no limit (measured with 640 points and P2: orders fell from 3 to 0.5 from a/h = 4 to 6). A disc is therefore
+integrated exactly, facet by facet.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from tissue.errors import TissueError
 
 WEIGHTS = ("uniform", "parabolic")
 RADIAL, AROUND, RIM = 16, 40, 720  # 640 points on the disc
-INWARD, ALONG, ARC = 4, 4, 16  # exact for a weight and shape functions of degree two; an arc turns by less than π
+INWARD, ALONG, ARC = 4, 4, 16  # exact for a weight and shape functions of degree two; an arc has an angle below π
 POLAR = 8  # 8 · 16 · 24 = 3072 points in the ball, half of them in a half ball
 
 
@@ -61,8 +62,11 @@ def density(weight: str, r: Array) -> Array:
 
 @dataclass(frozen=True)
 class Cover:
-    """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and weights `(k,)` of 1/π, with
-    which polynomials up to degree six are integrated over each part; points may lie outside of it."""
+    """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and flat weights `(k,)`.
+
+    The weights are for the density 1/π. They integrate polynomials up to degree six over each part. Points can lie
+    outside the disc.
+    """
 
     points: Array
     triangles: NDArray[np.intp]
@@ -77,8 +81,9 @@ class Cover:
 def cover(triangles: Array) -> Cover:
     """Return the unit disc cut by triangles of a plane, shape `(f, 3, 2)`.
 
-    A triangle is the sum over its edges of the signed triangle between edge and centre; the disc leaves of that
-    a triangle where the edge is inside, and a sector where it is outside.
+    A triangle is the sum of signed triangles, one between each edge and the centre. The disc cuts each signed
+    triangle. Below the part of its edge inside the disc, a smaller triangle remains. Below each part outside the
+    disc, a sector remains.
     """
     turn = np.sign(_cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
     begin, end, of = _pieces(triangles)
@@ -93,7 +98,7 @@ def cover(triangles: Array) -> Cover:
 def _fan(rim: Array, spread: Array, turn: Array, of: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp], Array]:
     """Return points, triangles and weights between the centre and points `rim` `(k, n, 2)`.
 
-    Each point of the rim stands for twice the area `spread` `(k, n)`.
+    `spread` `(k, n)` is twice the area of each point of the rim.
     """
     rho, d_rho = _gauss(INWARD)
     weights = (turn[:, None] * spread / np.pi)[..., None] * (rho * d_rho)
@@ -101,13 +106,13 @@ def _fan(rim: Array, spread: Array, turn: Array, of: NDArray[np.intp]) -> tuple[
 
 
 def _chords(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Return the points along pieces inside the disc."""
+    """Return points on pieces inside the disc, and twice the area of each point."""
     t, dt = _gauss(ALONG)
     return begin[:, None] + t[:, None] * (end - begin)[:, None], _cross(begin, end)[:, None] * dt
 
 
 def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Return the points along the circle below pieces outside the disc."""
+    """Return points on the circle below pieces outside the disc, and twice the area of each point."""
     t, dt = _gauss(ARC)
     angle = np.arctan2(_cross(begin, end), np.sum(begin * end, axis=1))[:, None]
     theta = np.arctan2(begin[:, 1], begin[:, 0])[:, None] + angle * t
@@ -117,7 +122,7 @@ def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
 def _pieces(triangles: Array) -> tuple[Array, Array, NDArray[np.intp]]:
     """Return the edges of triangles that reach into the unit disc, cut where they cross the circle.
 
-    The pieces are begins and ends `(k, 2)`, and the triangle of each.
+    The pieces are their first and last points `(k, 2)` and the triangle of each piece.
     """
     a = triangles
     d = np.roll(triangles, -1, axis=1) - a
@@ -132,9 +137,9 @@ def _pieces(triangles: Array) -> tuple[Array, Array, NDArray[np.intp]]:
 
 
 def _reaching(a: Array, dd: Array, ad: Array) -> NDArray[np.bool_]:
-    """Return which triangles of corners `(f, 3, 2)` have a point in the unit disc.
+    """Return which triangles with corners `(f, 3, 2)` have a point in the unit disc.
 
-    Of their edges d, the products d·d and a·d are given, `(f, 3)`.
+    The products d·d and a·d of their edges d are given, `(f, 3)`.
     """
     along = np.clip(-ad / dd, 0.0, 1.0)
     nearest = a + along[..., None] * (np.roll(a, -1, axis=1) - a)
@@ -178,7 +183,7 @@ class Slope:
 
 
 def disc_slope(weight: str) -> Slope:
-    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or the rim alone, n/π (uniform)."""
+    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or only the rim n/π (uniform)."""
     _check(weight)
     if weight == "parabolic":
         flat = disc("uniform")
@@ -189,14 +194,14 @@ def disc_slope(weight: str) -> Slope:
 
 
 def ball_slope(weight: str) -> Slope:
-    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or the sphere alone, 3n/4π (uniform)."""
+    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or only the sphere 3n/4π (uniform)."""
     _check(weight)
     rule, factor = (ball("uniform"), 5.0) if weight == "parabolic" else (_sphere(), 3.0)
     return Slope(rule.points, factor * rule.weights[:, None] * rule.points)
 
 
 def half_ball_slope(weight: str) -> Slope:
-    """Return the gradient over the half z < 0 of the unit ball: as for the ball, with the flat side's ∮ w f n."""
+    """Return the gradient over the half z < 0 of the unit ball: as for the ball, plus ∮ w f n over the flat side."""
     _check(weight)
     whole, flat = ball_slope(weight), disc(weight)
     below = whole.points[:, 2] < 0.0

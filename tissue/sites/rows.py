@@ -12,7 +12,7 @@ from tissue.sites.surface import Surface
 
 @dataclass(frozen=True)
 class Average:
-    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights summing to one."""
+    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights whose sum is one."""
 
     reference: Array
     cells: Indices
@@ -28,11 +28,11 @@ class AverageSlope:
     vectors: Array
 
 
-NO_SLOPE = AverageSlope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3)))  # a bare point's gradient is its own
+NO_SLOPE = AverageSlope(np.zeros((0, 3)), np.zeros(0, np.intp), np.zeros((0, 3)))  # of a bare point
 
 
 def normal_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
-    """Return the rows of ⟨∇U⟩ u₀ from those of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
+    """Return the rows of ⟨∇U⟩ u₀ from the rows of ⟨∂U_i/∂x_j⟩ (row 3i + j)."""
     return csr_matrix(kron(eye_array(3), u0[None]) @ gradient)
 
 
@@ -64,7 +64,7 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
-    """Sum slopes of shape functions `(n, 3, k)` at points in `cells` into row 3i + j for ∂U_i/∂x_j."""
+    """Return slopes of shape functions `(n, 3, k)`, summed over points in `cells`; row 3i + j is ∂U_i/∂x_j."""
     unknowns, sums = _by_node(elasticity, cells, slopes)
     shape = (3, 3, len(unknowns))
     rows = np.broadcast_to(np.arange(9).reshape(3, 3, 1), shape)
@@ -73,8 +73,10 @@ def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_ma
 
 
 def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Indices, Array]:
-    """Sum `values` `(n, j, k)` of the shape functions at points in `cells` `(k,)` by their nodes: the unknowns of
-    these, `(m, 3)`, and the sums `(j, m)`. There are far more points than nodes."""
+    """Return the unknowns of m nodes, `(m, 3)`, and the sums of shape functions over points at each node, `(j, m)`.
+
+    `values` `(n, j, k)` belong to points in `cells` `(k,)`. There are far more points than nodes.
+    """
     unknowns = elasticity.basis.element_dofs[:, cells].reshape(len(values), 3, -1)
     _, first, node = np.unique(unknowns[:, 0], return_index=True, return_inverse=True)
     sums = np.array([np.bincount(node.ravel(), own.ravel(), first.size) for own in values.swapaxes(0, 1)])
@@ -82,7 +84,7 @@ def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Ind
 
 
 def shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
-    """Evaluate the shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
+    """Return the shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
     element = ELEMENTS[elasticity.element]()
     pairs = [element.lbasis(reference.T, i) for i in range(len(element.doflocs))]
     count = len(reference)

@@ -4,12 +4,11 @@
     u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect, T ⟂ u, v is the normal
     u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected cut of the needle
 
-with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the
-surface, a ball inside. On the surface the fibre frame needs the derivative along the normal, whose average
-over a surface patch is not bounded by the elastic energy (it grows without limit under refinement), so there
-its gradient is averaged over the part of the ball that lies in the body. The tangential derivatives of the
-normal frame are bounded on the surface with a parabolic weight; with a uniform one they see the circle alone
-and their compliance grows like log(radius/h).
+with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the surface and a ball inside. On the surface, the fibre frame
+needs the derivative along the normal. The average of this derivative over a surface patch is not bounded by the
+elastic energy; it grows without limit under refinement. The gradient is therefore averaged over the part of the
+ball inside the body. With a parabolic weight, the tangential derivatives of the normal frame are bounded on the
+surface. With a uniform weight they depend on the circle alone, and their compliance grows like log(radius/h).
 """
 
 import logging
@@ -41,21 +40,21 @@ log = logging.getLogger(__name__)
 
 Direction = Literal["normal"] | ArrayLike | None
 
-AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction: any will do
+AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction; any axis can be used
 OF_A_FACE = 3  # nodes
 WEIGHTLESS = 1e-9  # of the largest weight in an average: round-off
-EDGE_ON = 1e-3  # cosine of a facet's tilt below which its plane is too steep to be reckoned with beside it
-COVERED = 1e-9  # of a disc: facets that cover as much of it too much or too little do so by round-off
+EDGE_ON = 1e-3  # least cosine between the normals of a facet and of the disc: a steeper facet is seen edge-on
+COVERED = 1e-9  # of a disc: a smaller error of the covered area is round-off
 
 
 @dataclass(frozen=True)
 class Site:
-    """A piercing: `point` (3,) [m], footprint `radius` [m] (0: the bare point) and `weight`, and its
-    `direction`.
+    """A piercing with its `point` (3,) [m] and the footprint around it.
 
-    `direction` is None, "normal" (the organ's outward normal) or a vector (3,) cut by the needle, of any
-    length. `line` names the line of balls inside the organ that the site belongs to, empty for none: of such a site the
-    point alone moves, and no one asks for its frame.
+    `radius` [m] is the footprint's radius (0: the bare point) and `weight` its weight. `direction` is None,
+    "normal" (the organ's outward normal) or the vector (3,), of any length, along which the needle cuts. `line`
+    names the line of balls inside the organ that the site belongs to; empty for no line. A site of a line has a
+    moving point but no moving frame.
     """
 
     point: ArrayLike
@@ -84,7 +83,7 @@ class Site:
 
     @property
     def fibre(self) -> Array | None:
-        """Unit vector cut by the needle, or None."""
+        """Unit vector along the cut of the needle, or None without a vector."""
         if self.direction is None or isinstance(self.direction, str):
             return None
         vector = np.asarray(self.direction, float)
@@ -95,11 +94,11 @@ class Site:
 class Sites:
     """Site variables y = y0 + Y U over the free unknowns: `y0` `(9p,)`, `Y` `(9p, N)`.
 
-    `points` `(p, 3)` [m] are where the sites came to lie, `directions` `(p, 3)` the t₀ of their frames,
-    `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and
-    right-handed. `directed` tells of each site whether a direction was given; nothing is known of sites where it is
-    empty. `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], of each site that the needle cut and of those inside
-    that are free, None of any other.
+    `points` `(p, 3)` [m] are the located sites, `directions` `(p, 3)` the t₀ of their frames, and `normals`
+    `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and right-handed.
+    `directed` says for each site whether a direction was given; empty if unknown. `slopes` has the rows of
+    ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], for each site with a fibre frame: with a vector as direction, or inside the organ
+    and on no line. Other sites have None.
     """
 
     y0: Array
@@ -123,11 +122,12 @@ class Sites:
 
 
 def frame(t0: Array) -> tuple[Array, Array]:
-    """u₀, v₀ with u₀ × v₀ = t₀: the axes x, y carried along by the smallest rotation from z to the unit
-    vector t₀.
+    """Return u₀, v₀ with u₀ × v₀ = t₀: the axes x and y, turned by the smallest rotation from z to the unit vector
+    t₀.
 
-    Continuous everywhere but at t₀ = −z, where no rule is; (u, v) is free up to a rotation about t₀. A thread's clamped
-    end needs the same rule, and has it in a place of its own: what is sewn does not know the thread, nor the other way.
+    The rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a rotation about t₀.
+    The clamped end of a thread uses the same rule. It is written again in `thread`, because the two packages do not
+    import one another.
     """
     x, y, z = t0
     across = np.hypot(x, y)
@@ -141,8 +141,9 @@ def frame(t0: Array) -> tuple[Array, Array]:
 
 
 def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
-    """Locate every site and assemble its nine rows over the free unknowns; `TissueError` for an impossible
-    one.
+    """Return all sites, located, with their nine rows each over the free unknowns.
+
+    Raises `TissueError` for an impossible site.
     """
     log.info("finding %d holes in the organ", len(sites))
     surface = outer_surface(elasticity.mesh)
@@ -157,9 +158,12 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
 
 @dataclass(frozen=True)
 class Load:
-    """A unit force on a footprint, which is a traction on facets of a `surface`: points `(k, 3)` [m], the facet of each
-    `(k,)`, weights `(k,)`, with which polynomials up to degree six are integrated over each facet, and the traction
-    there, `densities` `(k,)` [1/m²]. A point may lie outside its facet, on the plane of that."""
+    """A unit force on a footprint: a traction on facets of a `surface`.
+
+    It has points `(k, 3)` [m], the facet of each `(k,)`, weights `(k,)` and the traction there, `densities` `(k,)`
+    [1/m²]. The weights integrate polynomials up to degree six over each facet. A point can lie outside its facet,
+    in the plane of the facet.
+    """
 
     surface: Surface
     points: Array
@@ -171,20 +175,20 @@ class Load:
 def load_of(surface: Surface, site: Site) -> Load:
     """Return the load of a unit force on the footprint of a site.
 
-    Raises `TissueError` for a site inside the body, and for a footprint that the facets do not cover once.
+    Raises `TissueError` for a site inside the body, and for a footprint that the facets do not cover exactly once.
     """
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance > ON_SURFACE * surface.diagonal:
         raise TissueError(
-            f"{site.name}: {_show(np.asarray(site.point, float))} is inside the organ, and bounds are those of "
-            "footprints on its surface; move the site there, or leave tissue.mesh.bound out"
+            f"{site.name}: {_show(np.asarray(site.point, float))} is inside the organ, and bounds need a "
+            "footprint on its surface; move the site to the surface, or leave tissue.mesh.bound out"
         )
     X, normal, _, patch = _surface_footprint(surface, site, nearest, facets)
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
         raise TissueError(
-            f"{site.name}: the facets do not cover the footprint at {_show(X)} once, and have no traction that bounds "
-            "could be made of; move the site, or leave tissue.mesh.bound out"
+            f"{site.name}: the facets do not cover the footprint at {_show(X)} exactly once, so that bounds cannot "
+            "be computed; move the site, or leave tissue.mesh.bound out"
         )
     points, cover = covered
     across = np.linalg.norm(cover.points, axis=1)
@@ -194,7 +198,10 @@ def load_of(surface: Surface, site: Site) -> Load:
 
 
 def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
-    """Return the cells on which each site bears: those with a face or more of nodes whose displacement it averages."""
+    """Return the cells that carry the force of each site.
+
+    The site averages the displacement of at least three nodes of these cells.
+    """
     number = np.empty(elasticity.N, dtype=np.intp)
     number[elasticity.nodes] = np.arange(len(elasticity.nodes))[:, None]
     averages = [sites.Y[9 * k : 9 * k + 3] for k in range(len(sites.points))]
@@ -203,12 +210,15 @@ def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
 
 
 def _cells_of(elasticity: Elasticity, nodes: Indices) -> Indices:
-    """Return the cells that have a face or more of these nodes."""
+    """Return the cells with at least three of these nodes."""
     return np.flatnonzero(np.isin(elasticity.cells, nodes).sum(axis=1) >= OF_A_FACE)
 
 
 def space_frames(sites: Sequence[Site]) -> Array:
-    """y0 `(9p,)` of sites fixed in space, where no organ gives a normal."""
+    """Return y0 `(9p,)` of sites fixed in space.
+
+    Raises `TissueError` for the direction 'normal', because there is no organ.
+    """
     for site in sites:
         if isinstance(site.direction, str):
             raise TissueError(f"{site.name}: direction = 'normal' without an organ; give a vector or None")
@@ -219,8 +229,10 @@ def space_frames(sites: Sequence[Site]) -> Array:
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
 ) -> tuple[Array, csr_matrix, Array, Array, Array, csr_matrix | None]:
-    """y0 (9,), rows `(9, N)`, place, direction and outward normal of one site, and the rows of ⟨∇U⟩ where the needle
-    cut its frame."""
+    """Return y0 (9,), rows `(9, N)`, point, direction and outward normal of one site, and its rows of ⟨∇U⟩.
+
+    The rows of ⟨∇U⟩ are None without a fibre frame.
+    """
     X, normal, values, gradient = _averages(elasticity, surface, site)
     if site.line and np.isfinite(normal).all():
         raise TissueError(f"{site.name}: {_show(X)} is on the organ's surface, and a line lies inside")
@@ -230,13 +242,13 @@ def _build(
     turn = fibre_rows if use_fibre else normal_rows
     frames = (csr_matrix((3, gradient.shape[1])),) * 2 if site.line else (turn(gradient, u0), turn(gradient, v0))
     rows = csr_matrix(vstack([values, *frames]))
-    turns = use_fibre and (site.fibre is not None or not site.line)  # across a direction, by more than a linear slope
+    turns = use_fibre and (site.fibre is not None or not site.line)  # a fibre frame turns nonlinearly with ⟨∇U⟩
     cut = csr_matrix(gradient[:, elasticity.free]) if turns else None
     return np.concatenate([X, u0, v0]), csr_matrix(rows[:, elasticity.free]), X, t0, normal, cut
 
 
 def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:
-    """Place and outward normal of a site, and the rows of its averages over all unknowns, ⟨U⟩ and ⟨∂U_i/∂x_j⟩."""
+    """Return point and outward normal of a site, and the rows of its averages ⟨U⟩ and ⟨∂U_i/∂x_j⟩ over all unknowns."""
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance <= ON_SURFACE * surface.diagonal:
         X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
@@ -253,14 +265,14 @@ def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Arr
 def _surface_footprint(
     surface: Surface, site: Site, X: Array, facets: Indices
 ) -> tuple[Array, Array, Average, Indices]:
-    """Place, outward normal, averaging points and surrounding facets of a site on the surface."""
+    """Return point, outward normal, averaging points and surrounding facets of a site on the surface."""
     normal = _mean_normal(site, surface.normals[facets], np.full(facets.size, 1.0 / facets.size))
     if site.radius == 0.0:
         cells = surface.behind[facets]
         reference = surface.reference(np.broadcast_to(X, (cells.size, 3)), cells)
         return X, normal, Average(reference, cells, np.full(cells.size, 1.0 / cells.size)), facets
     rule = footprint.disc(site.weight)
-    for _ in range(3):  # the normal the disc is projected along is the disc's own average
+    for _ in range(3):  # the disc is projected along the normal, and the normal is its average over the disc
         patch = surface.patch(X, facets, normal, 2.0 * site.radius)
         hits, struck = _cast(surface, site, X, normal, patch, rule.points)
         normal = _normal_below(surface, site, X, normal, patch, struck)
@@ -270,8 +282,11 @@ def _surface_footprint(
 
 
 def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, struck: Indices) -> Array:
-    """The disc's average of the outward normal, facet by facet, so that it turns smoothly as the site moves; by the
-    facets that lines have `struck` where facets do not cover it once."""
+    """Return the average of the outward normal over the disc.
+
+    The average is taken facet by facet, so that it turns smoothly when the site moves. If the facets do not cover
+    the disc once, the average is taken over the facets `struck` by lines.
+    """
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
         return _mean_normal(site, surface.normals[struck], footprint.disc(site.weight).weights)
@@ -280,7 +295,7 @@ def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: 
 
 
 def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
-    """Points of the unit disc, laid at X across `normal` and projected on the surface."""
+    """Return points of the unit disc, placed at X normal to `normal` and projected on the surface, and their facets."""
     axes = np.stack([*frame(normal), normal])
     hits, struck = surface.project(X + site.radius * unit @ axes, normal, patch, site.radius)
     if np.any(struck < 0):
@@ -295,8 +310,11 @@ def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices,
 def _cover(
     surface: Surface, site: Site, X: Array, normal: Array, patch: Indices
 ) -> tuple[Array, footprint.Cover] | None:
-    """The disc facet by facet, its points on the planes of the facets; None for a bare point, where facets cover it
-    twice, which only lines along the normal tell apart, and where one is seen edge-on."""
+    """Return the disc cut into its facets, with points on the planes of the facets, or None.
+
+    It is None for a bare point, if facets cover the disc twice, or if a facet is seen edge-on. Only lines along the
+    normal can separate two facets that cover the same point.
+    """
     if site.radius == 0.0:
         return None
     axes = np.stack(frame(normal))
@@ -311,7 +329,7 @@ def _cover(
 
 
 def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> Average | None:
-    """The average over a disc, exact for what is polynomial on each facet."""
+    """Return the average over a disc, exact for functions that are polynomial on each facet; None without a cover."""
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
         return None
@@ -321,7 +339,7 @@ def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: I
 
 
 def _disc_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> AverageSlope:
-    """Tangential gradient over the disc; for a bare point none."""
+    """Return the tangential gradient over the disc; empty for a bare point."""
     if site.radius == 0.0:
         return NO_SLOPE
     covered = _cover(surface, site, X, normal, patch) if site.weight == "parabolic" else None
@@ -335,7 +353,7 @@ def _disc_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: In
 
 
 def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> AverageSlope:
-    """Gradient over the ball as far as it lies in the body; for a bare point none."""
+    """Return the gradient over the part of the ball inside the body; empty for a bare point."""
     if site.radius == 0.0:
         return NO_SLOPE
     rule, axes = footprint.half_ball_slope(site.weight), np.stack([*frame(normal), normal])
@@ -350,10 +368,10 @@ def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patc
 
 
 def _consistent(points: Array, vectors: Array) -> Array:
-    """Vectors changed by as little as makes Σ c = 0 and Σ x cᵀ = I, so that linear fields have their own slope.
+    """Return the vectors with the smallest change such that Σ c = 0 and Σ x cᵀ = I: linear fields are then exact.
 
-    On a flat surface nothing is left to change. On a curved or thin body part of the half ball is missing, and the
-    rest is made up by the slope of the linear field nearest in the mean square.
+    On a flat surface the vectors do not change. On a curved or thin body, part of the half ball is missing. The
+    change then adds the slope of the linear field that fits best in the mean square.
     """
     vectors = vectors - vectors.mean(axis=0)
     offset = points - points.mean(axis=0)
@@ -364,7 +382,7 @@ def _consistent(points: Array, vectors: Array) -> Array:
 def _ball_footprint(
     surface: Surface, site: Site, X: Array, distance: float, nearest: Array
 ) -> tuple[Average, AverageSlope]:
-    """Averaging points of a site inside the body."""
+    """Return the averaging points of a site inside the body."""
     sharing = surface.sharing(X)
     if sharing.size == 0:
         raise TissueError(
@@ -384,7 +402,7 @@ def _ball_footprint(
     cells = surface.containing(points)
     if site.radius > distance or np.any(cells < 0):
         raise TissueError(
-            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} pokes out of the "
+            f"{site.name}: the footprint of radius {site.radius:g} m at {_show(X)} reaches out of the "
             f"organ, whose surface is {distance:.3g} m away; take a smaller footprint or move the site to the "
             f"surface at {_show(nearest)}"
         )
@@ -398,15 +416,17 @@ def _mean_normal(site: Site, normals: Array, weights: Array) -> Array:
     length = float(np.linalg.norm(mean))
     if length < 0.5:
         raise TissueError(
-            f"{site.name}: the surface below the footprint turns by more than a right angle, so its "
-            "normal means nothing; move the site or take a smaller footprint"
+            f"{site.name}: the surface below the footprint turns by more than a right angle, so that its "
+            "normal is not defined; move the site or take a smaller footprint"
         )
     return mean / length
 
 
 def _check_free(elasticity: Elasticity, site: Site, average: Average) -> None:
-    """A point whose every unknown along an axis is clamped lies on a clamped boundary (or in a cell clamped all
-    round)."""
+    """Raise `TissueError` for a site that touches a clamped boundary.
+
+    At a point on a clamped boundary, or in a cell with all nodes clamped, every unknown along an axis is clamped.
+    """
     phi, _ = shapes(elasticity, average.reference)
     held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)
     if np.any(np.einsum("nk,nak->ak", phi, held.astype(float)) >= 1.0 - INSIDE):

@@ -1,6 +1,4 @@
-"""Where a point lies on or in a tetrahedral mesh: the outer surface, its normals, projections and containing
-cells.
-"""
+"""Location of points on or in a tetrahedral mesh: the outer surface, its normals, projections and containing cells."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,18 +12,17 @@ from skfem import MeshTet
 
 from tissue.arrays import Array, Indices
 
-INSIDE = 1e-9  # barycentric coordinates down to −INSIDE count as inside: the round-off of a point on a face
-ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site this near the surface is meant to be on it
-OVERLAP = 1e-6  # of a facet's size: boxes seen along a line are larger by that, which is far above round-off
-EDGE_ON = 1e-9  # cosine between a line and a facet's normal below which it runs along the facet
-TOGETHER = 64  # points that are looked for at once, one beside the other: most boxes are far from all of them
+INSIDE = 1e-9  # barycentric coordinates down to −INSIDE count as inside: round-off of a point on a face
+ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site as near to the surface counts as a site on it
+OVERLAP = 1e-6  # of a facet's size: boxes in projection are larger by this margin, far above round-off
+EDGE_ON = 1e-9  # cosine between a line and a facet's normal: below it the line is parallel to the facet
+TOGETHER = 64  # neighbouring points that are located together: most boxes are far from all of them
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The outer facets of `mesh`: triangles `(f, 3, 3)` [m], outward unit normals `(f, 3)`, the cell behind
-    each `(f,)`.
-    """
+    """The outer facets of `mesh`: triangles `(f, 3, 3)` [m], outward unit normals `(f, 3)`, the cell `behind` each
+    `(f,)`."""
 
     mesh: MeshTet
     triangles: Array
@@ -50,8 +47,11 @@ class Surface:
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
-        """Return the distance to the surface [m], the nearest point (3,) and every facet that shares that point; of
-        cells cut from inside a body, which have no facet of its surface, no distance is reached."""
+        """Return the distance to the surface [m], the nearest point (3,) and every facet that contains this point.
+
+        Cells cut from the interior of a body have no outer facet. The distance is then infinite and the point not a
+        number.
+        """
         if not len(self.triangles):
             return np.inf, np.full(3, np.nan), np.zeros(0, np.intp)
         near = closest_on_triangles(point, self.triangles)
@@ -61,8 +61,10 @@ class Surface:
         return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
 
     def met_by(self, point: Array, along: Array) -> Array | None:
-        """Return where the line through `point` along the unit vector `along` meets the surface, of several places the
-        one nearest to `point`, shape `(3,)` [m]; None where it does not.
+        """Return the point (3,) [m] at which a line meets the surface, or None if it does not meet the surface.
+
+        The line goes through `point` along the unit vector `along`. Of several points the one nearest to `point` is
+        returned.
         """
         facing = np.flatnonzero(np.abs(self.normals @ along) > EDGE_ON)
         if facing.size == 0:
@@ -73,8 +75,7 @@ class Surface:
     def patch(self, centre: Array, seeds: Indices, normal: Array, radius: float) -> Indices:
         """Return the facets that face `normal`, come within `radius` of `centre` and are joined to `seeds` by edges.
 
-        So a disc near an open cut averages over its own lip and not over the other, though both lie in one
-        plane.
+        A disc near an open cut therefore averages over its own lip and not over the other lip in the same plane.
         """
         reach = np.linalg.norm(closest_on_triangles(centre, self.triangles) - centre, axis=1) <= radius
         facets = np.flatnonzero(reach & (self.normals @ normal > 0.0))
@@ -89,7 +90,7 @@ class Surface:
     def project(self, points: Array, normal: Array, facets: Indices, reach: float) -> tuple[Array, Indices]:
         """Return the nearest hit of each point's line along `normal` with `facets`.
 
-        Hits are points `(k, 3)` and facets `(k,)`, −1 where a line hits none.
+        Hits are points `(k, 3)` and facets `(k,)`, −1 if a line hits no facet.
         """
         point, facet = self._seen_along(points, normal, facets)
         across, (a, b, c) = self.normals[facet], np.moveaxis(self.triangles[facet], 1, 0)
@@ -104,15 +105,14 @@ class Surface:
         return hits, found
 
     def _seen_along(self, points: Array, normal: Array, facets: Indices) -> tuple[Indices, Indices]:
-        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap when seen along a vector: most do
-        not."""
+        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap in the projection along a vector."""
         across, triangles = np.linalg.svd(normal[None])[2][1:], self.triangles[facets]
         corners, slack = triangles @ across.T, OVERLAP * np.ptp(triangles, axis=1).max(axis=1)[:, None]
         point, facet = overlapping(points @ across.T, corners.min(axis=1) - slack, corners.max(axis=1) + slack)
         return point, facets[facet]
 
     def containing(self, points: Array) -> Indices:
-        """Return a cell that holds each point, shape `(k,)`; −1 for points outside the body."""
+        """Return a cell that contains each point, shape `(k,)`; −1 for points outside the body."""
         slack = INSIDE * self.diagonal
         point, cell = overlapping(points, self.corners.min(axis=1) - slack, self.corners.max(axis=1) + slack)
         depth = self._depth(points[point], cell)
@@ -123,17 +123,17 @@ class Surface:
         return found
 
     def depths(self, points: Array) -> Array:
-        """Return how deep points `(k, 3)` lie below the nearest surface, shape `(k,)` [m]; negative outside."""
+        """Return the depth of points `(k, 3)` below the surface, shape `(k,)` [m]; negative outside."""
         inside = self.containing(points) >= 0
         return np.where(inside, 1.0, -1.0) * self.away(points)
 
     @cached_property
     def away(self) -> Callable[[Array], Array]:
-        """What tells how far points `(k, 3)` are from the surface, shape `(k,)` [m]."""
+        """A function that returns the distance of points `(k, 3)` from the surface, shape `(k,)` [m]."""
         return distances_from(self.triangles)
 
     def sharing(self, point: Array) -> Indices:
-        """Return every cell that holds `point`, faces and corners included."""
+        """Return every cell that contains `point`, also on a face or at a corner."""
         every = np.arange(self.mesh.nelements)
         return np.flatnonzero(self._depth(np.broadcast_to(point, (every.size, 3)), every) >= -INSIDE)
 
@@ -148,7 +148,8 @@ class Surface:
 
 
 def overlapping(points: Array, low: Array, high: Array) -> tuple[Indices, Indices]:
-    """Return the pairs of points `(k, d)` and boxes from `low` to `high` `(b, d)` that hold them, `(n,)` each."""
+    """Return the pairs of points `(k, d)` and boxes that contain them, `(n,)` each; boxes go from `low` to `high`
+    `(b, d)`."""
     order, pairs, every = np.argsort(points[:, 0]), [np.zeros((2, 0), np.intp)], _met(points, low, high)
     for own in (order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)):
         near = every[_met(points[own], low[every], high[every])]
@@ -160,14 +161,17 @@ def overlapping(points: Array, low: Array, high: Array) -> tuple[Indices, Indice
 
 
 def _met(points: Array, low: Array, high: Array) -> Indices:
-    """Return which boxes the box of all points meets."""
+    """Return the boxes that overlap the bounding box of all points."""
     least, most = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     return np.flatnonzero(((low <= most) & (high >= least)).all(axis=1))
 
 
 def first_of_each(points: Indices, measure: Array, other: Indices) -> Indices:
-    """Return which of the pairs of `points` and `other` things, `(n,)` each, is that of the least `measure` `(n,)` of
-    its point, of equals the first other."""
+    """Return the index of one pair per point: the pair with the smallest `measure` `(n,)`.
+
+    The n pairs combine `points` `(n,)` with `other` items `(n,)`. Of equal measures, the pair with the first other
+    item is returned.
+    """
     order = np.lexsort((other, measure, points))
     return np.asarray(order[np.unique(points[order], return_index=True)[1]])
 
@@ -186,21 +190,22 @@ def outer_surface(mesh: MeshTet) -> Surface:
 
 
 def depths(mesh: MeshTet) -> Callable[[Array], Array]:
-    """Return what tells how deep points `(k, 3)` lie in a mesh below its nearest surface, shape `(k,)` [m], negative
+    """Return a function that returns the depth of points `(k, 3)` below a mesh's surface, `(k,)` [m], negative
     outside."""
     return outer_surface(mesh).depths
 
 
 def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
-    """Return what tells how far points `(k, 3)` are from a boundary of a mesh by its name, shape `(k,)` [m]."""
+    """Return a function that returns the distance of points `(k, 3)` from a named boundary of a mesh, shape `(k,)`
+    [m]."""
     return distances_from(mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T])
 
 
 def distances_from(triangles: Array) -> Callable[[Array], Array]:
-    """Return what tells how far points `(k, 3)` are from the nearest of some triangles `(t, 3, 3)`, shape `(k,)` [m].
+    """Return a function that returns the distance of points `(k, 3)` from triangles `(t, 3, 3)`, shape `(k,)` [m].
 
-    That one is no further with its middle than the nearest middle and the largest radius of a triangle, with room for
-    its rounding.
+    Only triangles near a point are measured. The middle of the nearest triangle is at most as far as the nearest
+    middle plus the largest radius of a triangle, with a margin for round-off.
     """
     from scipy.spatial import cKDTree
 
@@ -219,8 +224,12 @@ def distances_from(triangles: Array) -> Callable[[Array], Array]:
 
 
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:
-    """Return what finds the place `(3,)` [m] nearest to a point at which a line through it, along a vector of any
-    length, meets the surface of a mesh, None where it does not; without a vector the nearest of the whole surface."""
+    """Return a function that returns a point `(3,)` [m] on the surface of a mesh, or None.
+
+    The function takes a point and a vector of any length. It returns the point at which the line along the vector
+    meets the surface; of several points the one nearest to the given point, and None if the line misses the
+    surface. Without a vector it returns the nearest point of the surface.
+    """
     surface = outer_surface(mesh)
 
     def find(point: ArrayLike, along: ArrayLike | None) -> Array | None:

@@ -1,13 +1,13 @@
 """The choice of an organ's solver: by name, or by the organ's size and the memory of the machine.
 
-    superlu     scipy's, always there
+    superlu     of scipy, always available
     cholmod     with cvxopt: factorises about ten times as fast in half the memory
     pardiso     with pypardiso, on x86-64: the least fill on large meshes
-    multigrid   conjugate gradients, PyAMG: memory and time that grow with the mesh and no faster
+    multigrid   conjugate gradients with PyAMG: memory and time are proportional to the size of the mesh
 
-A step of an organ with inertia is a back-substitution, so its matrix is factorised as long as the factor fits into
-memory. An organ without inertia is solved for its sites' columns once, so its matrix is not factorised beyond the size
-at which a factor takes longer than those columns.
+A step of an organ with inertia is a back-substitution, so that its matrix is factorised if the factor fits into
+memory. An organ without inertia is solved only once for the columns of its sites. Its matrix is not factorised if
+the factor takes longer than these columns.
 """
 
 import logging
@@ -36,65 +36,72 @@ FACTOR_ONCE = {
     "cholmod": 250_000,
     "pardiso": 250_000,
     "superlu": 60_000,
-}  # unknowns; beyond, multigrid solves 20 columns faster
-SMALL = 50_000  # unknowns of an organ whose factor is not worth an estimate: less than half a gigabyte
-SHARE = 0.8  # of the free memory that a factor may take
+}  # unknowns; with more unknowns multigrid solves 20 columns faster
+SMALL = 50_000  # unknowns; a smaller organ's factor takes less than half a gigabyte and needs no estimate
+SHARE = 0.8  # of the free memory that a factor can use
 BYTES_OF_LEVELS = 45.0  # bytes of the levels of multigrid per entry of the matrix, as measured
-MANY = 1000  # factors, as good as no limit
+MANY = 1000  # factors: in practice no limit
 GIGA = 1e9
 
 
 @dataclass(frozen=True)
 class SolverChoice:
-    """A solver's name, and how many of its factors (or sets of levels) there is room for, one at least."""
+    """A solver's name, and the number of its factors (or sets of levels) that fit into memory, at least one."""
 
     name: str
     room: int
 
 
 class Solver(Protocol):
-    """A matrix and its solution within the residual's bound."""
+    """A matrix A and a solver for it whose residual is within its bound."""
 
     @property
     def A(self) -> csr_matrix:
-        """Symmetric and positive definite, shape `(n, n)`."""
+        """The matrix, symmetric and positive definite, shape `(n, n)`."""
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; an iterative solver calls `guess`, None means zero, and may
-        stop early where a `rough` answer will do."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`.
+
+        An iterative solver starts from `guess()`; None means zero. It can stop early if `rough`.
+        """
 
 
 def solver(
     A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pattern: Pattern | None = None
 ) -> Solver:
-    """Return a solver, of a name that `choose_solver` gave, for a stiffness matrix over unknowns at `places`
-    `(n, 3)`; `one_of_many` and `pattern` as in `tissue.solvers.factor.factorize`.
+    """Return a solver for a stiffness matrix over unknowns at `places` `(n, 3)`.
+
+    `name` is a name that `choose_solver` returned. `one_of_many` and `pattern` are as in
+    `tissue.solvers.factor.factorize`.
     """
     log.info("factoring the organ: %d unknowns of its mesh, by %s", A.shape[0], name)
     return named(A, places, name, one_of_many, pattern)
 
 
 def named(A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pattern: Pattern | None = None) -> Solver:
-    """Return the solver named `solver`, without a log entry."""
+    """Return the same solver as `solver`, without a log entry."""
     return conjugate_gradients(A, places) if name == MULTIGRID else factorize(A, places, name, one_of_many, pattern)
 
 
 def solver_of_columns(A: csr_matrix, places: Array) -> Solver:
-    """Return a solver for the columns of all holes of a mesh that is fine at these alone, whose factor is small for its
-    size: as long as there is memory for a factor, it is the fastest."""
+    """Return a solver for the columns of all holes of a mesh that is fine only at the holes.
+
+    The factor of such a matrix is small for its size. It is the fastest solver if the factor fits into memory.
+    """
     return named(A, places, choose_solver("auto", A, places, once=False).name, one_of_many=True)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
-    """Return a solver for a mass matrix, which conjugate gradients precondition by its diagonal alone."""
+    """Return a solver for a mass matrix; conjugate gradients use only its diagonal as preconditioner."""
     return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
 
 
 def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> SolverChoice:
-    """Choose the solver for a matrix of the pattern of A; `once`: for the sites' columns and no steps.
+    """Return the chosen solver for a matrix with the pattern of A; `once` if it is only used for the columns of the
+    sites.
 
-    Multigrid needs three unknowns a node, so no rollers. Raises `TissueError` if the solver named is
-    unknown, is not installed, cannot be had or asks for more memory than there is.
+    Multigrid needs three unknowns per node, so no rollers. Raises `TissueError` if the named solver is unknown, is
+    not installed, cannot solve this matrix or needs more memory than is free.
     """
     if name not in SOLVERS:
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
@@ -109,7 +116,7 @@ def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> Solver
     has_levels = by_nodes and has_pyamg()
     if direct == MULTIGRID and not by_nodes:
         raise TissueError(
-            f"solver = {name!r} needs three unknowns a node, and rollers hold one; take 'auto' or a clamp"
+            f"solver = {name!r} needs three unknowns per node, and a roller fixes one of them; take 'auto' or a clamp"
         )
     if direct == MULTIGRID or (name == "auto" and has_levels and once and A.shape[0] > FACTOR_ONCE[direct]):
         return levels
@@ -131,18 +138,19 @@ def has_pyamg() -> bool:
 
 
 def _times(room: float, need: float) -> int:
-    """Return how often a need fits into the room there is, at least once."""
+    """Return how many times a `need` of memory fits into the `room`, at least once."""
     return int(max(1.0, min(room / max(need, 1.0), MANY)))
 
 
 def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
-    """Estimate the memory of a factor [byte], by nested dissection of the nodes; zero for a small organ."""
+    """Return an estimate of the memory of a factor [byte], by nested dissection of the nodes; zero for a small
+    organ."""
     if A.shape[0] <= SMALL:
         return 0.0
     return BYTES[method] * entries(A, places)
 
 
 def entries(A: csr_matrix, places: Array) -> float:
-    """Estimate the entries of the Cholesky factor, by nested dissection of the nodes."""
+    """Return an estimate of the entries of the Cholesky factor, by nested dissection of the nodes."""
     graph, points, _ = node_graph(A, places)
     return float((A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)

@@ -1,11 +1,10 @@
 """Sparse Cholesky and LU factors by the installed libraries, with their back-substitution.
 
-- SuperLU comes with scipy: LU in symmetric mode, twice the entries and a tenth of the speed of the other two.
-- CHOLMOD comes with cvxopt, whose wheels bring SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
-  35, 2008); scikit-sparse has no wheels and is built against whatever BLAS is there.
-- Pardiso comes with MKL and pypardiso, on x86-64; here in its symmetric positive definite mode, on the upper triangle.
-  MKL in a process changes the last bits of what other libraries compute there, and so is loaded where it is asked for
-  alone.
+- SuperLU comes with scipy: LU in symmetric mode, with twice the entries and a tenth of the speed of the other two.
+- CHOLMOD comes with cvxopt, whose wheels contain SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
+  35, 2008). scikit-sparse has no wheels and is built with the installed BLAS.
+- Pardiso comes with MKL and pypardiso, on x86-64. It is used in its symmetric positive definite mode, on the upper
+  triangle. A loaded MKL changes the last bits of results of other libraries, and is therefore loaded only on request.
 """
 
 import weakref
@@ -25,9 +24,9 @@ from tissue.solvers.ordering import dissection, node_graph
 BackSubstitution = Callable[[Array], Array]
 
 LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  # the fastest first
-BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, as measured
-DISSECT_BEYOND = 100_000  # unknowns beyond which CHOLMOD is faster on dissection than on minimum degree
-COLUMNS = 12  # given to CHOLMOD at once: by their entries it takes four together, cvxopt's dense solve one by one
+BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, measured
+DISSECT_BEYOND = 100_000  # with more unknowns CHOLMOD is faster with dissection than with minimum degree
+COLUMNS = 12  # given to CHOLMOD together: its sparse solve takes four at a time, cvxopt's dense solve only one
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
@@ -37,18 +36,18 @@ NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 def is_installed(method: str) -> bool:
     """Return whether the library of a method is installed.
 
-    The library is loaded, so that a caller who limits BLAS threads later limits those of the library too.
+    The library is loaded, so that a later limit on BLAS threads also limits the threads of the library.
     """
     try:
         import_module(LIBRARIES[method])
-    except (ImportError, OSError):  # not there, or without what it needs itself
+    except (ImportError, OSError):  # not installed, or a library that it needs is missing
         return False
     return True
 
 
 @dataclass(eq=False)
 class Pattern:
-    """A cache of the symbolic factorisation for matrices with equal patterns; the last one is kept."""
+    """A cache of the symbolic factorisation for matrices with equal patterns; only the last pattern is cached."""
 
     _rows: list[Any] = field(default_factory=list, repr=False)
     _found: dict[str, Any] = field(default_factory=dict, repr=False)
@@ -64,9 +63,9 @@ class Pattern:
 
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by SuperLU in symmetric mode, no pivot off the diagonal.
+    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal.
 
-    The unknowns are ordered by their `places`, once a pattern; None leaves the ordering to SuperLU. Raises
+    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to SuperLU. Raises
     `FactorError`.
     """
     n = A.shape[0]
@@ -103,8 +102,7 @@ def indefinite(A: csr_matrix) -> BackSubstitution:
 def ordering(A: csr_matrix, places: Array) -> Indices:
     """Return the better of nested dissection and minimum degree, tried on the graph of the nodes.
 
-    Unknowns at the same place are one node. With three unknowns a node, a trial costs 1/27 of the
-    factorisation.
+    Unknowns at the same place are one node. With three unknowns per node, a trial costs 1/27 of the factorisation.
     """
     graph, points, node = node_graph(A, places)
     by_degree, order = _trial(graph, "MMD_AT_PLUS_A"), dissection(graph, points).order
@@ -119,7 +117,7 @@ def dissect(A: csr_matrix, places: Array) -> Indices:
 
 
 def _spread(order: Indices, node: Indices) -> Indices:
-    """Return an order of the nodes as one of their unknowns."""
+    """Return the order of the unknowns that follows from an order of their nodes."""
     rank = np.empty(order.size, np.intp)
     rank[order] = np.arange(order.size)
     return np.argsort(rank[node], kind="stable")
@@ -133,7 +131,8 @@ def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> Supe
 
 
 def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, where large, by dissection.
+    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, if large, by
+    dissection.
 
     `places` of None means minimum degree. Raises `FactorError`.
     """
@@ -147,7 +146,7 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
         entries = columns.tocoo()
         return spmatrix(entries.data, entries.col.astype(np.int64), entries.row.astype(np.int64), A.shape)
 
-    packed = pattern.once("packed", columns, pack)  # which takes longer than to factorise it
+    packed = pattern.once("packed", columns, pack)  # packing takes longer than factorising
     packed.V = matrix(columns.data)
     if places is None or A.shape[0] < DISSECT_BEYOND:
         factor = library.symbolic(packed)
@@ -182,7 +181,10 @@ class Cholesky:
 
 
 def _columns(rows: csr_matrix) -> Any:
-    """Return rows `(k, n)` as cvxopt's columns `(n, k)`; it packs long columns slowly, and turns a matrix fast."""
+    """Return rows `(k, n)` as a matrix `(n, k)` of cvxopt.
+
+    cvxopt packs long columns slowly but transposes a matrix fast.
+    """
     from cvxopt import spmatrix
 
     entries = rows.tocoo()
@@ -197,7 +199,7 @@ def pardiso(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     upper = triu(A, format="csr")
     upper.sort_indices()
     library = PyPardisoSolver(mtype=PARDISO_SPD)
-    library.set_iparm(1, 1)  # nothing by default: its two steps of refinement cost a second solve
+    library.set_iparm(1, 1)  # no defaults: the default of two refinement steps costs a second solve
     library.set_iparm(2, METIS)
     try:
         library.factorize(upper)
@@ -209,7 +211,7 @@ def pardiso(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     library.set_phase(SOLVE)
 
     def back_substitute(b: Array) -> Array:
-        # Its public solve compares the whole matrix with the one factorised, which takes longer than to solve.
+        # Pardiso's public solve compares the whole matrix with the factorised one; this takes longer than solving.
         return np.asarray(library._call_pardiso(upper, np.asfortranarray(b, dtype=float)))
 
     weakref.finalize(back_substitute, library.free_memory, everything=True)

@@ -1,8 +1,8 @@
 """Factorisation of symmetric positive definite matrices, and the contract of every solver here.
 
-Every solver of A x = b measures ‖Ax − b‖ afterwards and raises `FactorError` where it exceeds `RESIDUAL` of
-‖A‖‖x‖ + ‖b‖. Of a single column a factor sees it along `PROBES` random directions, by which one that is thirty
-times too large passes five times in 10⁵.
+Every solver of A x = b measures ‖Ax − b‖ afterwards. It raises `FactorError` if the residual exceeds `RESIDUAL`
+times ‖A‖‖x‖ + ‖b‖. For a single column, a factor measures the residual along `PROBES` random directions. A residual
+thirty times too large then passes with a probability of 5 in 10⁵.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,10 @@ Direct = Callable[[csr_matrix, Array | None, direct.Pattern], direct.BackSubstit
 
 METHODS: dict[str, Direct] = {"superlu": direct.superlu, "cholmod": direct.cholmod, "pardiso": direct.pardiso}
 RESIDUAL = 1e-10  # ‖Ax − b‖ / (‖A‖‖x‖ + ‖b‖): the bound on every solver here
-PROBES = 3  # directions that a residual is seen along: less than a thirtieth of it is seen five times in 10⁵
-PROVING = ("cholmod", "pardiso")  # whose Cholesky refuses a pivot that is not positive
+PROBES = 3  # random directions: less than a thirtieth of a residual is measured with a probability of 5 in 10⁵
+PROVING = ("cholmod", "pardiso")  # their Cholesky refuses a pivot that is not positive
 SYMMETRY = 1e-12  # ‖(A − Aᵀ)x‖ / ‖A‖‖x‖
-SINGULAR = 1e13  # ‖A‖‖A⁻¹‖ beyond which no digit of a solution to RESIDUAL is left
+SINGULAR = 1e13  # with a larger ‖A‖‖A⁻¹‖, a solution within RESIDUAL has no correct digit
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Factor:
     back_substitute: Callable[[Array], Array]
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; raise `FactorError` when the residual exceeds its bound.
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`. Raises `FactorError` if the residual exceeds its bound.
 
-        The residual of a single column, as of a step in time, is seen along random directions (Freivalds, Proc. IFIP
-        Congress 77, 1977): a product with A takes a good part of the time of a back-substitution.
+        The residual of a single column, as in a time step, is measured along random directions (Freivalds, Proc.
+        IFIP Congress 77, 1977). A product with A would take a large part of the time of a back-substitution.
         """
         x = self.back_substitute(b)
         if b.ndim > 1:
@@ -50,7 +50,7 @@ class Factor:
 
     @cached_property
     def probes(self) -> tuple[Array, Array]:
-        """Random directions z, as rows, and A z, shape `(PROBES, n)` each: |zᵀr| is ‖r‖ in the root mean square."""
+        """Random directions z, as rows, and A z, shape `(PROBES, n)` each: the root mean square of |zᵀr| is ‖r‖."""
         Z = np.random.default_rng(0).standard_normal((PROBES, self.A.shape[0]))
         return Z, np.ascontiguousarray((self.A @ Z.T).T)
 
@@ -62,12 +62,12 @@ def factorize(
     one_of_many: bool = False,
     pattern: direct.Pattern | None = None,
 ) -> Factor:
-    """Factorise `A`; `places` `(n, 3)` of its unknowns allow a better ordering.
+    """Return the factor of `A`; `places` `(n, 3)` of its unknowns allow a better ordering.
 
-    `method` "cholmod" needs cvxopt, "pardiso" pypardiso. Of `one_of_many` tangents of an organ that is held, positive
-    pivots are proof enough: the search for an eigenvalue next to zero takes a dozen back-substitutions. Their `pattern`
-    keeps what they share, None for a matrix that is alone. Raises `FactorError` when A is not symmetric, singular or
-    not definite.
+    `method` "cholmod" needs cvxopt, "pardiso" pypardiso. For `one_of_many` tangents of a held organ, positive
+    pivots are a sufficient check. The search for an eigenvalue near zero would take a dozen back-substitutions.
+    Tangents with the same `pattern` share their symbolic factorisation; None for a single matrix. Raises
+    `FactorError` if A is not symmetric, singular or not positive definite.
     """
     if method not in METHODS:
         raise FactorError(f"method = {method!r}: allowed are {', '.join(map(repr, METHODS))}")
@@ -84,7 +84,7 @@ def factorize(
 
 
 def factorize_indefinite(A: csr_matrix) -> Factor:
-    """Factorise a symmetric matrix by LU with row exchanges, whatever the signs of its eigenvalues.
+    """Return the LU factor with row exchanges of a symmetric matrix with eigenvalues of any sign.
 
     Raises `FactorError` if it is singular.
     """
@@ -93,14 +93,14 @@ def factorize_indefinite(A: csr_matrix) -> Factor:
 
 
 def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` if ‖Ax − b‖ exceeds the `allowed` part of its scale, column by column."""
+    """Raise `FactorError` if ‖Ax − b‖ of a column exceeds the `allowed` fraction of ‖A‖‖x‖ + ‖b‖."""
     check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b, allowed)
 
 
 def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` if the size of a residual exceeds the `allowed` part of its scale, for each column."""
+    """Raise `FactorError` if the `residual` of a column exceeds the `allowed` fraction of ‖A‖‖x‖ + ‖b‖."""
     scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
-    if not np.all(residual <= allowed * scale):  # also catches what is not a number
+    if not np.all(residual <= allowed * scale):  # also refuses a residual that is not a number
         worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))
         raise FactorError(f"‖Ax − b‖ = {worst:.1e} (‖A‖‖x‖ + ‖b‖), allowed is {allowed:g}")
 
@@ -108,7 +108,7 @@ def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed
 def checked_norm(A: csr_matrix) -> float:
     """Return ‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal. Raises `FactorError`."""
     if A.shape[0] != A.shape[1]:
-        raise FactorError(f"the matrix has shape {A.shape}; only a square one can be factorised")
+        raise FactorError(f"the matrix has shape {A.shape}; only a square matrix can be factorised")
     norm = float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0))
     x = np.random.default_rng(0).standard_normal(A.shape[0])  # Aᵀ itself would be a second copy of a large matrix
     difference = float(np.linalg.norm(A @ x - A.T @ x))
@@ -120,11 +120,11 @@ def checked_norm(A: csr_matrix) -> float:
 
 
 def _check_definite(factor: Factor) -> None:
-    """Refuse a matrix whose eigenvalue next to zero is not positive or is lost in round-off.
+    """Raise `FactorError` if the eigenvalue nearest to zero is not positive or is below round-off.
 
     The eigenvalue is found by inverse iteration from three starts.
     """
-    # SuperLU can give up its pivots only as a second copy of the whole factor, so their signs are not read.
+    # SuperLU returns its pivots only with a second copy of the whole factor, so that their signs are not checked.
     x = np.random.default_rng(0).standard_normal((factor.A.shape[0], 3))
     for _ in range(4):
         x /= np.linalg.norm(x, axis=0)

@@ -1,9 +1,9 @@
 """Conjugate gradients for several right-hand sides at a time, preconditioned by multigrid or by the diagonal.
 
-The columns of Yᵀ are solved for together because one pass over the matrix then serves them all; what is done with them
-between two products passes over each field once, too (`tissue.solvers.passes`). The preconditioner is in single
-precision and so is not quite the same map at every call: the direction is conjugated by Polak and Ribière's formula,
-which tolerates that (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
+The columns of Yᵀ are solved together, because one pass over the matrix then serves all columns. Between two
+products, each field is also passed over only once (`tissue.solvers.passes`). The preconditioner works in single
+precision and is therefore not exactly the same map in every call. The direction is conjugated by Polak and
+Ribière's formula, which tolerates this (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
 """
 
 from collections.abc import Callable
@@ -19,12 +19,12 @@ from tissue.solvers.multigrid import multigrid
 
 Preconditioner = Callable[[Array], Array | Single]
 
-TOLERANCE = 1e-11  # ‖r‖ / ‖b‖: what is left over does work; 1e-10 leaves 2e-12 of it in the audit, 1e-8 leaves 3e-11
-ROUGH = 1e-7  # ‖r‖ / ‖b‖ of columns whose products are made to second order: 1e-8 of a column is left, of these 1e-14
-ROUND_OFF = 1e-15  # ‖r‖ / ‖A‖‖x‖ below which round-off is all that is left
+TOLERANCE = 1e-11  # ‖r‖ / ‖b‖: the residual does work; 1e-10 leaves 2e-12 of it in the audit, 1e-8 leaves 3e-11
+ROUGH = 1e-7  # ‖r‖ / ‖b‖ if products are of second order in the error: 1e-8 error of a column, 1e-14 of products
+ROUND_OFF = 1e-15  # a smaller ‖r‖ / ‖A‖‖x‖ is round-off
 ITERATIONS = 500
-COLUMNS = 20  # solved side by side: those of two holes, whose product with K takes 1.3 times as long as that of half
-KEPT = 2**25  # bytes of a field beyond which malloc takes it from the system anew each time
+COLUMNS = 20  # solved together: two holes; a product of K with 20 columns takes 1.3 times as long as with 10
+KEPT = 2**25  # bytes; malloc requests a larger field from the system anew each time
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,15 @@ class ConjugateGradients:
     preconditioner: Preconditioner
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, from `guess`; None means from zero. `rough`: to `ROUGH`."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, starting from `guess()`; None means zero. `rough`: to
+        `ROUGH`."""
         if b.ndim == 2:
             parts = np.array_split(b, -(-b.shape[1] // COLUMNS), axis=1) if b.size else []
             return np.hstack([np.empty((len(b), 0)), *(self.solve_together(part, None, rough) for part in parts)])
         return self.solve_together(b, None if guess is None else guess(), rough)
 
     def solve_together(self, b: Array, guess: Array | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for columns that fit into memory together."""
+        """Return A⁻¹ b for columns that are solved together and fit into memory."""
         x, _ = self.iterate(np.ascontiguousarray(b), guess, rough)
         check_residual(self.A, self.norm, x, b, ROUGH if rough else RESIDUAL)
         return x
@@ -69,7 +70,7 @@ class ConjugateGradients:
             z = self.preconditioner(r)
             new, along = passes.conjugation(r, q, z)
             passes.turn(z, _ratio(-step * along, rz), p)
-            del z  # before the next cycle: fields of many columns are what takes most memory of all
+            del z  # before the next cycle, because fields of many columns need the most memory
             self._multiply(p, q)
             rz = new
             curvature = passes.dot(p, q)
@@ -94,7 +95,7 @@ class ConjugateGradients:
 
 
 def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> ConjugateGradients:
-    """Return conjugate gradients for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns, by multigrid.
+    """Return conjugate gradients with multigrid for a stiffness matrix over unknowns at `places` `(n, 3)`.
 
     Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` if A is not
     symmetric.
@@ -108,5 +109,5 @@ def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> Conjugate
 
 
 def _ratio(a: Array, b: Array) -> Array:
-    """Return the quotient; zero where there is nothing left of a column."""
+    """Return a / b; zero if b of a column is zero."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)

@@ -1,4 +1,4 @@
-"""Memory that is free, as far as the system says."""
+"""Free memory as reported by the system."""
 
 from pathlib import Path
 
@@ -7,9 +7,9 @@ UNKNOWN = float("inf")
 
 
 def free_memory(proc: Path = Path("/proc/meminfo"), group: Path = Path("/sys/fs/cgroup")) -> float:
-    """Return the bytes that can be had without swapping, within a container's limit.
+    """Return the bytes available without swapping and within a container's limit.
 
-    The result is infinite if the system does not say.
+    The result is infinite if the system does not report it.
     """
     return min(_available(proc), _allowed(group))
 

@@ -1,11 +1,13 @@
 """Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a preconditioner.
 
-PyAMG aggregates; the coarse spaces hold the six rigid motions, so that the work per unknown does not grow with the
-mesh. The motions of its groups are smoothed here, because PyAMG would make two more matrices of the size of the organ's
-for that. The V-cycle acts on several columns at once, in single precision: it only has to point the right way, and a
-cycle is as long as the memory it reads. So matrices are kept and multiplied in blocks, which read a row of a field once
-for nine numbers, though on the mesh two fifths of these are zeros; and fields are used again, for to fill memory that
-the system has just given costs as much as a pass over it.
+PyAMG aggregates the nodes. The coarse spaces contain the six rigid motions, so that the work per unknown does not
+grow with the mesh. The motions of the groups are smoothed here, because PyAMG would need two more matrices of the
+organ's size for the smoothing.
+
+The V-cycle acts on several columns at once, in single precision, because it need not be exact. Its time is the time
+of its memory access. Matrices are therefore stored and multiplied in blocks: a row of a field is read once for nine
+numbers, although on the mesh two fifths of these numbers are zero. Fields are reused, because filling new memory
+from the system costs as much as a pass over it.
 """
 
 from dataclasses import dataclass
@@ -17,21 +19,23 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from tissue.arrays import Array, Single
 from tissue.errors import FactorError
 
-COARSEST = 100  # nodes with six unknowns each: a dense inverse of so many is as cheap as smoothing on the finest level
-STRENGTH = 0.04  # of ‖A_ij‖ to √(‖A_ii‖‖A_jj‖) below which two nodes are not aggregated
-DEGREE = 2  # of the Chebyshev smoother
+COARSEST = 100  # nodes with six unknowns each: their dense inverse costs as much as smoothing on the finest level
+STRENGTH = 0.04  # least ratio of ‖A_ij‖ to √(‖A_ii‖‖A_jj‖) of two aggregated nodes
+DEGREE = 2  # degree of the Chebyshev smoother
 SMOOTHED_RANGE = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
 LANCZOS = 12  # steps: the highest eigenvalue to a few per cent
 MARGIN = 1.1
-SMOOTHING = 1.5  # step over 1/ρ by which the motions of a group are smoothed: 26 iterations at 320 000, by 4/3 28
+SMOOTHING = 1.5  # step of smoothing motions, in 1/ρ: 26 iterations at 320 000 unknowns, with 4/3 28
 RANK_TOLERANCE = 1e-10  # of the highest eigenvalue of the coarsest matrix
 BLOCK = (3, 3)
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """A matrix `(m, n)` in blocks, three or six unknowns of a node to a side, as one factor of products with several
-    columns."""
+    """A matrix `(m, n)` in blocks for products with several columns.
+
+    A side of a block has the three or six unknowns of a node.
+    """
 
     matrix: bsr_matrix
 
@@ -51,7 +55,10 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Level:
-    """A matrix, the inverse of its diagonal `(n,)`, its highest eigenvalue scaled by that, and the way up and down."""
+    """A level of multigrid: the matrix A, scaling and highest eigenvalue, prolongation P and restriction R.
+
+    `scaling` is the inverse of the diagonal, `(n,)`. `highest` is the highest eigenvalue of the scaled matrix.
+    """
 
     A: Blocks
     scaling: Single
@@ -67,8 +74,11 @@ class Level:
 
 @dataclass(frozen=True)
 class Fields:
-    """Work arrays of a cycle on a level, `(n, k)` each: right-hand side, last correction of the smoother and product
-    with the matrix; and `(m, k)` the right-hand side of the next `coarse` level, then its solution."""
+    """Work arrays of a cycle on a level.
+
+    Right-hand side `b`, last correction `d` of the smoother and `product` with the matrix, `(n, k)` each. `coarse`
+    `(m, k)` holds first the right-hand side of the next coarser level and then its solution.
+    """
 
     b: Single
     d: Single
@@ -77,7 +87,7 @@ class Fields:
 
     @classmethod
     def of(cls, level: Level, columns: int) -> "Fields":
-        """Return fields of a level, not filled."""
+        """Return uninitialised fields of a level."""
         n, coarse = level.P.matrix.shape
         return cls(*(np.empty((size, columns), dtype=np.float32) for size in (n, n, n, coarse)))
 
@@ -103,7 +113,7 @@ class Multigrid:
 
     @cached_property
     def _used(self) -> dict[int, tuple[Fields, ...]]:
-        """The fields of the last cycle, by its number of columns."""
+        """The cached fields of the last cycle, keyed by its number of columns."""
         return {}
 
     def _fields(self, columns: int) -> tuple[Fields, ...]:
@@ -113,7 +123,7 @@ class Multigrid:
         return self._used[columns]
 
     def _cycle(self, depth: int, b: Array | Single, x: Single) -> None:
-        """Write what a cycle from this level down makes of b into x."""
+        """Write the result of a cycle from this level down, for the right-hand side b, into x."""
         if depth == len(self.levels):
             np.matmul(self.coarsest, b, out=x)
             return
@@ -130,18 +140,19 @@ class Multigrid:
 
 
 def is_by_nodes(places: Array) -> bool:
-    """Return whether unknowns at `places` `(n, 3)` are three a node, one after the other; not so on rollers."""
+    """Return whether unknowns at `places` `(n, 3)` are three per node, in sequence; false with rollers."""
     return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
 
 
 def rigid_motions(places: Array) -> Array:
-    """Return three translations and three rotations of nodes with three unknowns each, shape `(n, 6)`, of size one.
+    """Return three translations and three rotations of nodes with three unknowns each, scaled to one, shape
+    `(n, 6)`.
 
-    Raises `FactorError` for unknowns that are not three a node.
+    Raises `FactorError` if there are not three unknowns per node.
     """
     nodes = places[::3]
     if not is_by_nodes(places):
-        raise FactorError("multigrid needs three unknowns a node, one after the other; take another solver")
+        raise FactorError("multigrid needs three unknowns per node, in sequence; take another solver")
     x = nodes - nodes.mean(axis=0)
     x /= np.abs(x).max()
     motions = np.zeros((len(nodes), 3, 6))
@@ -152,16 +163,16 @@ def rigid_motions(places: Array) -> Array:
 
 
 def multigrid(A: csr_matrix, places: Array) -> Multigrid:
-    """Return the V-cycle for a stiffness matrix over nodes at `places` `(n, 3)` of its unknowns."""
+    """Return the V-cycle for a stiffness matrix over unknowns at `places` `(n, 3)`."""
     levels: list[Level] = []
     motions = rigid_motions(places)
     coarser = A.tobsr(BLOCK)
     while coarser.shape[0] > COARSEST * coarser.blocksize[0]:
         level, P, motions = _level(coarser, motions)
         levels.append(level)
-        coarser = coarser @ P  # in two steps, by the first of which the finer matrix is let go
+        coarser = coarser @ P  # in two steps, so that the finer matrix is freed after the first
         coarser = P.T @ coarser
-    # A group of one or two nodes has fewer than six motions: some coarse unknowns are nothing.
+    # A group of one or two nodes has fewer than six motions, so that some coarse unknowns have zero rows.
     inverse = np.linalg.pinv(coarser.toarray(), rcond=RANK_TOLERANCE, hermitian=True).astype(np.float32)
     return Multigrid(tuple(levels), inverse)
 
@@ -169,8 +180,8 @@ def multigrid(A: csr_matrix, places: Array) -> Multigrid:
 def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
     """Return the level of a matrix, its P in double precision, and the motions of the next coarser level.
 
-    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the highest eigenvalue
-    that the smoother needs, too, and nothing of the size of A is made.
+    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the same highest
+    eigenvalue as in the smoother. No further matrix of the size of A is needed.
     """
     from pyamg.aggregation.aggregate import standard_aggregation
     from pyamg.aggregation.tentative import fit_candidates
@@ -191,7 +202,7 @@ def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
 
 
 def _single(matrix: bsr_matrix) -> Blocks:
-    """Return a matrix in blocks in single precision, with the same indices, which are sorted."""
+    """Return a block matrix in single precision with the same, sorted, indices."""
     matrix.sort_indices()
     return Blocks(bsr_matrix((matrix.data.astype(np.float32), matrix.indices, matrix.indptr), shape=matrix.shape))
 
@@ -215,8 +226,9 @@ def _highest(A: Blocks, scaling: Array) -> float:
 
 
 def _smooth(level: Level, own: Fields, x: Single, is_zero: bool) -> None:
-    """Write x after Chebyshev iteration on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1)
-    into `x`, from there or, where that `is_zero`, from zero.
+    """Write the result of a Chebyshev iteration into `x`, starting from `x`, or from zero if `is_zero`.
+
+    The iteration acts on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1).
     """
     from tissue.solvers.passes import relax, relax_zero
 

@@ -1,8 +1,8 @@
-"""Nested dissection (George, SIAM J. Numer. Anal. 10, 1973) by the places of the nodes, and the fill it leaves.
+"""Nested dissection (George, SIAM J. Numer. Anal. 10, 1973) by the places of the nodes, and the resulting fill.
 
-A plane across x, y or z parts the nodes; those of one side that the matrix joins to the other are the separator, which
-is numbered after both sides, and so on in each of them. All planes are looked at at once: a node of rank r whose
-farthest neighbour has rank m is in the separator of every cut between r and m.
+A plane normal to x, y or z divides the nodes. The nodes of one side that the matrix joins to the other side are the
+separator. It is numbered after both sides, and each side is divided again. All planes are examined at once: a node
+of rank r whose farthest neighbour has rank m is in the separator of every cut between r and m.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,15 +14,17 @@ from scipy.sparse import csr_matrix
 
 from tissue.arrays import Array, Indices
 
-LEAF = 20  # nodes below which dissection stops: smaller leaves measured the same
-LOPSIDED = 0.4  # smallest share of the nodes on one side of a cut: room to find the planes of quadratic elements
+LEAF = 20  # nodes; smaller sets are not dissected: smaller leaves gave the same measured fill
+LOPSIDED = 0.4  # smallest share of the nodes on one side of a cut: wide enough to find the planes of quadratic elements
 OUTSIDE = -1
 
 
 @dataclass(frozen=True, eq=False)
 class Dissection:
-    """An elimination order of the nodes of a `graph` (m, m): the `pieces` one after the other, each behind the pieces
-    `below` it, which it parts."""
+    """An elimination order of the nodes of a `graph` (m, m): the `pieces` in sequence.
+
+    Each piece comes after the pieces `below` it, which it separates.
+    """
 
     graph: csr_matrix
     pieces: tuple[Indices, ...]
@@ -35,13 +37,13 @@ class Dissection:
 
     @cached_property
     def entries(self) -> int:
-        """The entries of the Cholesky factor of the graph, close to those that the best orderings known leave."""
+        """The number of entries of the Cholesky factor of the graph, close to the best known orderings."""
         return _entries(self.graph, self.order, self.pieces, self.below)
 
 
 @dataclass(frozen=True)
 class _Cut:
-    """Nodes on two sides, and those that part them."""
+    """Nodes on two sides, and the separator between them."""
 
     left: Indices
     right: Indices
@@ -49,8 +51,10 @@ class _Cut:
 
 
 def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices]:
-    """Return the graph `(m, m)` of the places that the matrix joins, those places `(m, 3)`, and the node of
-    every unknown `(n,)`.
+    """Return the graph `(m, m)` of the nodes that the matrix joins, their places `(m, 3)` and each unknown's node
+    `(n,)`.
+
+    A node is a place with one or more unknowns.
     """
     _, first, node = np.unique(places, axis=0, return_index=True, return_inverse=True)
     node = node.ravel().astype(np.intp)
@@ -61,7 +65,7 @@ def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices
 
 
 def dissection(graph: csr_matrix, places: Array) -> Dissection:
-    """Dissect the nodes of a symmetric graph with a full diagonal by their places `(m, 3)`."""
+    """Return the dissection of a symmetric graph with a full diagonal by the places `(m, 3)` of its nodes."""
     pieces: list[Indices] = []
     children: list[tuple[int, ...]] = []
     _dissect(graph, places, np.arange(len(places)), pieces, children)
@@ -71,7 +75,7 @@ def dissection(graph: csr_matrix, places: Array) -> Dissection:
 def _dissect(
     graph: csr_matrix, places: Array, nodes: Indices, pieces: list[Indices], children: list[tuple[int, ...]]
 ) -> int:
-    """Append separators and leaves, each after its children; the index of the last one."""
+    """Append separators and leaves, each after its children, and return the index of the last one."""
     below: tuple[int, ...] = ()
     if nodes.size > LEAF:
         cut = min(_cuts(graph, places, nodes), key=lambda cut: cut.separator.size)
@@ -83,9 +87,7 @@ def _dissect(
 
 
 def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
-    """Return, of each axis, the cuts with the fewest nodes in the separator, which is taken from one side or
-    the other.
-    """
+    """Yield two cuts for each axis, with the fewest nodes in the separator: it is taken from either side."""
     (joined, begins), rank = _neighbours(graph, nodes), np.full(graph.shape[0], OUTSIDE)
     for axis in range(3):
         rank[nodes[np.argsort(places[nodes, axis], kind="stable")]] = np.arange(nodes.size)
@@ -99,17 +101,20 @@ def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
 
 
 def _neighbours(graph: csr_matrix, nodes: Indices) -> tuple[Indices, Indices]:
-    """Return the nodes that some `nodes` (k,) are joined with, one node's after the other's, and where those of each
-    begin `(k,)`; by a matrix of these rows it takes four times as long."""
+    """Return the neighbours of some `nodes` (k,), node by node, and the start index of each node's neighbours
+    `(k,)`.
+
+    Extracting these rows of the matrix would take four times as long.
+    """
     first, count = graph.indptr[nodes], np.diff(graph.indptr)[nodes]
     begins = np.cumsum(count) - count
     return graph.indices[np.repeat(first - begins, count) + np.arange(count.sum())], begins
 
 
 def _narrowest(first: Indices, last: Indices, size: int) -> int:
-    """Return the cut with the fewest nodes in its separator, of several the most even.
+    """Return the cut with the fewest nodes in its separator; of equal cuts the most balanced one.
 
-    Each node is in the separators of the cuts from `first` until before `last`.
+    Each node is in the separators of the cuts from `first` up to, but not including, `last`.
     """
     count = np.cumsum(np.bincount(first, minlength=size + 2) - np.bincount(last, minlength=size + 2))
     low, high = int(LOPSIDED * size), int((1.0 - LOPSIDED) * size) + 1
@@ -118,8 +123,9 @@ def _narrowest(first: Indices, last: Indices, size: int) -> int:
 
 
 def _entries(graph: csr_matrix, order: Indices, pieces: Sequence[Indices], children: Sequence[tuple[int, ...]]) -> int:
-    """Return the entries of the factor: each piece is joined with itself and with all later nodes that its
-    subtree touches.
+    """Return the number of entries of the factor.
+
+    Each piece is coupled with itself and with all later nodes that its subtree touches.
     """
     rank = np.empty(order.size, np.intp)
     rank[order] = np.arange(order.size)

@@ -1,8 +1,8 @@
-"""Passes of conjugate gradients and of multigrid over fields of several columns, `(n, k)`, each over memory once.
+"""Compiled loops of conjugate gradients and of multigrid over fields of several columns, `(n, k)`.
 
-Between two products with a large matrix a pass takes as long as the memory that it reads and writes. So these loops,
-compiled by Numba when they are first called, write into fields that belong to whoever calls; which these are is said of
-each. Sums are in double precision and in the order of the rows.
+Between two products with a large matrix, the time of a loop is the time of its memory access. Each loop therefore
+passes over memory once and writes its results into fields of the caller; its docstring names these fields. Numba
+compiles the loops at their first call. Sums are in double precision and in the order of the rows.
 """
 
 import numpy as np
@@ -26,8 +26,10 @@ def dot(a: Array, b: Array) -> Array:
 
 @compiled
 def conjugation(r: Array, q: Array, z: Array | Single) -> tuple[Array, Array]:
-    """Return r·z and q·z, shape `(k,)` each, of residuals r, their last change q up to a factor, and the preconditioned
-    residuals z."""
+    """Return r·z and q·z, shape `(k,)` each.
+
+    r are residuals, q is their last change up to a factor, and z are the preconditioned residuals.
+    """
     new, turned = np.zeros(r.shape[1]), np.zeros(r.shape[1])
     for i in range(r.shape[0]):
         for k in range(r.shape[1]):
@@ -46,8 +48,10 @@ def turn(z: Array | Single, beta: Array, p: Array) -> None:
 
 @compiled
 def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array, Array]:
-    """Write x + step p into `x` and r − step q into `r`, with the step of each column `(k,)`; return r·r and x·x, shape
-    `(k,)` each."""
+    """Write x + step p into `x` and r − step q into `r`, and return r·r and x·x, shape `(k,)` each.
+
+    `step` `(k,)` has one number per column.
+    """
     rr, xx = np.zeros(x.shape[1]), np.zeros(x.shape[1])
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
@@ -60,8 +64,11 @@ def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array,
 
 @compiled
 def product_by_rows(first: Numbers, at: Numbers, values: Array, x: Array, out: Array) -> None:
-    """Write A x into `out`, `(m, k)`, with A row by row: of a row from its `first` on, where its entries stand `at` and
-    their `values`, `(e,)` each. Four entries at a time are added to sums that are read and written once."""
+    """Write A x into `out`, `(m, k)`, for a matrix A stored by rows.
+
+    The entries of a row begin at index `first`; `at` are their columns and `values` their numbers, `(e,)` each.
+    Four entries at a time are added to sums that are read and written once.
+    """
     sums = np.empty(x.shape[1])
     for i in range(first.size - 1):
         sums[:] = 0.0
@@ -82,9 +89,11 @@ def product_by_rows(first: Numbers, at: Numbers, values: Array, x: Array, out: A
 
 @compiled
 def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
-    """Write A x into `out`, `(m, k)`, with A in blocks whose sides are multiples of three: of a row of them from its
-    `first` on, where they stand `at` `(b,)` and what is in them, `blocks` `(b, r, c)`; sums in the order of the
-    columns."""
+    """Write A x into `out`, `(m, k)`, for a matrix A in blocks whose sides are multiples of three.
+
+    The blocks of a row begin at index `first`; `at` `(b,)` are their columns and `blocks` `(b, r, c)` their
+    numbers. Sums are in the order of the columns.
+    """
     high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
         for p in range(0, high, 3):
@@ -95,8 +104,8 @@ def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single)
             for j in range(first[i], first[i + 1]):
                 for q in range(0, wide, 3):
                     a, c = blocks[j], wide * at[j] + q
-                    a00, a01, a02 = a[p, q], a[p, q + 1], a[p, q + 2]  # read here: the compiler cannot tell that
-                    a10, a11, a12 = a[p + 1, q], a[p + 1, q + 1], a[p + 1, q + 2]  # `out` is none of them
+                    a00, a01, a02 = a[p, q], a[p, q + 1], a[p, q + 2]  # read once: the compiler cannot know that
+                    a10, a11, a12 = a[p + 1, q], a[p + 1, q + 1], a[p + 1, q + 2]  # `out` is another array
                     a20, a21, a22 = a[p + 2, q], a[p + 2, q + 1], a[p + 2, q + 2]
                     for k in range(x.shape[1]):
                         u, v, w = x[c, k], x[c + 1, k], x[c + 2, k]
@@ -107,7 +116,7 @@ def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single)
 
 @compiled
 def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
-    """Write `product` for a single column `(n, 1)`, whose sums need no memory."""
+    """Write A x into `out` as `product` does, for a single column `(n, 1)`; its sums stay in registers."""
     high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
         for p in range(0, high, 3):
@@ -128,8 +137,10 @@ def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: 
 def relax(
     keep: np.float32, pull: np.float32, scaling: Single, b: Single, product: Single, d: Single, x: Single
 ) -> None:
-    """Write the next correction, keep d + pull D⁻¹(b − `product`), into `d`, and x with it added into `x`; `scaling` is
-    the diagonal of D⁻¹, `(n,)`, and `product` A x."""
+    """Write the next correction, keep d + pull D⁻¹(b − `product`), into `d`, and add it to `x`.
+
+    `scaling` is the diagonal of D⁻¹, `(n,)`, and `product` is A x.
+    """
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
             d[i, k] = keep * d[i, k] + pull * (scaling[i] * (b[i, k] - product[i, k]))
@@ -138,7 +149,7 @@ def relax(
 
 @compiled
 def relax_zero(pull: np.float32, scaling: Single, b: Single, d: Single, x: Single) -> None:
-    """Write `relax` where x is zero: pull D⁻¹b into `d` and into `x`, which need not be filled before."""
+    """Write the result of `relax` for x = 0, pull D⁻¹b, into `d` and `x`; both can be uninitialised."""
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
             d[i, k] = x[i, k] = pull * (scaling[i] * b[i, k])

@@ -1,7 +1,7 @@
-"""Columns solved by several processes that make the same calls, each its share of them, as MPI starts them.
+"""Columns solved by several processes that make the same calls, as MPI starts them; each solves its share.
 
-Every process has the matrix and its levels or factor; it is the columns alone that are spread. A communicator of mpi4py
-has the members of `Ranks`, and nothing here needs it.
+Every process has the matrix and its levels or factor; only the columns are distributed. A communicator of mpi4py
+has the members of `Ranks`, but this module does not need mpi4py.
 """
 
 from collections.abc import Callable
@@ -22,15 +22,15 @@ class Ranks(Protocol):
         """Return the number of this process, from zero."""
 
     def Get_size(self) -> int:
-        """Return how many processes there are."""
+        """Return the number of processes."""
 
     def allgather(self, sendobj: Array) -> list[Array]:
-        """Return the data of every process, in their order, once all of them have called."""
+        """Return the data of every process, in order, after all processes have called."""
 
 
 @dataclass(frozen=True)
 class SharedColumns:
-    """A solver whose columns are shared out among `ranks`: all of them call it at once with the same numbers."""
+    """A solver whose columns are distributed among `ranks`: all processes call it together with the same numbers."""
 
     own: Solver
     ranks: Ranks
@@ -41,7 +41,8 @@ class SharedColumns:
         return self.own.A
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n, k)`, the same in every process; one of shape `(n,)` is solved by each."""
+        """Return A⁻¹ b for b of shape `(n, k)`, the same in every process; every process solves a b of shape `(n,)`
+        itself."""
         if b.ndim == 1:
             return self.own.solve(b, guess, rough)
         share = np.array_split(np.arange(b.shape[1]), self.ranks.Get_size())[self.ranks.Get_rank()]
