@@ -241,5 +241,7 @@ def across(ways: Array) -> Array:
 
 def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
     """Return a remark on holes that the couple of the thread `turns` (p,) [rad]; the worst hole is named."""
+    if not len(holes):
+        return []
     worst = int(np.argmax(turns))
     return judged(turns[worst] > EARLY_ROTATION, "stiff-thread", holes[worst].name, turn=turns[worst])
