@@ -38,7 +38,9 @@ from tissue.organs.lips import tangents
 ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
 LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, way from the thread's middle, radius left there
 CLEAR = 1.0  # diameters along the thread from a hole, nearer to which no point bears: the thread emerges there
+SLIGHT = 0.02  # of the radius: a point that is so much nearer to the surface than that is pushed out, no more
 FIRM = 1e-4  # of the softest point's compliance: what each yields besides, since several may bear on nodes that are few
+HARD = 0.1  # of radius over EA: what each yields at least, on facets that are held, whose gaps round-off would decide
 NEAR = 0.05  # radii: points with smaller gaps, before any force, are those that a correction may press
 PER_SPAN = 2  # points: one leaves long spans between, and more say the same of a cubic
 WIDEST, MOST = 0.95, 64  # of the radius: points across the thread, a facet apart, reach so far aside; as many at most
@@ -66,20 +68,34 @@ def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
     out = np.abs(s[:, None] - clear).min(axis=1, initial=np.inf) > CLEAR * system.thread.section.diameter
     for at, end in zip((spline.start, spline.end), system.ends, strict=True):
         out &= (s != at) | (end.position(0.0) is None)
-    places, there = np.append(state.s, [spline.start, spline.end]), np.append(state.present, [True, True])
+    places = np.append(state.s, [spline.start, spline.end])
     for low, high in contact.inside:
         k, m = system.holds if low == END else low, system.holds + 1 if high == END else high
-        if there[k] and there[m]:
-            out &= (s < places[k]) | (s > places[m])
+        out &= (s < places[k]) | (s > places[m])  # the channel of a hole that was left stays
     return np.asarray(out)
 
 
-def touching_organ(system: System[Body], state: State[Body]) -> Body:
-    """Return the organ's state in front of a step of a thread that bears on it."""
+def touching_organ(system: System[Body], state: State[Body], origin: State[Body]) -> Body:
+    """Return the organ's state in front of a step of a thread that bears on it; `origin`, the state at the start of the
+    step in time or of the load step."""
     if not (system.bears and isinstance(system.organ, Bearing)):
         return state.organ
-    touched: Body = system.organ.touched(state.organ, points_facing(system, system.organ, state))
+    points = with_reach(system, system.organ, points_facing(system, system.organ, state), origin)
+    touched: Body = system.organ.touched(state.organ, points)
     return touched
+
+
+def with_reach(system: System[Body], organ: Bearing, points: Array, origin: State[Body]) -> Array:
+    """Return points `(j, 14)` of which those that were nearer to the surface than their radius at the `origin` of a
+    step, as next to a hole, reach no farther than they did: contact forbids to go deeper, and pries nothing up."""
+    if not len(points):
+        return points
+    places = places_of(system.at(origin).thread.spline, origin.q, points[:, LABEL]) + points[:, ASIDE]
+    away = organ.faced(origin.organ, places, points[:, LABEL:])[:, AWAY]
+    nearer = points[:, REACH] - away > SLIGHT * 0.5 * system.thread.section.diameter
+    out = points.copy()
+    out[nearer, REACH] = away[nearer]
+    return out
 
 
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
@@ -112,14 +128,18 @@ def places_of(spline: Spline, q: Array, s: Array) -> Array:
     return np.asarray(np.einsum("ji,jix->jx", b[:, 0], q[first[:, None] + LOCAL, :3]))
 
 
-def misplaced(system: System[Body], state: State[Body]) -> float:
+def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> float:
     """Return the largest distance [m] by which points of the thread are deeper than on the surface that they face now,
-    or the pressed ones higher, or the way that d of these has turned by, a diameter from its foot."""
+    or the pressed ones higher, or the way that d of these has turned by, a diameter from its foot; `origin` as for
+    `touching_organ`."""
     organ = system.organ
     if not (system.bears and isinstance(organ, Bearing)):
         return 0.0
     old, P = organ.touching_points(state.organ)
-    pressed, now = old[P[: len(old)] > 0.0], points_facing(system, organ, state)
+    now = with_reach(system, organ, points_facing(system, organ, state), origin)
+    pressed = old[P[: len(old)] > 0.0] if len(old) else now[:0]
+    if not len(now):
+        return 0.0
     places = places_of(system.at(state).thread.spline, state.q, pressed[:, LABEL]) + pressed[:, ASIDE]
     again = organ.faced(state.organ, places, pressed[:, LABEL:])
     deeper, higher = (points[:, AWAY] - points[:, REACH] for points in (now, again))
@@ -144,13 +164,15 @@ class Touch:
 @dataclass(frozen=True)
 class Strands(Generic[Body]):
     """The points of a thread in a step: what they face, `points` (j, 14), their functions `b` (j, 4) from control point
-    `first` (j,) on, and the thread's `radius` [m] and coefficient of `friction` [-]; the organ's `answer` with the
-    pairs of its `lips` that are `closed`, as they are `rubbing`; and the `start` of the step."""
+    `first` (j,) on, and the thread's `radius` [m], radius over EA, its `give` [m/N], and coefficient of `friction` [-].
+    The organ's `answer` with the pairs of its `lips` that are `closed`, as they are `rubbing`; and the `start` of the
+    step."""
 
     points: Array
     first: Indices
     b: Array
     radius: float
+    give: float
     friction: float
     answer: Answer[Body]
     lips: Contact[Body] | None
@@ -259,7 +281,8 @@ class Strands(Generic[Body]):
             chosen = self.chosen(near)
             C = self.columns(chosen)[0]
             own = C[chosen]
-            law = self.law(own + FIRM * np.diag(own).max() * np.eye(len(own)), len(near))
+            least = max(FIRM * float(np.diag(own).max()), HARD * self.give)
+            law = self.law(own + least * np.eye(len(own)), len(near))
             pressed, rubbing, P = forces_of(law, c_open[chosen])
             gaps = (c_open + C @ P)[: self.count]
             gaps[near] = 0.0
@@ -397,6 +420,7 @@ def strands_of(
         first,
         b[:, 0],
         radius,
+        radius / float(system.thread.EA),
         system.contact.friction,
         answer,
         lips,

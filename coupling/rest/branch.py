@@ -103,7 +103,8 @@ class Branch(Generic[Body]):
 
     def problem(self, share: float, answer: Answer[Body]) -> Problem[Body]:
         """Return the problem of equilibrium under a share of the loads, from the last one."""
-        return static_problem(self.system, self.state, share, self.duration, answer, self.state, self.began)
+        problem = static_problem(self.system, self.state, share, self.duration, answer, self.state, self.began)
+        return replace(problem, start=self.state if self.system.bears else None)
 
     def under(self, problem: Problem[Body], z: Iterate, share: float) -> tuple[Problem[Body], Iterate]:
         """Return a problem under another share of the loads, and its iterate with the ends where hands hold them."""

@@ -35,7 +35,7 @@ from coupling.errors import (
 )
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
-from coupling.joins.strands import misplaced
+from coupling.joins.strands import misplaced, touching_organ
 from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
@@ -201,7 +201,7 @@ def go_downhill(
     lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
     answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
     problem = static_problem(system, state, share, duration, answer, state, began, lapse)
-    near = state.time > 0.0 and answer.linear and problem.contact is None
+    near = state.time > 0.0 and answer.linear and problem.contact is None and problem.strands is None
     now, down, refits = state, 0 if near else DOWN, REFITS
     failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
     for _ in range(ROUNDS):
@@ -370,7 +370,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
     scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
     """
     thread, here = system.thread, state.present
-    if not may_slide_as_a_whole(system, here) or system.weight.any():
+    if not may_slide_as_a_whole(system, here) or system.weight.any() or system.bears:
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
@@ -458,7 +458,7 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     now, pace, failed = state, FIRST_PACE, EquilibriumError(state.time, share * duration - state.time, "", "", share)
     for _ in range(CREEPS):
         try:
-            given = organ.creep(now.organ, duration, share, pace) if pace > LAST_PACE else None
+            given = organ.creep(touching_organ(system, now, now), duration, share, pace) if pace > LAST_PACE else None
             step = settle(system, now, share, duration, given, state)
         except OrganError as error:
             failed, pace = replace(failed, cause=str(error)), HARDER * pace
@@ -586,7 +586,9 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     their gaps change where an organ at finite strain turns them, and while a body that nothing but thread and contact
     holds is dragged; with friction they rub along the way from the start of the load step. Raises `StepError`."""
     out = [step]
-    while (len(out) <= PAIRINGS and has_slid(system, out[-1])) or (len(out) <= DRIFTS and is_dragged(system, out[-1])):
+    while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
+        len(out) <= DRIFTS and is_dragged(system, out[-1])
+    ):
         since = Equilibrium(share * duration - step.old.time)
         given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old))
@@ -597,10 +599,10 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     return out[1:]
 
 
-def has_slid(system: System[Body], step: Step[Body]) -> bool:
+def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> bool:
     """Tell whether lips that press on one another, or the thread and the organ, face something else after a step than
     in it."""
-    if misplaced(system, step.new) > MISPLACED * system.thread.section.diameter:
+    if misplaced(system, step.new, origin) > MISPLACED * system.thread.section.diameter:
         return True
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
     before, after = (system.organ.lips(state.organ) for state in (step.old, step.new))

@@ -114,7 +114,7 @@ def ask_organ(
     Raises `StepError` where it has none."""
     try:
         now, *before = past
-        bodies = [touching_organ(system, now), *(each.organ for each in before)]
+        bodies = [touching_organ(system, now, now if scheme.a else past[-1]), *(each.organ for each in before)]
         return system.organ.answer(scheme, bodies, time, share)
     except OrganError as error:
         raise StepError(past[0].time, scheme.dt, str(error)) from error

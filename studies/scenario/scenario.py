@@ -146,6 +146,10 @@ class Scenario(ScenarioTable):
                 "tissue.reduction is given, and no small basis knows where the thread presses; leave one of them out"
             )
             raise ValueError(refusal("thread.contact", contact, reason))
+        if later := next((hole for hole in self.piercing if hole.from_ > 0.0), None):
+            reason = f"{dotted_key(['piercing', later.name, 'from'])} is {later.from_}, and a thread that bears on the "
+            reason += "organ is not drawn into a later hole; leave one of them out"
+            raise ValueError(refusal("thread.contact", contact, reason))
         why = "in such a run the thread bears on the organ at its holes alone; set it to "
         self._require(ONE_SYSTEM, why, ", or leave out thread.contact")
 

@@ -151,7 +151,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         if not self.slips(pairing).size:
             return pairing
         crosses = self.gaps is not None and self.gap(first).min() < -CROSSED * self.gaps.extent
-        return self.slipping_from(np.zeros(self.size) if crosses else self.field(first), pairing)
+        slipping = self.slipping_from(self.field(first), pairing)
+        if crosses:
+            slipping.g0[self.pairs : self.contacts] = 0.0
+        return slipping
 
     def is_unloaded(self, state: OrganState) -> bool:
         """Return whether no force acts on the organ, so that its displacement is zero."""
