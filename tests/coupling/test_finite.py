@@ -234,5 +234,5 @@ def test_an_organ_without_an_answer_fails_the_step(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(tissue.FiniteOrgan, "go", lost)
     problem = dynamic_problem(system, state, DT, organ_answer(system, BackwardEuler(DT), state))
-    with pytest.raises(StepError, match="a cell would be inverted"):
+    with pytest.raises(StepError, match="a cell would turn inside out"):
         solve(problem, predict(problem, state))

@@ -169,5 +169,5 @@ def test_organs_of_which_no_basis_is_made_are_refused(monkeypatch: pytest.Monkey
     wound = Wound(0.01, 0.005)
     cut = tissue.elasticity(cut_block(wound), SOFT, "P1", ("bottom",))
     touching = tissue.DynamicOrgan(cut, tissue.build_sites(cut, []), gaps=gaps_on(cut, wound))
-    with pytest.raises(tissue.TissueError, match="may touch"):
+    with pytest.raises(tissue.TissueError, match="can touch"):
         tissue.reduce_organ(touching, 2)
