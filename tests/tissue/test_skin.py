@@ -8,6 +8,7 @@ from meshes.block import block
 from meshes.cylinder import cylinder
 from meshes.grading import Grading
 from tissue.arrays import Array
+from tissue.organs.meshed import gap_compliance
 from tissue.organs.skin import Skin
 
 RADIUS, AWAY, SIZE = 8e-3, 1e-4, 1.2e-3  # m
@@ -79,3 +80,15 @@ def test_a_point_inside_is_below_the_surface() -> None:
     away, d = distances(surface, still(surface), np.array([[1e-3, 2e-3, -4e-4], [1e-3, 2e-3, 4e-4]]))
     assert away == pytest.approx([-4e-4, 4e-4], abs=1e-12)
     assert np.abs(d - [0.0, 0.0, -1.0]).max() <= 1e-12
+
+
+def test_columns_have_the_same_bits_whatever_is_asked_for_with_them() -> None:
+    # Consistency: a resumed run asks for other columns together than the run that was not interrupted.
+    surface = skin(block((0.02, 0.02, 0.01), 2.5e-3))
+    body = tissue.elasticity(surface.body.mesh, surface.body.material, clamp=["bottom"])
+    organ = tissue.QuasiStaticOrgan(body, tissue.build_sites(body, []), skin=tissue.skin_of(body))
+    one, other = (gap_compliance(organ.operator(0.0, 0.0).factor, organ.lip_rows, together=1) for _ in range(2))
+    some = np.arange(700, 712)
+    whole = one.of(some)
+    assert np.array_equal(whole, np.hstack([other.of(some[k : k + 1]) for k in range(len(some))]))
+    assert np.count_nonzero(whole)

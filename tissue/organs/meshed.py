@@ -667,8 +667,11 @@ class LipCompliance:
 
     @cached_property
     def C_rr(self) -> Columns:
-        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid."""
-        return gap_compliance(self.factor, self.organ.lip_rows)
+        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid.
+
+        Columns are solved one by one, so that a resumed run, which asks for others together, has equal bits.
+        """
+        return gap_compliance(self.factor, self.organ.lip_rows, together=1)
 
 
 def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:
@@ -690,12 +693,12 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
     return W, 0.5 * (C + C.T)
 
 
-def gap_compliance(factor: Solver, G: csr_matrix) -> Columns:
-    """Return G A⁻¹ Gᵀ `(k, k)`."""
+def gap_compliance(factor: Solver, G: csr_matrix, together: int = COLUMNS) -> Columns:
+    """Return G A⁻¹ Gᵀ `(k, k)`, whose columns are solved so many `together`."""
 
     def some_rows(some: Indices) -> Array:
         """Return the columns, computed a few at a time."""
-        few = [some[first : first + COLUMNS] for first in range(0, some.size, COLUMNS)]
+        few = [some[first : first + together] for first in range(0, some.size, together)]
         return np.hstack([touching(G, factor.solve(G[rows].T.toarray())) for rows in few])
 
     return Columns(G.shape[0], some_rows)
