@@ -181,9 +181,8 @@ class Bearing(Protocol):
         """Return the state in front of a step in which points of the thread face `points` `(j, 9 + l)`."""
 
     def touching_points(self, state: Any) -> tuple[Array, Array]:
-        """Return what points faced in the step to a state, `(j, 9 + l)`, and their
-        forces on the organ, with friction those along both tangents of
-        each behind them, `(j,)` or `(3j,)` [N]."""
+        """Return what points faced in the step to a state, `(j, 9 + l)`, and their forces on the organ, with friction
+        those along both tangents of each behind them, `(j,)` or `(3j,)` [N]."""
 
 
 @runtime_checkable

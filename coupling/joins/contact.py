@@ -96,24 +96,28 @@ class Contact(Generic[Body]):
 
 def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
     """Return the forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
-    p = np.zeros_like(open_gaps)
     if not pressed.any():
-        return p, open_gaps
-    by_pressed = contact.pressing(pressed)
-    p[pressed] = -cho_solve(factorize_pressed(by_pressed[pressed], cho_factor), open_gaps[pressed])
-    return p, open_gaps + by_pressed @ p[pressed]
+        return np.zeros_like(open_gaps), open_gaps
+    p = closing_pushes(contact, pressed, open_gaps)
+    return p, open_gaps + contact.pressing(pressed) @ p[pressed]
+
+
+def closing_pushes(contact: Contact[Body], pressed: Flags, opened: Array) -> Array:
+    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` without friction, where they would be
+    `opened` without forces."""
+    p = np.zeros_like(opened)
+    p[pressed] = -cho_solve(factorize_pressed(contact.pressing(pressed)[pressed], cho_factor), opened[pressed])
+    return p
 
 
 def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: Array) -> Array:
-    """Return the forces, `(k, i)` [N], that close the pairs `pressed`, as they rub, where they would be `opened`
-    `(k, i)` [m] without forces."""
+    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed`, as they rub, where they would be
+    `opened` [m] without forces; pulls too."""
+    if not pressed.any():
+        return np.zeros_like(opened)
     if contact.rubs:
         return forces_by_tangent(contact.law, pressed, rubbing, opened)
-    P = np.zeros_like(opened)
-    if pressed.any():
-        factor = factorize_pressed(contact.pressing(pressed)[pressed], cho_factor)
-        P[pressed] = -cho_solve(factor, opened[pressed])
-    return P
+    return closing_pushes(contact, pressed, opened)
 
 
 def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
@@ -221,12 +225,7 @@ def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing
 def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> Array:
     """Return what the pairs `pressed` and how they rub ask for under the site forces `f` (9m,), pulls too, which end
     the set, shape `(k,)` [N]."""
-    open_gaps = contact.gaps_when_open(f)
-    if not contact.rubs:
-        return forces_and_gaps(contact, pressed, open_gaps)[0]
-    if not pressed.any():
-        return np.zeros_like(open_gaps)
-    return forces_by_tangent(contact.law, pressed, rubbing, open_gaps)
+    return closed_by(contact, pressed, rubbing, contact.gaps_when_open(f))
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:

@@ -1,6 +1,6 @@
 """The thread on the surface of the organ: points of it between the holes bear on what they face (`tissue.organs.skin`).
 
-Each span of the thread has a point P(χ_j) in its middle, and each end one. With d from the point to the surface, the
+Each span of the thread has two points P(χ_j), and each free end one. With d from the point to the surface, the
 thread's radius r, tangents t across d and x on the surface, the gap and the slip since the start of the step are
 
     g = d·(x − P) − r ≥ 0,   p ≥ 0,   p g = 0,     w = t·(x − x₀) − t·(P(χ_j) − P₀(S(χ_j)))
@@ -80,27 +80,31 @@ def touching_organ(system: System[Body], state: State[Body], origin: State[Body]
     step in time or of the load step."""
     if not (system.bears and isinstance(system.organ, Bearing)):
         return state.organ
-    points = with_reach(system, system.organ, points_facing(system, system.organ, state), origin)
-    touched: Body = system.organ.touched(state.organ, points)
+    touched: Body = system.organ.touched(state.organ, bearing_points(system, system.organ, state, origin))
     return touched
 
 
-def with_reach(system: System[Body], organ: Bearing, points: Array, origin: State[Body]) -> Array:
-    """Return points `(j, 14)` of which those that were nearer to the surface than their radius at the `origin` of a
-    step, as next to a hole, reach no farther than they did: contact forbids to go deeper, and pries nothing up."""
-    if not len(points):
-        return points
-    places = places_of(system.at(origin).thread.spline, origin.q, points[:, LABEL]) + points[:, ASIDE]
-    away = organ.faced(origin.organ, places, points[:, LABEL:])[:, AWAY]
+def bearing_points(system: System[Body], organ: Bearing, state: State[Body], origin: State[Body]) -> Array:
+    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`. Those that were nearer
+    to the surface than their radius at the `origin` of a step, such as next to a hole, reach no farther than they did:
+    contact forbids to go deeper, and pries nothing up."""
+    points = points_facing(system, organ, state)
+    away = points[:, AWAY] if origin is state else faced_again(system, organ, origin, points)[:, AWAY]
     nearer = points[:, REACH] - away > SLIGHT * 0.5 * system.thread.section.diameter
     out = points.copy()
     out[nearer, REACH] = away[nearer]
     return out
 
 
+def faced_again(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
+    """Return what points `(j, 14)` of a thread face in another state, `(j, 14)`."""
+    places = places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
+    return organ.faced(state.organ, places, points[:, LABEL:])
+
+
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
-    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`: as many points, along
-    the thread and across it, as there are facets."""
+    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`: PER_SPAN of each span
+    and the free ends, and where facets are finer than the thread a row of points across it."""
     spline = system.at(state).thread.spline
 
     def faced(s: Array, aside: Array, reach: Array) -> Array:
@@ -113,8 +117,7 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
     sides = np.where(points[:, AWAY] < 2.0 * radius, most, 0)
     if not sides.any():
         return points
-    first, b = spline.basis(np.clip(s, spline.start, spline.end))
-    across = np.cross(points[:, ALONG], np.einsum("ji,jix->jx", b[:, 1], state.q[first[:, None] + LOCAL, :3]))
+    across = np.cross(points[:, ALONG], spline.curve(state.q[:, :3], s)[:, 1])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     own, step = np.transpose([(k, i) for k, n in enumerate(sides.tolist()) for i in range(-n, n + 1)])
     aside = (step * WIDEST * radius / most)[:, None]
@@ -124,8 +127,7 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
 
 def places_of(spline: Spline, q: Array, s: Array) -> Array:
     """Return the places of a curve with control values `q` (n, c) at abscissae `s` (j,) [m], shape `(j, 3)` [m]."""
-    first, b = spline.basis(np.clip(s, spline.start, spline.end))
-    return np.asarray(np.einsum("ji,jix->jx", b[:, 0], q[first[:, None] + LOCAL, :3]))
+    return spline.curve(q[:, :3], np.clip(s, spline.start, spline.end))[:, 0]
 
 
 def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> float:
@@ -136,12 +138,9 @@ def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> 
     if not (system.bears and isinstance(organ, Bearing)):
         return 0.0
     old, P = organ.touching_points(state.organ)
-    now = with_reach(system, organ, points_facing(system, organ, state), origin)
+    now = bearing_points(system, organ, state, origin)
     pressed = old[P[: len(old)] > 0.0] if len(old) else now[:0]
-    if not len(now):
-        return 0.0
-    places = places_of(system.at(state).thread.spline, state.q, pressed[:, LABEL]) + pressed[:, ASIDE]
-    again = organ.faced(state.organ, places, pressed[:, LABEL:])
+    again = faced_again(system, organ, state, pressed)
     deeper, higher = (points[:, AWAY] - points[:, REACH] for points in (now, again))
     turned = np.linalg.norm(again[:, ALONG] - pressed[:, ALONG], axis=1) * system.thread.section.diameter
     return float(max(-deeper.min(initial=0.0), higher.max(initial=0.0), turned.max(initial=0.0)))
@@ -150,8 +149,8 @@ def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> 
 @dataclass(frozen=True)
 class Touch:
     """Forces `P` (K,) [N] of points on the organ, those along slips behind those of gaps; the points `near` (l,), the
-    `law` that they obey, None if none is near, their gaps and slips without forces, `c_open` [m], and which of them are
-    `pressed` (l,), as they are `rubbing`."""
+    `law` that they obey, None if none is near, their gaps and slips without forces, `c_open` [m], which of them are
+    `pressed` (l,), as they are `rubbing`, and site variables by their forces, `by_points` (9m, …)."""
 
     P: Array
     near: Indices
@@ -159,28 +158,57 @@ class Touch:
     c_open: Array = field(default_factory=lambda: np.zeros(0))
     pressed: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
     rubbing: Rubbing = field(default_factory=Rubbing)
+    by_points: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)
 class Strands(Generic[Body]):
-    """The points of a thread in a step: what they face, `points` (j, 14), their functions `b` (j, 4) from control point
-    `first` (j,) on, and the thread's `radius` [m], radius over EA, its `give` [m/N], and coefficient of `friction` [-].
-    The organ's `answer` with the pairs of its `lips` that are `closed`, as they are `rubbing`; and the `start` of the
-    step."""
+    """The points of the thread of a `system` in a step from the state `start`: the organ's `answer`, with the pairs of
+    its `lips` that are `closed`, as they are `rubbing`."""
 
-    points: Array
-    first: Indices
-    b: Array
-    radius: float
-    give: float
-    friction: float
+    system: System[Body]
+    start: State[Body]
     answer: Answer[Body]
     lips: Contact[Body] | None
     closed: Flags
     rubbing: Rubbing
-    start: State[Body]
-    spline: Spline
-    holds: int
+
+    @property
+    def points(self) -> Array:
+        """What the points face, shape `(j, 14)`."""
+        return self.answer.points
+
+    @cached_property
+    def _functions(self) -> tuple[Indices, Array]:
+        """Index of the first control point of each point (j,), and its four functions (j, 4)."""
+        first, b = self.spline.basis(self.points[:, LABEL])
+        return first, b[:, 0]
+
+    @property
+    def first(self) -> Indices:
+        """Index of the first control point that moves each point, shape `(j,)`."""
+        return self._functions[0]
+
+    @property
+    def b(self) -> Array:
+        """Functions of each point, shape `(j, 4)`."""
+        return self._functions[1]
+
+    @property
+    def spline(self) -> Spline:
+        """Spline of the thread at the start of the step."""
+        return self.system.thread.spline
+
+    @property
+    def radius(self) -> float:
+        """Radius of the thread [m]."""
+        return 0.5 * self.system.thread.section.diameter
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of friction of the thread on the organ [-]."""
+        assert self.system.contact is not None
+        return self.system.contact.friction
 
     @property
     def count(self) -> int:
@@ -202,44 +230,42 @@ class Strands(Generic[Body]):
     @cached_property
     def _before(self) -> int:
         """Number of the gaps and slips of lips, which stand before those of points."""
-        return len(self.answer.g_free) - len(self.at)
+        return 0 if self.lips is None else len(self.lips.g_free)
 
     @cached_property
     def _shut(self) -> Indices:
         """Gaps and slips of closed lips."""
         return np.zeros(0, dtype=np.intp) if self.lips is None else self.lips.acting(self.closed)
 
-    def _closing(self, opened: Array) -> Array:
-        """Return what closed lips add to gaps and slips of points, `(K, i)`, where those of lips would be `opened`
-        `(lips, i)`."""
+    def _closing(self, opened: Array) -> tuple[Array, Array]:
+        """Return the forces of closed lips where their gaps and slips would be `opened` `(lips, i)`, and what these add
+        to those of points, `(K, i)`."""
         assert self.lips is not None
         P = closed_by(self.lips, self.closed, self.rubbing, opened)
-        return np.asarray(self.answer.gaps_by_forces(self._shut)[self._before :] @ P[self._shut])
+        return P, np.asarray(self.answer.gaps_by_forces(self._shut)[self._before :] @ P[self._shut])
 
     @cached_property
     def g_free(self) -> Array:
         """Gaps and slips without forces, the organ's part, shape `(K,)` [m]."""
         own = self.answer.g_free[self._before :]
-        return own + self._closing(self.answer.g_free[: self._before, None])[:, 0] if self._shut.size else own
+        return own + self._closing(self.answer.g_free[: self._before, None])[1][:, 0] if self._shut.size else own
 
     @cached_property
     def C_by(self) -> Array:
         """Gaps and slips by site forces, shape `(K, 9m)`."""
         C = self.answer.C_cy
         own = C[self._before :]
-        own = own + self._closing(C[: self._before]) if self._shut.size else own
-        return np.pad(own, ((0, 0), (0, NINE * self.holds - own.shape[1])))
+        own = own + self._closing(C[: self._before])[1] if self._shut.size else own
+        return np.pad(own, ((0, 0), (0, NINE * self.system.holds - own.shape[1])))
 
     def columns(self, some: Indices) -> tuple[Array, Array]:
         """Return gaps and slips, `(K, i)`, and site variables, `(9m, i)`, by the forces of `some` of them `(i,)`."""
         whole, C = self.answer.gaps_by_forces(self._before + some), self.answer.C_cy
         own, sites = whole[self._before :], C[self._before + some].T
         if self._shut.size and some.size:
-            assert self.lips is not None
-            own = own + self._closing(whole[: self._before])
-            P = closed_by(self.lips, self.closed, self.rubbing, whole[: self._before])
-            sites = sites + C[: self._before].T @ P
-        return own, np.pad(sites, ((0, NINE * self.holds - len(sites)), (0, 0)))
+            P, added = self._closing(whole[: self._before])
+            own, sites = own + added, sites + C[: self._before].T @ P
+        return own, np.pad(sites, ((0, NINE * self.system.holds - len(sites)), (0, 0)))
 
     def opened_lips(self, P: Array) -> Array:
         """Return how far forces `P` (K,) of points open the gaps and slips of lips, shape `(lips,)` [m]."""
@@ -266,8 +292,7 @@ class Strands(Generic[Body]):
         travel, old = self.spline.travel, self.start.spline
         assert old is not None
         S = np.einsum("ji,ji->j", self.b, travel.places(s)[local])
-        first, b = old.basis(np.clip(S, old.start, old.end))
-        P, T = (np.einsum("ji,jix->jx", b[:, k], self.start.q[first[:, None] + LOCAL, :3]) for k in (0, 1))
+        P, T, *_ = old.curve(self.start.q[:, :3], np.clip(S, old.start, old.end)).swapaxes(0, 1)
         return P, T[:, :, None] * np.einsum("ji,jim->jm", self.b, travel.b[local])[:, None]
 
     def touch(self, q: Array, s: Array, f: Array) -> Touch:
@@ -279,9 +304,9 @@ class Strands(Generic[Body]):
             return Touch(np.zeros(K), near)
         while True:
             chosen = self.chosen(near)
-            C = self.columns(chosen)[0]
+            C, by_points = self.columns(chosen)
             own = C[chosen]
-            least = max(FIRM * float(np.diag(own).max()), HARD * self.give)
+            least = max(FIRM * float(np.diag(own).max()), HARD * self.radius / float(self.system.thread.EA))
             law = self.law(own + least * np.eye(len(own)), len(near))
             pressed, rubbing, P = forces_of(law, c_open[chosen])
             gaps = (c_open + C @ P)[: self.count]
@@ -289,7 +314,7 @@ class Strands(Generic[Body]):
             if gaps.min(initial=0.0) >= 0.0:
                 whole = np.zeros(K)
                 whole[chosen] = P
-                return Touch(whole, near, law, c_open[chosen], pressed, rubbing)
+                return Touch(whole, near, law, c_open[chosen], pressed, rubbing, by_points)
             near = np.union1d(near, np.flatnonzero(gaps < 0.0))
 
     def chosen(self, near: Indices) -> Indices:
@@ -321,8 +346,9 @@ class Strands(Generic[Body]):
 
     def sites(self, touch: Touch) -> Array:
         """Return how far the points move the sites, shape `(m, 9)`."""
-        acts = np.flatnonzero(touch.P)
-        return np.asarray((self.columns(acts)[1] @ touch.P[acts]).reshape(-1, NINE))
+        if touch.law is None:
+            return np.zeros((self.system.holds, NINE))
+        return np.asarray((touch.by_points @ touch.P[self.chosen(touch.near)]).reshape(-1, NINE))
 
     def directed(
         self,
@@ -343,13 +369,12 @@ class Strands(Generic[Body]):
         if touch.law is None:
             return solve([residuals])[0]
         some, law = self.chosen(touch.near), touch.law
-        _, sites = self.columns(some)
         given, slides = [residuals], self.material(s)[1] if self.friction else None
         for column, k in enumerate(some):
             r_q, r, r_y = (np.zeros_like(x) for x in residuals)
             rows = self.first[self.at[k]] + LOCAL
             r_q[rows, :3] = self.b[self.at[k]][:, None] * self.along[k]
-            r_y[:] = -sites[:, column].reshape(r_y.shape)
+            r_y[:] = -touch.by_points[:, column].reshape(r_y.shape)
             if slides is not None and k >= self.count:
                 r[:, 0] = at_holds(self.along[k] @ slides[self.at[k]])
             given.append((r_q, r, r_y))
@@ -399,37 +424,6 @@ def forces_together(law: Law, c_open: Array, touch: Touch) -> Array:
         return find_forces(law, c_open, touch.pressed, touch.rubbing, tries=1)[2]
     except OrganError:
         return forces_by_tangent(law, touch.pressed, touch.rubbing, c_open)
-
-
-def strands_of(
-    system: System[Body],
-    state: State[Body],
-    answer: Answer[Body],
-    lips: Contact[Body] | None,
-    closed: Flags,
-    rubbing: Rubbing,
-) -> Strands[Body] | None:
-    """Return the points of a thread in a step from a state, None if none may bear on the organ."""
-    if system.contact is None or not (system.bears and len(answer.points)):
-        return None
-    spline, points = system.thread.spline, answer.points
-    first, b = spline.basis(points[:, LABEL])
-    radius = 0.5 * system.thread.section.diameter
-    return Strands(
-        points,
-        first,
-        b[:, 0],
-        radius,
-        radius / float(system.thread.EA),
-        system.contact.friction,
-        answer,
-        lips,
-        closed,
-        rubbing,
-        state,
-        spline,
-        system.holds,
-    )
 
 
 def under(contact: Contact[Body], strands: Strands[Body] | None, touch: Touch | None) -> Contact[Body]:

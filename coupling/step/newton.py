@@ -35,7 +35,7 @@ from coupling.joins.contact import (
     misfits,
 )
 from coupling.joins.rubbing import NO_PAIRS, Rubbing
-from coupling.joins.strands import Strands, Touch, strands_of, under
+from coupling.joins.strands import Strands, Touch, under
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_directions
 from coupling.kernels.constraints import LOCAL, Passage, phi, pressing_force, site_force, spread, thread_force
@@ -151,9 +151,9 @@ class Problem(Generic[Body]):
     @cached_property
     def strands(self) -> Strands[Body] | None:
         """Points of the thread that may bear on the organ, None if there are none."""
-        if self.start is None:
+        if self.start is None or not len(self.answer.points):
             return None
-        return strands_of(self.system, self.start, self.answer, self.contact, self.closed, self.rubbing)
+        return Strands(self.system, self.start, self.answer, self.contact, self.closed, self.rubbing)
 
     @cached_property
     def organ_at_holds(self) -> tuple[Array, Array]:

@@ -57,12 +57,12 @@ class Column(Generic[Row]):
 
 def columns_of(group: str, **sources: Callable[[Any], Value]) -> list[Column[Any]]:
     """Return the columns of a group of the list, with the sources of those that are no field of their name."""
-    return [column_of(name, told, sources.get(name)) for name, told in LIST[group].items()]
+    return [column_of(name, entry, sources.get(name)) for name, entry in LIST[group].items()]
 
 
-def column_of(name: str, told: Sequence[Any], source: Callable[[Any], Value] | None) -> Column[Any]:
+def column_of(name: str, entry: Sequence[Any], source: Callable[[Any], Value] | None) -> Column[Any]:
     """Make a column of what the list tells of it."""
-    unit, meaning, parts = [*told, ()][:3]
+    unit, meaning, parts = [*entry, ()][:3]
     kind = unit if unit in KINDS else "number"
     named = (f"{name}_{axis}" for axis in parts) if parts == "xyz" else parts
     return Column(name, KINDS.get(unit, unit), meaning.format(**NUMBERS), source, kind, tuple(named))
@@ -228,7 +228,7 @@ def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thre
         "loads": [values(LOAD, load) for load in step.loads],
         "tracts": {tract.tract: values(TRACT, tract) for tract in step.tracts},
     }
-    return always | {key: told for key, told in others.items() if told}
+    return always | {key: value for key, value in others.items() if value}
 
 
 def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:

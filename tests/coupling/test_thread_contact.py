@@ -1,5 +1,6 @@
 """Strands of the thread on the surface of the organ: Hertz, a capstan of tissue, the law of contact, the audit."""
 
+import tomllib
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -107,8 +108,6 @@ def capstan(friction: float, radius: float = 8e-3) -> str:
 
 def parsed(text: str) -> Any:
     """A scenario from its text."""
-    import tomllib
-
     return parse(tomllib.loads(text))
 
 

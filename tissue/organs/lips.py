@@ -270,11 +270,7 @@ class Gaps:
         """
         right, weights = self.weights(facing)
         nodes, w = np.hstack([right, left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
-        columns = 3 * np.searchsorted(self.lip_nodes, nodes)[..., None] + np.arange(3)
-        values, at = w[..., None] * along[:, None], np.repeat(np.arange(len(nodes)), columns[0].size)
-        S = csr_matrix((values.ravel(), (at, columns.ravel())), (len(nodes), 3 * len(self.lip_nodes)))
-        S.eliminate_zeros()
-        return S
+        return sums_of(self.lip_nodes, nodes, w, along)
 
     def rest(self, facing: Array) -> Array:
         """Return the gaps of the pairs in the reference shape, shape `(k,)` [m]."""
@@ -344,9 +340,8 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
         if (body.mesh.f2t[1, facets] >= 0).any():
             raise TissueError(f"contact: the boundary {name!r} has facets inside the organ; name one on its surface")
     first, second = sorted(sides, key=lambda facets: _rank(body, facets))
-    triangles, right = (body.mesh.facets[:, facets].T.astype(np.intp) for facets in (first, second))
-    behind = body.points[body.mesh.t[:, body.mesh.f2t[0, second]].T].mean(axis=1)
-    right = body.facet_nodes(with_normals_along(body.points, right, behind - body.points[right].mean(axis=1)))
+    triangles = body.mesh.facets[:, first].T.astype(np.intp)
+    right = facets_inwards(body, second)
     nodes, corners = _paired(body, triangles, np.arange(body.mesh.nvertices))
     start = face(body.points[nodes[:, 0]], body.points, right[:, :3], open_sides(right[:, :3]), None)
     part, sunk = _part(body, between, (triangles, nodes[:, 0], corners), right, None, start)
@@ -395,6 +390,25 @@ def _part(
     sunk = np.maximum(-gap, 0.0)
     ends = open_sides(right[:, :3])
     return Part(between, triangles, left[kept], right, ends, along, start[kept], sunk, hats, areas), sunk
+
+
+def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr_matrix:
+    """Return the matrix from the displacement of `known` nodes `(r,)` to the weighted sums over `nodes` `(j, i)` of it
+    `along` `(j, 3)`, shape `(j, 3r)`."""
+    columns = 3 * np.searchsorted(known, nodes)[..., None] + np.arange(3)
+    values, at = weights[..., None] * along[:, None], np.repeat(np.arange(len(nodes)), 3 * nodes.shape[1])
+    S = csr_matrix((values.ravel(), (at, columns.ravel())), (len(nodes), 3 * len(known)))
+    S.eliminate_zeros()
+    return S
+
+
+def facets_inwards(body: Elasticity, facets: Indices) -> Indices:
+    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`, which turn so that their normals point
+    into the body."""
+    mesh = body.mesh
+    triangles = mesh.facets[:, facets].T.astype(np.intp)
+    inside = body.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - body.points[triangles].mean(axis=1)
+    return body.facet_nodes(with_normals_along(body.points, triangles, inside))
 
 
 def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:

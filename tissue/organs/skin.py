@@ -20,7 +20,7 @@ from scipy.sparse import coo_array, csr_array, csr_matrix
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.organs.facing import OPPOSITE, Mask, face, facet_normals, triangle_sizes
-from tissue.organs.lips import tangents, weights_on, with_normals_along
+from tissue.organs.lips import facets_inwards, sums_of, tangents, weights_on
 
 OWN = 9  # columns of what a point faces: facet, barycentric coordinates, d, distance, bulge; then its labels
 SHARP = np.cos(np.radians(30.0))  # of the angle of an edge that is one of the organ, not of facets of a smooth surface
@@ -117,9 +117,7 @@ class Skin:
             along = np.vstack([along, tangents(along).reshape(-1, 3)])
             at = np.vstack([points, np.repeat(points, 2, axis=0)])
         nodes, w = weights_on(self.facets, at)
-        columns = 3 * np.searchsorted(self.nodes, nodes)[..., None] + np.arange(3)
-        values, row = w[..., None] * along[:, None], np.repeat(np.arange(len(at)), 3 * nodes.shape[1])
-        return csr_matrix((values.ravel(), (row, columns.ravel())), (len(at), 3 * len(self.nodes)))
+        return sums_of(self.nodes, nodes, w, along)
 
     def rest(self, points: Array) -> Array:
         """Return d·x less the bulge of `points` `(k, 9 + l)` in the reference shape, and zeros for the slips, as of
@@ -140,9 +138,5 @@ def frames(corners: Array) -> Array:
 
 def skin_of(body: Elasticity, friction: float = 0.0) -> Skin:
     """Return the whole outer surface of a body, with the coefficient of `friction` of what bears on it [-]."""
-    mesh = body.mesh
-    facets = mesh.boundary_facets()
-    triangles = mesh.facets[:, facets].T.astype(np.intp)
-    inside = body.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - body.points[triangles].mean(axis=1)
-    nodes = body.facet_nodes(with_normals_along(body.points, triangles, inside))
+    nodes = facets_inwards(body, body.mesh.boundary_facets())
     return Skin(body, nodes if nodes.shape[1] == 3 else nodes[:, QUARTERS].reshape(-1, 3), friction)
