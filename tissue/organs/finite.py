@@ -549,7 +549,7 @@ class FiniteOrgan(MeshedOrgan):
             if must:
                 raise unsolved(indefinite) from indefinite
             try:
-                return factorize_indefinite(A), False
+                return factorize_indefinite(A, self.places, self._pattern), False
             except FactorError as error:
                 raise unsolved(error) from error
 

@@ -41,6 +41,7 @@ from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
 
 KEPT_OPERATORS = 12  # cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step
+ROWS_OF_NODE = 3  # one row for each component of the displacement
 COLUMNS = 64  # of A⁻¹Gᵀ that are solved for together
 SHARE = 0.5  # of the free memory that the compliance of the gaps can take
 SLIPPING = 1.0 - 1e-9  # of the largest friction: a pair with at least this friction slips
@@ -646,8 +647,9 @@ class LipCompliance:
 
         def some_pairs(some: Indices) -> Array:
             weights = S[some]
-            nodes = np.flatnonzero(np.bincount(weights.indices))
-            return np.asarray(S @ (self.C_rr.of(nodes) @ weights[:, nodes].toarray().T))
+            rows = ROWS_OF_NODE * np.unique(weights.indices // ROWS_OF_NODE)[:, None] + np.arange(ROWS_OF_NODE)
+            whole = rows.ravel()  # of whole nodes
+            return np.asarray(S @ (self.C_rr.of(whole) @ weights[:, whole].toarray().T))
 
         return Columns(S.shape[0], some_pairs)
 
@@ -669,9 +671,9 @@ class LipCompliance:
     def C_rr(self) -> Columns:
         """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid.
 
-        Columns are solved one by one, so that a resumed run, which asks for others together, has equal bits.
+        Columns are solved node by node, so that a resumed run, which asks for other nodes together, has equal bits.
         """
-        return gap_compliance(self.factor, self.organ.lip_rows, together=1)
+        return gap_compliance(self.factor, self.organ.lip_rows, together=ROWS_OF_NODE)
 
 
 def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:

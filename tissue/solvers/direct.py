@@ -27,6 +27,7 @@ LIBRARIES = {"cholmod": "cvxopt", "pardiso": "pypardiso", "superlu": "scipy"}  #
 BYTES = {"cholmod": 10.0, "pardiso": 8.0, "superlu": 24.0}  # of memory per entry of the Cholesky factor, measured
 DISSECT_BEYOND = 100_000  # with more unknowns CHOLMOD is faster with dissection than with minimum degree
 COLUMNS = 12  # given to CHOLMOD together: its sparse solve takes four at a time, cvxopt's dense solve only one
+SMALL_PIVOT = 0.1  # of the largest entry of its column: the usual threshold of symmetric indefinite LU
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
 SOLVE = 33  # Pardiso's phase: back-substitution
@@ -63,25 +64,43 @@ class Pattern:
 
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal.
+    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal. Raises `FactorError`."""
+    lu, order = _lu(A, places, pattern, exchange=0.0)
+    if not np.array_equal(lu.perm_r, lu.perm_c):
+        raise FactorError("the matrix is not positive definite: a pivot had to be taken off the diagonal")
+    return _back_substitution(lu, order)
 
-    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to SuperLU. Raises
-    `FactorError`.
+
+def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
+    """Factorise an indefinite matrix by SuperLU; rows are exchanged where a pivot on the diagonal is small.
+
+    Raises `FactorError` if the matrix is singular.
     """
-    n = A.shape[0]
-    order = np.arange(n) if places is None else pattern.once("order", A, lambda: ordering(A, places))
+    return _back_substitution(*_lu(A, places, pattern, exchange=SMALL_PIVOT))
+
+
+def _lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchange: float) -> tuple[SuperLU, Indices]:
+    """Return the LU factors in symmetric mode and the order of the unknowns.
+
+    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to SuperLU. A pivot on the
+    diagonal is kept if it is larger than the part `exchange` of the largest in its column. Raises `FactorError`.
+    """
+    order = np.arange(A.shape[0]) if places is None else pattern.once("by places", A, lambda: ordering(A, places))
     spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
     try:
         lu = splu(
             csc_matrix(A[order][:, order]),
             permc_spec=spec,
-            diag_pivot_thresh=0.0,
+            diag_pivot_thresh=exchange,
             options={"SymmetricMode": True},
         )
     except RuntimeError as error:
         raise FactorError(f"the matrix is singular ({error}); hold the body or give it inertia") from error
-    if not np.array_equal(lu.perm_r, lu.perm_c):
-        raise FactorError("the matrix is not positive definite: a pivot had to be taken off the diagonal")
+    return lu, order
+
+
+def _back_substitution(lu: SuperLU, order: Indices) -> BackSubstitution:
+    """Return the function that solves with the LU factors of the ordered matrix."""
 
     def back_substitute(b: Array) -> Array:
         x = np.empty_like(b, dtype=float)
@@ -89,14 +108,6 @@ def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
         return x
 
     return back_substitute
-
-
-def indefinite(A: csr_matrix) -> BackSubstitution:
-    """Factorise an indefinite matrix by SuperLU with row exchanges. Raises `FactorError` if it is singular."""
-    try:
-        return splu(csc_matrix(A)).solve
-    except RuntimeError as error:
-        raise FactorError(f"the matrix is singular ({error})") from error
 
 
 def ordering(A: csr_matrix, places: Array) -> Indices:

@@ -83,13 +83,16 @@ def factorize(
     return factor
 
 
-def factorize_indefinite(A: csr_matrix) -> Factor:
+def factorize_indefinite(
+    A: csr_matrix, places: Array | None = None, pattern: direct.Pattern | None = None
+) -> Factor:
     """Return the LU factor with row exchanges of a symmetric matrix with eigenvalues of any sign.
 
-    Raises `FactorError` if it is singular.
+    `places` and `pattern` are those of `factorize`. Raises `FactorError` if the matrix is singular.
     """
     A = csr_matrix(A)
-    return Factor(A, float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0)), direct.indefinite(A))
+    norm = float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0))
+    return Factor(A, norm, direct.indefinite(A, places, pattern or direct.Pattern()))
 
 
 def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
