@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 
-from coupling.arrays import Array
+import numpy as np
+
+from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
-from coupling.kernels.constraints import Passage
+from coupling.kernels.constraints import LOCAL, Passage
 from coupling.system import State, System
 from thread.frames import Frame
 from thread.kernels.travel import Ridden
 from thread.thread import Points, Thread
+
+PUT = 3  # times that control points are put on the constraints at most: holes near one another share some
 
 
 @dataclass(frozen=True)
@@ -44,3 +48,28 @@ def evaluate_thread(
 def configuration_of(system: System[Body], state: State[Body]) -> Configuration:
     """Evaluate the thread of a state."""
     return evaluate_thread(system, state.q, state.s, state.frame, drive=state.drive)
+
+
+def local_rows(system: System[Body], rows: Flags, at: Passage, y: Array) -> Array:
+    """Return Φ_q of each hold over its four local control points, shape `(m, 5, 12)`.
+
+    It is zero where the constraint is not among the `rows` (m, 5) in force, and at control points that are held.
+    """
+    by_curve = np.zeros((len(y), 5, 2, 3))  # derivatives by P and T
+    by_curve[:, :3, 0] = np.eye(3)
+    by_curve[:, 3:, 1] = y[:, 3:].reshape(-1, 2, 3)
+    free = ~system.held_flags[at.first[:, None] + LOCAL, :3]
+    local = np.einsum("mcox,moi->mcix", by_curve, at.b[:, :2]) * free[:, None] * rows[:, :, None, None]
+    return np.asarray(local.reshape(-1, 5, 12))
+
+
+def inverse_of(rows: Array) -> Array:
+    """Return the pseudo-inverse of the rows of each hold `(m, 5, 12)`, shape `(m, 12, 5)`."""
+    return np.asarray(np.linalg.pinv(rows, rcond=1e-12))
+
+
+def put_back(at: Passage, inverse: Array, off: Array, like: Array) -> Array:
+    """Return the shortest move of control points, of the shape of `like` (n, c) [m], that changes Φ by `off` (m, 5)."""
+    out = np.zeros_like(like)
+    np.add.at(out[:, :3], at.first[:, None] + LOCAL, np.matvec(inverse, off).reshape(-1, 4, 3))
+    return out

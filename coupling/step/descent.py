@@ -39,9 +39,10 @@ from coupling.joins.contact import find_sets
 from coupling.joins.strands import under
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
-from coupling.kernels.constraints import LOCAL, Passage, phi
+from coupling.kernels.constraints import LOCAL, phi
 from coupling.kernels.friction import Ruled
 from coupling.step import newton
+from coupling.step.configuration import PUT, inverse_of, local_rows, put_back
 from coupling.step.newton import (
     DIRECTION_TOLERANCE,
     GAP_TOLERANCE,
@@ -68,7 +69,6 @@ MUCH = 0.5  # of the most that a bound is exceeded: by so much or more at once; 
 LEAST = 0.1  # of a correction: one of which less is allowed is made with a firmer tie
 FIRMER = 4.0  # by which the tie grows from try to try; tenfold ties let a column that bows out grow by 5 % a correction
 SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first tie, and the last
-PUT = 3  # times that control points are put on the constraints at most: those of two holes may be the same
 
 
 def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) -> Solution[Body]:
@@ -204,7 +204,7 @@ class Place(Generic[Body]):
     @cached_property
     def rows(self) -> Array:
         """Φ_q over the local control points, as `local_rows`."""
-        return local_rows(self.problem, self.r.passage, self.border)
+        return local_rows(self.problem.system, self.problem.rows, self.r.passage, self.z.y)
 
     @cached_property
     def inverse(self) -> Array:
@@ -295,7 +295,7 @@ class Way(Generic[Body]):
         problem, z, r, border = at.problem, at.z, at.r, at.border
         off = np.matvec(at.rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
         off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
-        along = self.dq - put_back(problem, r.passage, at.inverse, off)
+        along = self.dq - put_back(r.passage, at.inverse, off * problem.rows, self.dq)
         residual = r.thread.copy()
         residual.ravel()[problem.system.held] = 0.0
         law, drive = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
@@ -304,27 +304,6 @@ class Way(Generic[Body]):
         of_sites[law.strands] = -r.f_y[law.strands]
         W = float(np.vdot(residual, along) - drive @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
         return W if np.isfinite(W) else np.inf
-
-
-def local_rows(problem: Problem[Body], passage: Passage, border: Border) -> Array:
-    """Return Φ_q of every hold over its four local control points, zero where it is not in force or these are held,
-    shape `(m, 5, 12)`."""
-    rows = np.einsum("mcox,moi->mcix", border.Phi_q.reshape(-1, 5, 3, 3), passage.b[:, :3])
-    free = ~problem.system.held_flags[passage.first[:, None] + LOCAL, :3]
-    return np.asarray((rows * free[:, None] * problem.rows[:, :, None, None]).reshape(-1, 5, 12))
-
-
-def inverse_of(rows: Array) -> Array:
-    """Return the pseudo-inverse of the rows of every hold (m, 5, 12), shape `(m, 12, 5)`."""
-    return np.asarray(np.linalg.pinv(rows, rcond=1e-12))
-
-
-def put_back(problem: Problem[Body], passage: Passage, inverse: Array, off: Array) -> Array:
-    """Return the shortest move (n, c) [m] of control points that changes Φ by what it is `off` (m, 5)."""
-    out = np.zeros_like(problem.q_ref)
-    local = np.matvec(inverse, off * problem.rows).reshape(-1, 4, 3)
-    np.add.at(out[:, :3], passage.first[:, None] + LOCAL, local)
-    return out
 
 
 def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
@@ -337,8 +316,8 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
         off = phi(passage, z.lam, z.y) * problem.rows
         if np.abs(off).max(initial=0.0) <= DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
             break
-        rows = local_rows(problem, passage, border_of(problem, z, passage))
-        z = replace(z, q=z.q - put_back(problem, passage, inverse_of(rows), off))
+        rows = local_rows(problem.system, problem.rows, passage, z.y)
+        z = replace(z, q=z.q - put_back(passage, inverse_of(rows), off, z.q))
     return Place(problem, z, evaluate(problem, z), f)
 
 

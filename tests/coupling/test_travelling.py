@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from coupling.integrators import BackwardEuler
+from coupling.kernels.constraints import phi
 from coupling.paper.assembled import Monolith, monolithic_solve
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.run import begin
 from coupling.step import newton, solver
+from coupling.step.packets import bent_over, due, put_on_knots
 from coupling.step.stepping import dynamic_problem, organ_answer, predict, try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.output.records import StepRecord
@@ -202,6 +204,16 @@ def test_energy_and_action_are_balanced_at_every_step() -> None:
             force < RESIDUAL * np.abs(state.lam[:, :3]).max() and moment < RESIDUAL * LENGTH * np.abs(state.lam).max()
         )
         assert abs(energies.balance_error) < RESIDUAL * energies.at_stake
+
+
+def test_new_knots_leave_the_thread_in_its_holes() -> None:
+    """Identity: a curve that is put on other knots passes its holes, in their directions, before it is solved for."""
+    system, state = drawn_hairpin()
+    finer = due(system, state, 0.5 * bent_over(system, state))
+    system, moved = put_on_knots(system, state, finer)
+    assert len(moved.q) != len(state.q)
+    off = phi(system.passage_of(moved), moved.lam, moved.y) * system.rows
+    assert np.abs(off).max() <= GAP * system.thread.section.diameter
 
 
 def running(kind: str, name: str) -> Scenario:
