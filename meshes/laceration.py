@@ -35,7 +35,7 @@ class Laceration:
     axes: tuple[float, float, float] = (0.03, 0.035, 0.02)
     uneven: float = 0.03
     length: float = 0.034
-    width: float = 1.6e-3
+    width: float = 8e-4
     depth: float = 0.01
     rings: int = 40
     around: int = 40

@@ -25,6 +25,7 @@ def test_what_is_tied_completes(E: float, F: float, suture: str) -> None:
         "tissue.element=P1",
         "tissue.mesh.accuracy=given",
         "tissue.mesh.h_site=2.5e-3",
+        *(f"piercing.{hole}.friction={{static=0,kinetic=0}}" for hole in ("entry", "exit")),
     ]
     for step, frame in prepare(load("skin", scene)).advance():
         last, picture = step, frame
