@@ -2,26 +2,21 @@
 
 from typing import Annotated
 
-from pydantic import Field
-
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import NotNegative, ScenarioTable, Text, by_default, one_sentence
+from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
 
 
 class Contact(ScenarioTable):
     """Contact between two boundaries of the organ: nodes of one boundary, facets of the other."""
 
-    between: tuple[Text, Text] = Field(
-        description="names of the two boundaries",
-        examples=[["lip_left", "lip_right"]],
-    )
+    between: tuple[Text, Text]
     friction: Annotated[
         NotNegative,
         one_sentence(
             "one number, zero or more: one coefficient for sticking and slipping, without grip, for "
             "example friction = 0.2"
         ),
-    ] = by_default(0.0, "coefficient of Coulomb friction between the surfaces [-]")
+    ] = 0.0
 
     def _check(self) -> None:
         if self.between[0] == self.between[1]:

@@ -11,17 +11,15 @@ from pydantic import Field
 
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import (
+    From,
     NotNegative,
     Number,
     Positive,
     ScenarioTable,
     Turn,
-    beginning,
-    by_default,
     check_ending,
     check_rising,
     one_sentence,
-    optional,
 )
 
 WAVE = 32  # rows per period: with linear interpolation the error is 0.25 % of the wave's height
@@ -34,7 +32,7 @@ class Ramp(ScenarioTable):
     """Linear growth from zero, and the whole load from then on."""
 
     kind: Literal["ramp"]
-    over: Positive = Field(description="time of the growth [s]", examples=[0.1])
+    over: Positive
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""
@@ -45,9 +43,9 @@ class Hold(ScenarioTable):
     """Linear growth from zero, the whole load for some time, and linear decay to zero."""
 
     kind: Literal["hold"]
-    rise: Positive = Field(description="time of the growth [s]", examples=[0.1])
-    hold: Positive = Field(description="time under the whole load [s]", examples=[0.5])
-    fall: Positive = Field(description="time of the decay [s]", examples=[0.1])
+    rise: Positive
+    hold: Positive
+    fall: Positive
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""
@@ -59,8 +57,8 @@ class Cycle(ScenarioTable):
     """Cosine wave that starts at a low factor and rises to the whole load."""
 
     kind: Literal["cycle"]
-    period: Positive = Field(description="period of the wave [s]", examples=[0.8])
-    low: Number = by_default(0.0, "lowest factor [-]")
+    period: Positive
+    low: Number = 0.0
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""
@@ -72,8 +70,8 @@ class Cough(ScenarioTable):
     """One cosine wave from zero to the whole load and back."""
 
     kind: Literal["cough"]
-    at: NotNegative = by_default(0.0, "beginning of the cough [s]", 0.3)
-    duration: Positive = by_default(COUGH, "duration of the cough [s]")
+    at: NotNegative = 0.0
+    duration: Positive = COUGH
 
     def rows(self, end: float) -> list[Turn]:
         """Return the rows of the course until `end` [s]."""
@@ -100,14 +98,9 @@ Course = Annotated[
 class Timed(ScenarioTable):
     """A load that can change over time."""
 
-    course: Course | None = optional(
-        "factor of the load over time after `from`: rows of t [s], factor [-], or a table of a "
-        "named course; default: the whole load",
-        [[0.0, 0.0], [0.2, 1.0], [0.5, 0.3]],
-        {"kind": "cough", "at": 0.3},
-    )
-    from_: NotNegative = beginning("time before which the load is zero [s]")
-    until: Positive | None = optional("time after which the load is zero [s]; default: never", 0.5)
+    course: Course | None = None
+    from_: From = 0.0
+    until: Positive | None = None
 
     def _check_course(self) -> None:
         check_ending(self.from_, self.until)

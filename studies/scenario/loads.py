@@ -1,23 +1,16 @@
 """The table of a load on the organ, `[[tissue.load]]`."""
 
-from pydantic import Field
-
 from studies.scenario.course import Timed
-from studies.scenario.table import NotNegative, Number, Text, Vector, by_default, optional
+from studies.scenario.table import NotNegative, Number, Text, Vector
 
 
 class Load(Timed):
     """Force per area on a boundary of the organ."""
 
-    boundary: Text = Field(description="name of the boundary that the load acts on", examples=["top"])
-    traction: Vector | None = optional(
-        "dead load per area of the reference shape [Pa]; instead of pressure", [0, 0, 1.0e4]
-    )
-    pressure: Number | None = optional(
-        "pressure [Pa], positive if it pushes on the organ",
-        2.0e3,
-    )
-    ramp: NotNegative = by_default(0.0, "time in which the load grows from zero [s]; in statics over the load steps")
+    boundary: Text
+    traction: Vector | None = None
+    pressure: Number | None = None
+    ramp: NotNegative = 0.0
 
     def _check_kind(self) -> None:
         if self.traction is not None and self.pressure is not None:

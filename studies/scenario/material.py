@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from studies.scenario.refusal import as_key, as_toml
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, optional
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector
 
 Law = Literal["linear", "neo-hookean", "exponential"]
 FAMILIES = 2  # largest number of fibre families at one place
@@ -14,9 +14,9 @@ FAMILIES = 2  # largest number of fibre families at one place
 class Fibre(ScenarioTable):
     """Family of fibres that carry tension only."""
 
-    direction: Vector = Field(description="direction of the fibres in the reference shape [-]")
-    k1: NotNegative = Field(description="initial stiffness of the fibres [Pa]")
-    k2: Positive = Field(description="stiffening of the fibres [-]")
+    direction: Vector
+    k1: NotNegative
+    k2: Positive
 
     def _check_direction(self) -> None:
         if not any(self.direction):
@@ -26,15 +26,9 @@ class Fibre(ScenarioTable):
 class MaterialKeys(ScenarioTable):
     """Keys of a material at finite strain."""
 
-    stiffening: Positive | None = optional('stiffening b [-] of the "exponential" material, which requires it', 5.0)
-    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = optional(
-        "up to two families of fibres, which carry tension only, each with direction [-], k1 "
-        "[Pa] and k2 [-]; default: none",
-        [{"direction": [1.0, 0.0, 0.0], "k1": 2.0e4, "k2": 10.0}],
-    )
-    prestretch: tuple[Positive, Positive, Positive] | None = optional(
-        "principal stretches of the reference shape along x, y, z [-]; default: none", [1.05, 1.0, 0.952]
-    )
+    stiffening: Positive | None = None
+    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = None
+    prestretch: tuple[Positive, Positive, Positive] | None = None
 
 
 def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:

@@ -11,7 +11,6 @@ from studies.scenario.loads import Load
 from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
 from studies.scenario.table import (
-    GROWTH,
     Flag,
     Growth,
     NotNegative,
@@ -22,9 +21,7 @@ from studies.scenario.table import (
     Series,
     Text,
     Vector,
-    by_default,
     one_sentence,
-    optional,
     repetition,
 )
 
@@ -37,7 +34,6 @@ BOUNDARIES = {  # the names in a generated mesh, by its kind
     "tube": ("left", "right", "inner", "outer"),
 }
 STUMPS = ("stump_left", "stump_right")  # of a tube that is cut
-STRENGTH = "bearing pressure at a hole above which the event tears is logged [Pa]"
 FLOOR = "wound_floor"  # of an ellipse that does not cut through
 SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files with a closed surface to be filled; some .vtk files too
 ACCURACY = 0.03  # of a hole's compliance: tissue data are less accurate, and half of this takes 1.2 times the cells
@@ -53,21 +49,16 @@ class _Mesh(ScenarioTable):
     accuracy: Annotated[
         Literal["given"] | Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)],
         one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
-    ] = by_default(
-        ACCURACY,
-        "accepted relative error of the holes' compliance [-], by refinement of the cells around "
-        'them; "given": no refinement',
-        "given",
-    )
-    bound: Flag = by_default(False, "whether bounds of the holes' compliance are computed, for a linear organ", True)
+    ] = ACCURACY
+    bound: Flag = False
 
 
 class _Sized(_Mesh):
     """A generated mesh, with a size far from the piercings and optionally another size at the piercings."""
 
-    h: Positive = Field(description="mesh size far from the piercings [m]", examples=[4.0e-3])
-    h_site: Positive | None = optional("mesh size at the piercings [m]; default: uniform", 0.5e-3)
-    growth: Growth = by_default(1.3, GROWTH)
+    h: Positive
+    h_site: Positive | None = None
+    growth: Growth = 1.3
 
     @property
     @abstractmethod
@@ -87,12 +78,8 @@ class _Sized(_Mesh):
 class _Block(_Sized):
     """Block centred in x and y with its top face at z = 0."""
 
-    size: tuple[Positive, Positive, Positive] = Field(
-        description="lengths of the block along x, y, z [m]", examples=[[0.06, 0.04, 0.02]]
-    )
-    generator: Literal["structured", "gmsh"] = by_default(
-        "structured", 'mesh generator; default "gmsh" when h_site is given, else "structured"'
-    )
+    size: tuple[Positive, Positive, Positive]
+    generator: Literal["structured", "gmsh"] = "structured"
 
     @property
     def longest(self) -> float:
@@ -118,11 +105,11 @@ class WoundMesh(_Block):
     """
 
     kind: Literal["wound"]
-    shape: Literal["slit", "ellipse"] = by_default("slit", '"slit": closed; "ellipse": open, with upright walls')
-    along: Literal["x", "y"] = by_default("y", "axis of the wound; the left lip is at lower x, or lower y")
-    length: Positive = Field(description="length of the wound [m]", examples=[0.02])
-    width: NotNegative = by_default(0.0, "widest opening of an ellipse [m]; 0 for a slit")
-    depth: Positive = Field(description="depth of the wound [m]; the depth of the block cuts through", examples=[0.008])
+    shape: Literal["slit", "ellipse"] = "slit"
+    along: Literal["x", "y"] = "y"
+    length: Positive
+    width: NotNegative = 0.0
+    depth: Positive
 
     def _check_shape(self) -> None:
         if self.shape == "slit" and self.width:
@@ -146,8 +133,8 @@ class CylinderMesh(_Sized):
     """Cylinder about the x axis, centred at the origin; boundaries left, side, right."""
 
     kind: Literal["cylinder"]
-    radius: Positive = Field(description="radius of the cylinder [m]", examples=[0.02])
-    length: Positive = Field(description="length of the cylinder [m]", examples=[0.05])
+    radius: Positive
+    length: Positive
 
     @property
     def longest(self) -> float:
@@ -161,12 +148,10 @@ class TubeMesh(_Sized):
     """
 
     kind: Literal["tube"]
-    radius: Positive = Field(description="outer radius of the tube [m]", examples=[0.01])
-    wall: Positive = Field(description="thickness of the wall [m]", examples=[0.002])
-    length: Positive = Field(description="length of the tube [m], with the gap", examples=[0.05])
-    gap: NotNegative | None = optional(
-        "distance of the two stumps of a cut tube [m], 0 if they touch; default: not cut", 1.0e-3
-    )
+    radius: Positive
+    wall: Positive
+    length: Positive
+    gap: NotNegative | None = None
 
     @property
     def longest(self) -> float:
@@ -183,18 +168,14 @@ class FileMesh(_Mesh):
     """Volume mesh read from a file, or closed surface that is filled."""
 
     kind: Literal["file"]
-    path: Text = Field(
-        description="mesh file (.msh, .vtk, .vtu, .inp, .xdmf, .med) or closed surface to be filled (.stl, .obj, .ply, "
-        ".vtp, .vtk), relative to the scenario file",
-        examples=["liver.msh"],
-    )
+    path: Text
     unit: Annotated[
         Literal["m", "dm", "cm", "mm", "um"] | Positive,
         one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
-    ] = by_default("m", "length unit of the file: a name, or metres per file unit")
-    h: Positive | None = optional("mesh size of a surface to be filled, far from the piercings [m]", 4.0e-3)
-    h_site: Positive | None = optional("mesh size of this surface at the piercings [m]; default: uniform")
-    growth: Growth = by_default(1.3, GROWTH)
+    ] = "m"
+    h: Positive | None = None
+    h_site: Positive | None = None
+    growth: Growth = 1.3
 
     @property
     def is_surface(self) -> bool:
@@ -222,7 +203,7 @@ class GivenMesh(_Mesh):
     """Volume mesh given from Python, by `prepare(scenario, mesh=…)`."""
 
     kind: Literal["given"]
-    sha256: Text | None = optional("digest that identifies the mesh; default: computed from the given mesh")
+    sha256: Text | None = None
 
 
 Mesh = Annotated[BlockMesh | WoundMesh | CylinderMesh | TubeMesh | FileMesh | GivenMesh, Field(discriminator="kind")]
@@ -238,11 +219,8 @@ def check_box(box: tuple[Vector, Vector]) -> None:
 class Boundary(ScenarioTable):
     """Named set of the surface facets whose centre lies in a box."""
 
-    name: Text = Field(description="name of the boundary", examples=["bed"])
-    box: tuple[Vector, Vector] = Field(
-        description="two opposite corners [m]; the surface facets whose centre is inside",
-        examples=[[[-0.1, -0.1, -0.1], [0.1, 0.1, -0.015]]],
-    )
+    name: Text
+    box: tuple[Vector, Vector]
 
     def _check_box(self) -> None:
         check_box(self.box)
@@ -254,19 +232,15 @@ class Region(MaterialKeys):
     A later region overrides an earlier one.
     """
 
-    name: Text = Field(description="name of the region; without box and depth, of a volume in the mesh file")
-    box: tuple[Vector, Vector] | None = optional("two opposite corners [m]; the cells whose centre is inside")
-    depth: tuple[NotNegative, NotNegative] | None = optional(
-        "layer of a block or wound, from and to, below its top [m]", [0.0, 2.0e-3]
-    )
-    youngs_modulus: Positive | None = optional("Young's modulus [Pa]; default the organ's")
-    poisson_ratio: PoissonRatio | None = optional("Poisson's ratio [-]; default the organ's")
-    density: Positive | None = optional("density [kg/m³]; default the organ's")
-    strength: Positive | None = optional(f"{STRENGTH}; default the organ's", 2.0e6)
-    material: Law | None = optional("law of the region, as for the organ; default the organ's")
-    relaxation: Series | None = optional(
-        "relaxation of the region, as for the organ [-], [s]; [] for none; default the organ's"
-    )
+    name: Text
+    box: tuple[Vector, Vector] | None = None
+    depth: tuple[NotNegative, NotNegative] | None = None
+    youngs_modulus: Positive | None = None
+    poisson_ratio: PoissonRatio | None = None
+    density: Positive | None = None
+    strength: Positive | None = None
+    material: Law | None = None
+    relaxation: Series | None = None
 
     def _check_place(self) -> None:
         if self.box is not None and self.depth is not None:
@@ -281,67 +255,33 @@ class Reduction(ScenarioTable):
     """Small basis for the motion of the organ: static responses to the piercings, weight and loads, Krylov
     blocks and modes."""
 
-    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = by_default(
-        2, "Krylov blocks [-] in addition to the static responses"
-    )
-    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = by_default(0, "lowest vibration modes [-] in addition")
-    keep: Annotated[str, Field(strict=True, min_length=1)] | None = optional(
-        "folder, relative to the scenario file, that stores bases for later runs; default: none is kept",
-        "bases",
-    )
+    blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = 2
+    modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    keep: Annotated[str, Field(strict=True, min_length=1)] | None = None
 
 
 class Tissue(MaterialKeys):
     """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
 
-    youngs_modulus: Positive = Field(description="Young's modulus of the tissue [Pa]", examples=[1.0e5])
-    poisson_ratio: PoissonRatio = Field(description="Poisson's ratio of the tissue [-]", examples=[0.45])
-    density: Positive = Field(description="density of the tissue [kg/m³]", examples=[1070.0])
-    strength: Positive | None = optional(f"{STRENGTH}; default: none", 2.0e6)
-    material: Law = by_default(
-        "linear",
-        'stress-strain law: "linear" at small strain, the others at finite strain',
-    )
-    relaxation: Series = by_default(
-        (),
-        "Prony series of stress relaxation: rows of share [-] and time [s]; youngs_modulus is "
-        "for a sudden load; default: none",
-        [[0.3, 5.0], [0.2, 100.0]],
-    )
-    element: Literal["P1", "P2"] = by_default(
-        "P2",
-        'linear or quadratic tetrahedra; default "P1" if mesh.accuracy is "given"',
-    )
-    dilatation: Literal["auto", "cell", "nodal"] = by_default(
-        "auto",
-        'dilatation per "cell", which locks near ν = 0.5, or "nodal"; "auto": nodal above ν = 0.45',
-    )
-    inertia: Flag = by_default(True, "whether the organ has inertia; false: quasi-static")
-    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = by_default(
-        "auto",
-        'solver of the organ; "auto" chooses by size, memory and installed packages; "cholmod" '
-        'needs cvxopt, "pardiso" needs pypardiso',
-    )
-    rayleigh: tuple[NotNegative, NotNegative] = by_default(
-        (0.0, 0.0), "Rayleigh damping α [1/s] of the mass and β [s] of the stiffness"
-    )
-    reduction: Reduction | None = optional(
-        "small basis for a linear organ with inertia; default: none",
-        {"blocks": 2, "modes": 0},
-    )
-    clamp: tuple[Text, ...] = by_default((), "names of the boundaries held fixed", ["bottom"])
-    roller: tuple[Text, ...] = by_default(
-        (),
-        "names of plane boundaries, normal to x, y or z, that are held in their normal direction",
-        ["bottom"],
-    )
-    contact: Flag = by_default(False, "whether the lips of a wound press on each other; otherwise they overlap")
-    mesh: Mesh = Field(
-        description="the organ's mesh", examples=[{"kind": "block", "size": [0.06, 0.04, 0.02], "h": 4.0e-3}]
-    )
-    boundary: tuple[Boundary, ...] = by_default((), "additional boundaries", [])
-    region: tuple[Region, ...] = by_default((), "parts with another material", [])
-    load: tuple[Load, ...] = by_default((), "loads on boundaries", [])
+    youngs_modulus: Positive
+    poisson_ratio: PoissonRatio
+    density: Positive
+    strength: Positive | None = None
+    material: Law = "linear"
+    relaxation: Series = ()
+    element: Literal["P1", "P2"] = "P2"
+    dilatation: Literal["auto", "cell", "nodal"] = "auto"
+    inertia: Flag = True
+    solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = "auto"
+    rayleigh: tuple[NotNegative, NotNegative] = (0.0, 0.0)
+    reduction: Reduction | None = None
+    clamp: tuple[Text, ...] = ()
+    roller: tuple[Text, ...] = ()
+    contact: Flag = False
+    mesh: Mesh
+    boundary: tuple[Boundary, ...] = ()
+    region: tuple[Region, ...] = ()
+    load: tuple[Load, ...] = ()
 
     @classmethod
     def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:

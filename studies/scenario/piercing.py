@@ -10,6 +10,7 @@ from pydantic import Field
 from studies.scenario.refusal import as_toml, dotted_key, refusal
 from studies.scenario.table import (
     SUBGRID,
+    From,
     NotNegative,
     Number,
     Positive,
@@ -17,18 +18,14 @@ from studies.scenario.table import (
     Text,
     Turn,
     Vector,
-    beginning,
-    by_default,
     check_ending,
     check_rising,
     one_sentence,
-    optional,
 )
 
 LetGo = tuple[Number]
 HandRow = Annotated[
-    Turn | LetGo,
-    one_sentence("rows [t, length] or [t, force], and [t] alone to let go, for example [0.2]"),
+    Turn | LetGo, one_sentence("rows [t, length] or [t, force], and [t] alone to let go, for example [0.2]")
 ]
 Hand = Annotated[tuple[HandRow, ...], Field(min_length=1)]
 Grip = tuple[Turn, ...]  # from the time at which a hand takes the thread to the time at which it lets go
@@ -41,15 +38,12 @@ OF_NO_LENGTH = "it must not be zero, or too short or long to compute its length;
 class Friction(ScenarioTable):
     """Coulomb friction and grip at a piercing."""
 
-    static: NotNegative = Field(description="coefficient of static friction [-]", examples=[0.12])
-    kinetic: NotNegative = Field(description="coefficient of kinetic friction [-]", examples=[0.10])
+    static: NotNegative
+    kinetic: NotNegative
     grip: Annotated[
         NotNegative | tuple[NotNegative, NotNegative],
         one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
-    ] = by_default(
-        0.0,
-        "friction force at zero tension [N]; of a barbed thread two: for a rising and for a falling abscissa",
-    )
+    ] = 0.0
 
     def shared(self, parts: int) -> float | tuple[float, float]:
         """Return the grip of each of `parts` equal parts [N]."""
@@ -70,61 +64,27 @@ class Piercing(ScenarioTable):
 
     FORMER = SUBGRID
 
-    name: Text = Field(description="name of the piercing", examples=["entry"])
+    name: Text
     at: Annotated[
         Literal["surface"] | Vector,
         one_sentence('three numbers [x, y, z] [m] or "surface", for example at = [-0.01, 0.0, 0.0]'),
-    ] = Field(
-        description='place on the surface or inside the organ [m]; "surface": found by near and along',
-        examples=[[-0.01, 0.0, 0.0]],
-    )
-    near: Vector | None = optional('point from which at = "surface" searches [m]', [-0.01, 0.0, 0.002])
-    along: Vector | None = optional(
-        "direction [-] of the line through near; default: direction if it is three numbers, else "
-        "none: the surface point nearest to near",
-        [0.0, 0.0, -1.0],
-    )
-    kind: Literal["sliding", "anchored"] = by_default(
-        "sliding", '"sliding", or "anchored": one point of the thread is held'
-    )
+    ]
+    near: Vector | None = None
+    along: Vector | None = None
+    kind: Literal["sliding", "anchored"] = "sliding"
     direction: Annotated[
         Literal["free", "normal"] | Vector,
         one_sentence('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
-    ] = by_default(
-        "free",
-        'direction of the thread in the hole: "free", "normal" to the surface, or [x, y, z] '
-        "of the needle's channel [-]",
-    )
-    footprint: NotNegative = by_default(
-        1.0e-3, "radius of the averaging disc (surface) or ball (inside) [m]; 0: the paper's bare point"
-    )
-    weight: Literal["uniform", "parabolic"] = by_default("parabolic", "weight over the footprint [-]")
-    s: NotNegative | None = optional(
-        "initial abscissa [m], at an end of the thread only if anchored; default: at the nearest point of the thread",
-        0.031,
-    )
-    friction: Friction | None = optional(
-        "friction coefficients [-] and grip [N]; default none", {"static": 0.12, "kinetic": 0.10, "grip": 0.0}
-    )
-    draw: Hand | None = optional(
-        "rows of t [s], length [m] that a hand draws through the hole, counted from the "
-        "beginning of the piercing, positive towards the end of the path; [t] alone lets go, and "
-        "the length of the next row is the new zero; default: none",
-        [[0.0, 0.0], [1.0, 0.005]],
-    )
-    pull: Hand | None = optional(
-        "rows of t [s], force [N] with which a hand draws, positive towards the end of the path; "
-        '[t] alone lets go; instead of draw, or at a "sliding" hole before or after it; default: '
-        "none",
-        [[0.0, 0.0], [0.2, 1.0]],
-    )
-    channel: Positive | None = optional(
-        "length of the channel at whose ends the couple presses [m]; default with friction and a "
-        "direction: see the guide",
-        2.0e-3,
-    )
-    from_: NotNegative = beginning("time at which the piercing begins [s]")
-    until: Positive | None = optional("time at which the piercing ends [s]; default: never", 0.5)
+    ] = "free"
+    footprint: NotNegative = 1.0e-3
+    weight: Literal["uniform", "parabolic"] = "parabolic"
+    s: NotNegative | None = None
+    friction: Friction | None = None
+    draw: Hand | None = None
+    pull: Hand | None = None
+    channel: Positive | None = None
+    from_: From = 0.0
+    until: Positive | None = None
 
     def _check_effect(self) -> None:
         for key, vector in (("direction", self.direction), ("along", self.along)):

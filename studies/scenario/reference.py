@@ -1,7 +1,7 @@
 """The reference of the scenario file, made from its schema: a list of keys for each table of the file.
 
 ``python -m studies.scenario.reference`` updates the lists of keys and of scenes in ``README.md``. To add a key,
-add its field with a description and its unit in brackets; this file needs no change.
+add its field, and its meaning with its unit in `keys.toml`; this file needs no change.
 """
 
 import re

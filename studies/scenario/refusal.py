@@ -13,6 +13,8 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from studies.scenario.meanings import meaning_of
+
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 LONGEST_VALUE = 60  # largest number of shown characters of a refused value, unless it is text
 LONGEST_TEXT = 300  # largest number of shown characters of a text: a path is useful only as a whole
@@ -148,7 +150,8 @@ def _remedy(place: Place) -> str:
     info = place.table.model_fields[place.field]
     name = info.alias or place.field
     key = dotted_key(place.parts[: len(place.parts) - place.parts[::-1].index(name)])
-    example, meaning = info.examples[0] if info.examples else info.default, _in_short(str(info.description))
+    text, examples = meaning_of(place.table, name)
+    example, meaning = next(iter(examples), info.default), _in_short(text)
     if example is None:
         return f"correct it, or leave {key} out ({meaning})"
     return f"write for example {key} = {as_toml(example)} ({meaning})"

@@ -1,7 +1,7 @@
 """The scenario: one TOML file, validated completely before the computation.
 
-The models of this package define the file; each field states its unit in brackets. All units are SI units,
-except in a mesh file. ``schema`` gives the JSON schema.
+The models of this package define the file; `keys.toml` has the meaning of each key with its unit in brackets. All
+units are SI units, except in a mesh file. ``schema`` gives the JSON schema.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ from studies.scenario.piercing import Piercing, grips, place_refusal
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.stitch import Stitch, long_form
-from studies.scenario.table import ScenarioError, ScenarioTable, by_default, optional, plain_values, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, tie_fault
 from studies.scenario.tract import Tract, check_tracts
@@ -37,22 +37,17 @@ MOST_FRAMES = 20_000  # of three files each; results.pvd lists all of them and i
 class Scenario(ScenarioTable):
     """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
 
-    title: Annotated[str, Field(strict=True)] = by_default("", "title of the scenario")
-    tissue: Tissue | None = optional(
-        "the organ; without it the piercings are points fixed in space", {"youngs_modulus": 1.0e5}
-    )
-    thread: Thread = Field(description="the thread", examples=[{"suture": "2-0 polypropylene"}])
-    piercing: tuple[Piercing, ...] = by_default((), "the piercings, in the order in which the thread passes them")
-    tract: tuple[Tract, ...] = by_default((), "stretches between two holes where the thread bears on the tissue")
-    cut: tuple[Cut, ...] = by_default((), "cuts of the thread during the run")
-    tie: tuple[Tie, ...] = by_default((), "loops of the thread that hands draw and lock")
-    stitch: tuple[Stitch, ...] = by_default(
-        (),
-        "stitches, in the order of the thread: they write path, piercings, tracts, ties and cuts",
-    )
-    contact: tuple[Contact, ...] = by_default((), "pairs of surfaces that press on each other; others overlap")
-    solve: Solve = by_default(Solve(), "the solution method", {"dt": 1.0e-3})
-    output: Output = by_default(Output(), "the output of the run", {"every": 10})
+    title: Annotated[str, Field(strict=True)] = ""
+    tissue: Tissue | None = None
+    thread: Thread
+    piercing: tuple[Piercing, ...] = ()
+    tract: tuple[Tract, ...] = ()
+    cut: tuple[Cut, ...] = ()
+    tie: tuple[Tie, ...] = ()
+    stitch: tuple[Stitch, ...] = ()
+    contact: tuple[Contact, ...] = ()
+    solve: Solve = Solve()
+    output: Output = Output()
 
     @model_validator(mode="before")
     @classmethod

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import ceil
 from typing import Any, Literal
 
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole, by_default, optional
+from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
 
 WHOLE = 1e-9  # of a step: a duration this near to a whole number of steps counts as whole
 MOST_STEPS = 100_000_000  # at one millisecond each, the least time of a step: more than a day
@@ -13,43 +13,20 @@ MOST_STEPS = 100_000_000  # at one millisecond each, the least time of a step: m
 class Solve(ScenarioTable):
     """The solution method."""
 
-    kind: Literal["dynamic", "static"] = by_default(
-        "dynamic", '"dynamic", or "static": equilibrium under the final loads'
-    )
-    dt: Positive = by_default(1.0e-3, "time step [s]")
-    duration: Positive = by_default(1.0, "simulated time [s]")
-    start: Literal["path", "rest"] = by_default(
-        "path",
-        'initial state: the thread laid along its "path", or "rest": equilibrium under the loads at t = 0',
-    )
-    load_steps: Whole = by_default(10, "load steps [-] of a static solution")
-    scheme: Literal["newton", "linear"] = by_default(
-        "newton", 'time step: "newton", or "linear" (Baumgarte, one linear solve)'
-    )
-    newton: Literal["auto", "numpy", "compiled"] = by_default(
-        "auto",
-        'iteration of a step: in "numpy", or in "compiled" loops with the same numbers; "auto": '
-        "compiled in dynamic runs if a folder can cache the loops",
-    )
-    organ: Literal["auto", "whole", "krylov"] = by_default(
-        "auto",
-        'solution of a linear organ with inertia: "whole" or in a "krylov" space; "auto": krylov '
-        "if it is faster and no hole begins later",
-    )
-    integrator: Literal["euler", "bdf2"] = by_default(
-        "bdf2",
-        'time integration: "bdf2" (order 2) or "euler" (backward, order 1); default "euler" of '
-        "the linear scheme and two-pass friction",
-    )
-    tolerance: Positive | None = optional(
-        "accepted error of a step [m]; steps above it are divided, down to dt/64; without it all steps are dt long"
-    )
-    coupling: Literal["monolithic", "staggered"] = by_default(
-        "monolithic", "thread and organ solved together, or one after the other"
-    )
-    friction: Literal["implicit", "two-pass"] = by_default("implicit", "friction solver")
-    epsilon: NotNegative = by_default(0.0, "inertia of an abscissa ε (eq. 7) [kg]")
-    gravity: Vector = by_default((0.0, 0.0, 0.0), "gravity on thread and organ [m/s²]")
+    kind: Literal["dynamic", "static"] = "dynamic"
+    dt: Positive = 1.0e-3
+    duration: Positive = 1.0
+    start: Literal["path", "rest"] = "path"
+    load_steps: Whole = 10
+    scheme: Literal["newton", "linear"] = "newton"
+    newton: Literal["auto", "numpy", "compiled"] = "auto"
+    organ: Literal["auto", "whole", "krylov"] = "auto"
+    integrator: Literal["euler", "bdf2"] = "bdf2"
+    tolerance: Positive | None = None
+    coupling: Literal["monolithic", "staggered"] = "monolithic"
+    friction: Literal["implicit", "two-pass"] = "implicit"
+    epsilon: NotNegative = 0.0
+    gravity: Vector = (0.0, 0.0, 0.0)
 
     @classmethod
     def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -127,4 +104,4 @@ class Solve(ScenarioTable):
 class Output(ScenarioTable):
     """The output of the run."""
 
-    every: Whole = by_default(10, "steps between frames [-]")
+    every: Whole = 10

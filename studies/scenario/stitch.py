@@ -20,16 +20,13 @@ from studies.scenario.piercing import Friction
 from studies.scenario.refusal import as_toml
 from studies.scenario.solve import Solve
 from studies.scenario.table import (
-    NotNegative,
+    From,
     Positive,
     ScenarioTable,
     Text,
     Vector,
-    beginning,
-    by_default,
     check_ending,
     one_sentence,
-    optional,
     repetition,
 )
 from thread.path import rounded_path
@@ -47,58 +44,27 @@ Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", 
 class Stitch(ScenarioTable):
     """Stitch that is laid, drawn by hands and locked."""
 
-    name: Text = Field(
-        description='name of the stitch and its tie; its piercings are "NAME.left" and "NAME.right", or '
-        '"NAME.1.left" and so on',
-        examples=["first"],
-    )
-    kind: Kind = by_default(
-        "single",
-        'shape: "running" is drawn at its last hole; "vertical-mattress" goes back near the '
-        'edges; "horizontal-mattress" and "figure-of-eight" are two bites joined along the wound '
-        'or across it; "purse-string" has bites around a circle',
-    )
-    at: Vector = Field(
-        description="place on the line of the wound [m]: the middle of the stitch, or the first bite of a running one",
-        examples=[[0, 0, 0]],
-    )
-    along: Vector | None = optional(
-        "direction of the wound [-]; looking along it from outside, right is on the right; "
-        "default: that of the mesh's wound, else y",
-        [0, 1, 0],
-    )
-    normal: Vector = by_default((0.0, 0.0, 1.0), "direction out of the tissue at the wound [-]")
+    name: Text
+    kind: Kind = "single"
+    at: Vector
+    along: Vector | None = None
+    normal: Vector = (0.0, 0.0, 1.0)
     bite: Annotated[
         Positive | tuple[Positive, Positive],
         one_sentence("a distance [m], or those to the left and to the right, for example bite = 5e-3"),
-    ] = Field(
-        description="distance of the holes from the line [m], or [left, right]; of a purse-string half a "
-        "bite along the circle",
-        examples=[5.0e-3],
-    )
-    depth: Positive = Field(description="depth of the bites below `at` [m]", examples=[4.0e-3])
-    pitch: Positive | None = optional(
-        "distance of the bites along the wound, of a purse-string the radius [m]; default: the bite", 5.0e-3
-    )
-    count: Annotated[int, Field(strict=True, ge=2, le=200)] = by_default(
-        6, "bites [-] of a running stitch or a purse-string"
-    )
-    force: Positive = Field(description="force of the hands on the stitch [N]", examples=[1.0])
-    from_: NotNegative = beginning("time at which the hands begin to draw [s]")
-    until: Positive | None = optional("time at which the stitch is locked [s]; default: ¾ of the run", 0.25)
-    hold: Positive | None = optional("tension above which its tie slips [N]; default: never", 10.0)
-    footprint: Positive = by_default(1.0e-3, "radius of the averaging disc of its holes [m]")
+    ]
+    depth: Positive
+    pitch: Positive | None = None
+    count: Annotated[int, Field(strict=True, ge=2, le=200)] = 6
+    force: Positive
+    from_: From = 0.0
+    until: Positive | None = None
+    hold: Positive | None = None
+    footprint: Positive = 1.0e-3
     tract: (
         Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
-    ) = optional(
-        "radius of the tissue along the bites on which the thread bears [m]; false: at the holes "
-        "only; default: the footprint",
-        1.0e-3,
-    )
-    friction: Friction | None = optional(
-        "friction coefficients [-] of holes and tracts, and grip of each hole [N]; default none",
-        {"static": 0.1, "kinetic": 0.1},
-    )
+    ) = None
+    friction: Friction | None = None
 
     def _check(self) -> None:
         check_ending(self.from_, self.until)

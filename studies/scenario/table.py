@@ -1,13 +1,25 @@
 """A table of a scenario: the kinds of its values, and its refusals."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, WrapValidator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+    WrapValidator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
+from studies.scenario.meanings import meaning_of
 from studies.scenario.refusal import as_toml, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
@@ -16,13 +28,13 @@ MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # shown for one scenario, and charact
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+From = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, alias="from")]  # a beginning [s]
 Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Whole = Annotated[int, Field(strict=True, ge=1)]
 Flag = Annotated[bool, Field(strict=True)]
 PoissonRatio = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
-GROWTH = "ratio of the sizes of neighbouring elements [-]"
 Waypoint = tuple[Number, Number, Number, Number]
 Turn = tuple[Number, Number]
 
@@ -82,7 +94,8 @@ SUBGRID = {"subgrid": "cells at holes are refined; leave it out, and give tissue
 class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, without unknown keys.
 
-    Keys of earlier versions, `FORMER`, are refused with their replacement. Methods `_check…` refuse impossible
+    The meanings of its keys are in `keys.toml`. Keys of earlier
+    versions, `FORMER`, are refused with their replacement. Methods `_check…` refuse impossible
     values. They are called after the table is made, in the order of their definition, and first those of base
     classes.
     """
@@ -105,6 +118,14 @@ class ScenarioTable(BaseModel):
         """Return the defaults that depend on other keys of the table, of which `data` are those given."""
         return {}
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Return the JSON schema of the table, with the meanings of its keys."""
+        made = handler(core)
+        fields = handler.resolve_ref_schema(made)["properties"]
+        fields |= {key: meaning_of(cls, key).added_to(field) for key, field in fields.items()}
+        return made
+
     @model_validator(mode="after")
     def _refuse(self) -> Self:
         for name in checks_of(type(self)):
@@ -117,19 +138,6 @@ def checks_of(table: type[ScenarioTable]) -> list[str]:
     """Return the names of a table's checks in the order of their definition."""
     kinds = [kind for kind in reversed(table.__mro__) if issubclass(kind, ScenarioTable)]
     return [name for name in dict.fromkeys(name for kind in kinds for name in vars(kind)) if name.startswith("_check")]
-
-
-def by_default(default: Any, description: str, *examples: Any) -> Any:
-    """Return a key that can be left out, with its default, its description and examples of its value."""
-    return Field(default=default, description=description, examples=list(examples) or None)
-
-
-optional = partial(by_default, None)  # a key that is None if left out
-
-
-def beginning(description: str) -> Any:
-    """Declare the key `from`, a time [s] that is zero by default."""
-    return Field(default=0.0, alias="from", description=description)
 
 
 def check_ending(begins: float, until: float | None) -> None:

@@ -21,17 +21,15 @@ from studies.scenario.table import (
     Vector,
     Waypoint,
     Whole,
-    by_default,
     check_rising,
     one_sentence,
-    optional,
 )
 from thread.catalogue import suture
 from thread.errors import ThreadError
 
 
 class _End(ScenarioTable):
-    mass: NotNegative = by_default(0.0, "point mass at this end [kg]")
+    mass: NotNegative = 0.0
 
 
 class FreeEnd(_End):
@@ -41,12 +39,7 @@ class FreeEnd(_End):
 
 
 class _HeldEnd(_End):
-    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = optional(
-        "rows of t [s], angle [rad] about the thread's tangent, right-handed towards the end of "
-        "the path, 0 at t = 0; needs thread.twist; default: a clamped end does not turn, "
-        "any other end turns freely",
-        [[0.0, 0.0], [1.0, 6.28]],
-    )
+    turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = None
 
     def _check_turn(self) -> None:
         rows = self.turn or ()
@@ -71,12 +64,8 @@ class PulledEnd(_End, Timed):
     """End under a dead load."""
 
     kind: Literal["pulled"]
-    force: Vector = Field(description="dead load on the end [N]", examples=[[0, 0, 1.0e-2]])
-    ramp: NotNegative | None = optional(
-        "time in which the load grows from zero [s], 0: at once; default: 0.05 s in a dynamic "
-        'run (at most its duration), 0 in statics, with solve.start = "rest" and with a course',
-        0.1,
-    )
+    force: Vector
+    ramp: NotNegative | None = None
 
     def _check_ramp(self) -> None:
         if self.course is not None and self.ramp:
@@ -87,9 +76,7 @@ class DrivenEnd(_HeldEnd):
     """End that follows waypoints, linearly in between; it is at rest before the first and after the last."""
 
     kind: Literal["driven"]
-    waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)] = Field(
-        description="rows of t [s], x, y, z [m]", examples=[[[0.0, 0.03, 0, 0.01], [1.0, 0.05, 0, 0.03]]]
-    )
+    waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)]
 
     def _check_times(self) -> None:
         check_rising("waypoints", self.waypoints)
@@ -107,8 +94,8 @@ End = Annotated[FreeEnd | FixedEnd | ClampedEnd | PulledEnd | DrivenEnd, Field(d
 class Cut(ScenarioTable):
     """Cut of the thread during a run."""
 
-    s: Positive = Field(description="abscissa of the cut, or of a knot next to it [m]", examples=[0.03])
-    time: Positive = Field(description="time of the cut [s]", examples=[0.3])
+    s: Positive
+    time: Positive
 
 
 def _known(name: str) -> str:
@@ -123,7 +110,7 @@ def _known(name: str) -> str:
 class OnSurface(ScenarioTable):
     """Contact of the thread with the surface of the organ."""
 
-    friction: NotNegative = by_default(0.0, "coefficient of Coulomb friction of the thread on the surface [-]")
+    friction: NotNegative = 0.0
 
 
 GRADED = "knots now travel with the piercings, and are fine at each of them; leave it out, or set thread.tolerance"
@@ -134,75 +121,32 @@ class Thread(ScenarioTable):
 
     FORMER = dict.fromkeys(("resolution", "graded"), GRADED)
 
-    suture: Annotated[Text, AfterValidator(_known)] | None = optional(
-        "USP size and material or brand (suture catalogue); instead of diameter, youngs_modulus, density",
-        "2-0 polypropylene",
-    )
-    diameter: Positive | None = optional("diameter of the thread [m]", 3.2e-4)
-    youngs_modulus: Positive | None = optional("Young's modulus of the thread [Pa]", 2.0e9)
-    density: Positive | None = optional("density of the thread [kg/m³]", 910.0)
-    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = optional(
-        "Poisson's ratio of the thread [-]; default 0.4", 0.4
-    )
-    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = optional(
-        "bending and torsional stiffness over a solid rod's stiffness [-]; default: value of the "
-        "suture (an assumption for braids), else 1",
-        0.05,
-    )
-    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = by_default(
-        40,
-        "control points of the cubic spline [-]; travelling knots add points at the piercings, "
-        "and at least four spans per strand",
-    )
-    knots: Literal["travelling", "fixed"] = by_default(
-        "travelling",
-        'knots of the spline: "travelling" with the holes, or "fixed" at equal distances like in '
-        'the paper; default "fixed" with twist, springs, no bending and the paper\'s variants of '
-        "solve",
-    )
-    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = by_default(
-        0.01, "accepted relative error of the piercings' forces by travelling knots [-]"
-    )
-    path: Annotated[tuple[Vector, ...], Field(min_length=2)] = Field(
-        description="points along which the thread is laid at the start [m], corners rounded",
-        examples=[[[-0.03, 0, 0.01], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0.01]]],
-    )
-    cuts: tuple[Positive, ...] = by_default((), "abscissae of the cuts at t = 0 [m], rising", [0.05, 0.1])
-    length: Positive | None = optional("rest length of the thread [m]; default: path length", 0.0483)
-    damping: NotNegative = by_default(0.0, "mass-proportional damping of the thread [1/s]")
-    relaxation: Series = by_default(
-        (),
-        "stress relaxation of the stretch as a Prony series: rows of the share of the tension [-] and its relaxation "
-        "time [s]; youngs_modulus is for a sudden load",
-        [[0.2, 30.0]],
-    )
+    suture: Annotated[Text, AfterValidator(_known)] | None = None
+    diameter: Positive | None = None
+    youngs_modulus: Positive | None = None
+    density: Positive | None = None
+    poisson_ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, le=0.5)] | None = None
+    bending_factor: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] | None = None
+    control_points: Annotated[int, Field(strict=True, ge=4, le=5000)] = 40
+    knots: Literal["travelling", "fixed"] = "travelling"
+    tolerance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=0.1)] = 0.01
+    path: Annotated[tuple[Vector, ...], Field(min_length=2)]
+    cuts: tuple[Positive, ...] = ()
+    length: Positive | None = None
+    damping: NotNegative = 0.0
+    relaxation: Series = ()
     contact: Annotated[
         Annotated[bool, Field(strict=True)] | OnSurface,
         one_sentence("true, false, or a table, for example contact = { friction = 0.1 }"),
-    ] = by_default(
-        False,
-        "whether strands and tails bear on the organ's outer surface: true, false, or a table with the friction",
-        {"friction": 0.1},
-    )
-    bending: Annotated[bool, Field(strict=True)] = by_default(True, "whether the thread resists bending; false: EI = 0")
-    energy: Literal["continuous", "springs"] = by_default(
-        "continuous",
-        'elastic energies: "continuous" along the thread, or the paper\'s "springs", calibrated by EA, EI and GJ',
-    )
-    springs: Whole | None = optional(
-        "number of stretch springs [-], at least control_points - 1 (the default with energy = "
-        '"springs"); more lock a stiff thread',
-        39,
-    )
-    twist: Annotated[bool, Field(strict=True)] = by_default(False, "whether the thread resists twist")
-    coil_radius: Positive | None = optional(
-        "radius of the rest coil [m]; needs thread.twist; default: straight at rest", 0.02
-    )
-    coil_towards: Vector | None = optional(
-        "side to which the start coils [-], across the path; default: one of the axes", [0, 0, 1]
-    )
-    start: End = by_default(FreeEnd(kind="free"), "holder of the thread at the start of the path", {"kind": "free"})
-    end: End = by_default(FreeEnd(kind="free"), "holder of the thread at the end of the path", {"kind": "free"})
+    ] = False
+    bending: Annotated[bool, Field(strict=True)] = True
+    energy: Literal["continuous", "springs"] = "continuous"
+    springs: Whole | None = None
+    twist: Annotated[bool, Field(strict=True)] = False
+    coil_radius: Positive | None = None
+    coil_towards: Vector | None = None
+    start: End = FreeEnd(kind="free")
+    end: End = FreeEnd(kind="free")
 
     @model_validator(mode="before")
     @classmethod

@@ -2,40 +2,22 @@
 
 from collections.abc import Sequence
 
-from pydantic import Field
-
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import (
-    NotNegative,
-    Positive,
-    ScenarioTable,
-    Text,
-    beginning,
-    by_default,
-    check_ending,
-    optional,
-    repetition,
-)
+from studies.scenario.table import From, NotNegative, Positive, ScenarioTable, Text, check_ending, repetition
 
 
 class Tie(ScenarioTable):
     """Tie of the outer strands at two holes."""
 
-    name: Text = Field(description="name of the tie", examples=["knot1"])
-    between: tuple[Text, Text] = Field(
-        description="names of two piercings; their outer strands are joined at their nearest points",
-        examples=[["left1", "right1"]],
-    )
-    force: Positive = Field(description="force of the hands on the loop [N]", examples=[1.0])
-    from_: NotNegative = beginning("time at which the loop is closed and drawn [s]")
-    until: Positive = Field(description="time at which the loop is locked [s]", examples=[0.25])
-    ramp: NotNegative | None = optional(
-        "time in which the force grows from zero [s]; default: half of the time from `from` to `until`",
-        0.1,
-    )
-    speed: Positive = by_default(0.05, "speed of a hand without resistance [m/s]; in dynamic runs")
-    hold: Positive | None = optional("tension above which a locked tie slips [N]; default: never", 10.0)
+    name: Text
+    between: tuple[Text, Text]
+    force: Positive
+    from_: From = 0.0
+    until: Positive
+    ramp: NotNegative | None = None
+    speed: Positive = 0.05
+    hold: Positive | None = None
 
     @property
     def growth(self) -> float:

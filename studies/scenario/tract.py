@@ -2,11 +2,9 @@
 
 from collections.abc import Sequence
 
-from pydantic import Field
-
 from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.refusal import dotted_key, refusal
-from studies.scenario.table import SUBGRID, Positive, ScenarioError, ScenarioTable, Text, optional
+from studies.scenario.table import SUBGRID, Positive, ScenarioError, ScenarioTable, Text
 
 
 class Tract(ScenarioTable):
@@ -14,20 +12,10 @@ class Tract(ScenarioTable):
 
     FORMER = SUBGRID
 
-    between: tuple[Text, Text] = Field(
-        description="names of two consecutive holes along the thread", examples=[["entry", "exit"]]
-    )
-    radius: Positive | None = optional(
-        "radius of the tissue balls along the path [m]; default: the smaller footprint of the two holes"
-    )
-    spacing: Positive | None = optional(
-        "largest distance between balls along the path [m]; default: the radius",
-        1.5e-3,
-    )
-    friction: Friction | None = optional(
-        "friction coefficients [-], and grip of the whole tract [N]; default none",
-        {"static": 0.1, "kinetic": 0.1},
-    )
+    between: tuple[Text, Text]
+    radius: Positive | None = None
+    spacing: Positive | None = None
+    friction: Friction | None = None
 
     @property
     def name(self) -> str:

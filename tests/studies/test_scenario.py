@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
+from studies.scenario.meanings import KEYS
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
@@ -562,6 +563,15 @@ def test_the_schema_describes_every_key() -> None:
     assert expected == set(written["properties"])
     assert "from" in written["$defs"]["Piercing"]["properties"]
     assert all(table.get("additionalProperties") is False for table in tables)
+
+
+def test_every_meaning_is_of_a_key() -> None:
+    """Consistency check: `keys.toml` against the classes of the tables."""
+    tables = list(ScenarioTable.__subclasses__())
+    for table in tables:
+        tables += table.__subclasses__()
+    keys = {(table.__name__, info.alias or name) for table in tables for name, info in table.model_fields.items()}
+    assert {(table, key) for table, own in KEYS.items() for key in own} <= keys
 
 
 def test_quantities_name_their_unit() -> None:
