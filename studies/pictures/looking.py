@@ -12,10 +12,10 @@ from meshes.child import run_module
 from studies.output.files import write_bytes
 from studies.output.reading import FrameFiles, ResultsError, RunResults, read_run, snapshot_of, topology_of
 from studies.pictures.picture import Drawn, draw_picture, draw_scene, words_of
-from studies.pictures.scene import frame_of
+from studies.pictures.scene import FILM, frame_of
 
 MOST_PICTURES = 24  # largest number of pictures of an animation
-KINDS = (".png", ".gif")
+KINDS = (".png", FILM)
 
 
 def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
@@ -60,7 +60,7 @@ def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
         raise ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
         )
-    drawn = film(run, out) if out.suffix.lower() == ".gif" else still(run, out, time)
+    drawn = film(run, out) if out.suffix.lower() == FILM else still(run, out, time)
     if drawn.failure:
         raise ResultsError(drawn.line)
     return drawn.line
@@ -83,4 +83,4 @@ def film(run: RunResults, out: Path) -> Drawn:
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(int)).tolist()
     frames = [frame_of(snapshot_of(run.frames[number], run.piercings)) for number in chosen]
     scene = frames, topology_of(run.frames[0]), run.title
-    return draw_scene(scene, out, "studies.pictures.film", "studies.pictures.film_section", patience=10.0)
+    return draw_scene(scene, out, patience=10.0)

@@ -20,7 +20,7 @@ from studies.extras import installation
 from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
 from studies.output.records import Snapshot
-from studies.pictures.scene import frame_of
+from studies.pictures.scene import FILM, frame_of
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
@@ -55,11 +55,16 @@ def draw_picture(
     shown = frame_of(frame)
     sizes = footprints or [0.0] * len(shown.piercings)
     holes = tuple(replace(hole, footprint=size) for hole, size in zip(shown.piercings, sizes, strict=True))
-    scene = replace(shown, held=held, piercings=holes), topology, title
-    return draw_scene(scene, path, "studies.pictures.space", "studies.pictures.section")
+    return draw_scene(([replace(shown, held=held, piercings=holes)], topology, title), path)
 
 
-def draw_scene(scene: object, path: Path | str, space: str, section: str, patience: float = 1.0) -> Drawn:
+def draw_scene(
+    scene: object,
+    path: Path | str,
+    space: str = "studies.pictures.space",
+    section: str = "studies.pictures.section",
+    patience: float = 1.0,
+) -> Drawn:
     """Draw a scene into a file by the module `space` if OpenGL works, else by the module `section`.
 
     Each module runs with the pickled scene and the path of the picture. Its time limit is `patience` times the
@@ -93,7 +98,7 @@ def is_installed(library: str) -> bool:
 
 def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str], patience: float = 1.0) -> str:
     """Draw by a module in a child process; return an empty text, or the child's reason for no picture."""
-    target = source.with_name("picture.png")
+    target = source.with_name("film.gif" if path.suffix.lower() == FILM else "picture.png")
     target.unlink(missing_ok=True)
     try:
         done = run_module(module, source.parent, [source, target], patience * PATIENCE, setting)

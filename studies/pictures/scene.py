@@ -9,6 +9,8 @@ from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 if TYPE_CHECKING:
     from studies.output.records import Snapshot
 
+FILM = ".gif"  # suffix of an animation
+
 
 @dataclass(frozen=True)
 class Hole:
@@ -40,8 +42,7 @@ class Frame:
     held: Array | None = None
 
 
-Scene = tuple[Frame, OrganTopology | None, str]  # with a title
-Film = tuple[list[Frame], OrganTopology | None, str]
+Scene = tuple[list[Frame], OrganTopology | None, str]  # frames for one file, and its title
 
 
 def frame_of(snapshot: "Snapshot") -> Frame:

@@ -1,6 +1,8 @@
 """The picture in a section, by matplotlib, without OpenGL."""
 
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,48 +16,32 @@ from matplotlib.patches import Circle
 from studies.arrays import Array
 from studies.figure import literal
 from studies.output.fields import OrganTopology
+from studies.pictures import view
 from studies.pictures.camera import along_arrows, label_places
+from studies.pictures.film import write_frames
 from studies.pictures.scene import Frame
-from studies.pictures.view import (
-    ARROW,
-    KILO,
-    LEFT,
-    MARKER,
-    MILLI,
-    SIZE,
-    THREAD,
-    Indices,
-    Scale,
-    caption,
-    colours,
-    label,
-    legend,
-    places_of,
-    read_scene,
-    scale_of,
-    stress_words,
-    tension_colours,
-    tension_words,
-)
 
 DPI = 150
 LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and mean width of a letter over its size
 ASIDE = 1e-3  # of the organ's width: a plane through nodes would cut tetrahedra into empty parts
 
 
-def draw_section(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
-    """Draw the view along y with matplotlib [mm]: the organ cut at the piercings, the thread projected."""
-    draw_scaled(frame, topology, path, title, scale_of([frame]))
+def draw_section(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+    """Draw a frame into a PNG file, or frames at one scale into a GIF file.
+
+    It is the view along y [mm]: the organ cut at the piercings, the thread projected.
+    """
+    write_frames(frames, path, partial(draw_scaled, view.scale_of(frames), topology, title))
 
 
-def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title: str, scale: Scale) -> None:
+def draw_scaled(scale: view.Scale, topology: OrganTopology | None, title: str, frame: Frame, path: Path) -> None:
     """Draw a frame at a given scale into a PNG file."""
-    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained", dpi=DPI)
+    figure = Figure(figsize=(view.SIZE[0] / DPI, view.SIZE[1] / DPI), layout="constrained", dpi=DPI)
     axes = figure.add_subplot()
     if topology is not None and frame.organ is not None:
         stress = _section_organ(axes, topology, frame, scale)
-        figure.colorbar(stress, ax=axes, label=stress_words(frame), shrink=0.8, pad=0.02)
-    figure.colorbar(_section_thread(axes, frame, scale), ax=axes, label=tension_words(frame), shrink=0.8, pad=0.02)
+        figure.colorbar(stress, ax=axes, label=view.stress_words(frame), shrink=0.8, pad=0.02)
+    figure.colorbar(_section_thread(axes, frame, scale), ax=axes, label=view.tension_words(frame), shrink=0.8, pad=0.02)
     _section_piercings(axes, frame, scale)
     _section_held(axes, frame)
     _section_frame(axes, frame, title, scale)
@@ -64,19 +50,19 @@ def draw_scaled(frame: Frame, topology: OrganTopology | None, path: Path, title:
     figure.savefig(path, dpi=DPI)
 
 
-def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: Scale) -> Any:
+def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: view.Scale) -> Any:
     """Fill the cut of the deformed tetrahedra by the plane y = const through the piercings."""
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
     points, triangles, stress = cut(deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed))
-    low, high = (value / KILO for value in scale.stress)
-    look: Any = {"triangles": triangles, "cmap": ListedColormap(colours()), "vmin": low, "vmax": high}
-    x, z = (points / MILLI).T
-    axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # fills the joints of the next plot
-    return axes.tripcolor(x, z, stress / KILO, shading="gouraud", **look)
+    low, high = (value / view.KILO for value in scale.stress)
+    look: Any = {"triangles": triangles, "cmap": ListedColormap(view.colours()), "vmin": low, "vmax": high}
+    x, z = (points / view.MILLI).T
+    axes.tripcolor(x, z, stress / view.KILO, edgecolors="face", linewidth=0.8, **look)  # fills the next plot's joints
+    return axes.tripcolor(x, z, stress / view.KILO, shading="gouraud", **look)
 
 
-def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, Indices, Array]:
+def cut(points: Array, cells: view.Indices, values: Array, y: float) -> tuple[Array, view.Indices, Array]:
     """Return the cut of tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
     side = points[:, 1] > y
     count = side[cells].sum(axis=1)
@@ -93,16 +79,16 @@ def cut(points: Array, cells: Indices, values: Array, y: float) -> tuple[Array, 
     return places[:, [0, 2]], np.array(triangles).reshape(-1, 3), values[a] + weight * (values[b] - values[a])
 
 
-def _section_thread(axes: Axes, frame: Frame, scale: Scale) -> Any:
+def _section_thread(axes: Axes, frame: Frame, scale: view.Scale) -> Any:
     """Draw the thread coloured by its tension [N]."""
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     lines = []
     for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
-        places = points[:, [0, 2]] / MILLI
+        places = points[:, [0, 2]] / view.MILLI
         lines.append(
             LineCollection(
                 list(np.stack([places[:-1], places[1:]], axis=1)),
-                cmap=ListedColormap(tension_colours(scale)),
+                cmap=ListedColormap(view.tension_colours(scale)),
                 linewidth=2.5,
             )
         )
@@ -111,13 +97,13 @@ def _section_thread(axes: Axes, frame: Frame, scale: Scale) -> Any:
     return lines[0]
 
 
-def _section_piercings(axes: Axes, frame: Frame, scale: Scale) -> None:
+def _section_piercings(axes: Axes, frame: Frame, scale: view.Scale) -> None:
     """Draw the holes, with the force of each on the thread."""
-    style = {"arrowstyle": "-|>", "color": ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
-    for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
-        x, _, z = hole.x / MILLI
-        axes.plot(x, z, "o", color=MARKER, markersize=8, zorder=4)
-        axes.add_patch(Circle((x, z), hole.footprint / MILLI, color=MARKER, alpha=0.3, zorder=3))
+    style = {"arrowstyle": "-|>", "color": view.ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
+    for hole, tip in zip(frame.piercings, scale.tips(frame) / view.MILLI, strict=True):
+        x, _, z = hole.x / view.MILLI
+        axes.plot(x, z, "o", color=view.MARKER, markersize=8, zorder=4)
+        axes.add_patch(Circle((x, z), hole.footprint / view.MILLI, color=view.MARKER, alpha=0.3, zorder=3))
         if scale.shows(float(np.linalg.norm(hole.force))):
             axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
 
@@ -125,35 +111,35 @@ def _section_piercings(axes: Axes, frame: Frame, scale: Scale) -> None:
 def _section_held(axes: Axes, frame: Frame) -> None:
     """Draw the places of held nodes."""
     if frame.held is not None:
-        axes.plot(*frame.held[:, [0, 2]].T / MILLI, ".", color=THREAD, markersize=4, zorder=3)
+        axes.plot(*frame.held[:, [0, 2]].T / view.MILLI, ".", color=view.THREAD, markersize=4, zorder=3)
 
 
-def _section_names(axes: Axes, frame: Frame, scale: Scale) -> None:
+def _section_names(axes: Axes, frame: Frame, scale: view.Scale) -> None:
     """Draw the name and force of each hole next to the scene, with a line to the hole."""
-    named = [hole for hole in frame.piercings if hole.state != LEFT]
-    words = [literal(label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
+    named = [hole for hole in frame.piercings if hole.state != view.LEFT]
+    words = [literal(view.label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
     boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
     holes, tips, thread = (
-        axes.transData.transform(points[:, [0, 2]] / MILLI)
-        for points in (places_of(frame), scale.tips(frame), frame.thread.points)
+        axes.transData.transform(points[:, [0, 2]] / view.MILLI)
+        for points in (view.places_of(frame), scale.tips(frame), frame.thread.points)
     )
     taken = np.concatenate([thread, along_arrows(holes, tips)])
-    anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / MILLI)
-    for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, taken, SIZE), strict=True):
+    anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / view.MILLI)
+    for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, taken, view.SIZE), strict=True):
         axes.annotate(
             text, anchor, corner, xycoords="figure pixels", textcoords="figure pixels", fontsize=LETTERS * 72 / DPI,
             ha="left", va="bottom", zorder=6, arrowprops={"arrowstyle": "-", "linewidth": 0.8, "shrinkA": 0},
         )  # fmt: skip
 
 
-def _section_frame(axes: Axes, frame: Frame, title: str, scale: Scale) -> None:
+def _section_frame(axes: Axes, frame: Frame, title: str, scale: view.Scale) -> None:
     tips = scale.tips(frame)
     low, high = np.min([scale.low, *tips], axis=0), np.max([scale.high, *tips], axis=0)
     margin = 0.08 * scale.width
-    ends = np.array([low - margin, high + margin]) / MILLI
+    ends = np.array([low - margin, high + margin]) / view.MILLI
     axes.set(xlim=ends[:, 0], ylim=ends[:, 2], xlabel="x [mm]", ylabel="z [mm]")
     axes.set_aspect("equal", adjustable="box")
-    axes.set_title(f"{literal(caption(frame, title))}\n{legend(scale, frame)}".strip(), fontsize=10)
+    axes.set_title(f"{literal(view.caption(frame, title))}\n{view.legend(scale, frame)}".strip(), fontsize=10)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 
@@ -167,5 +153,5 @@ def _section_y(frame: Frame, deformed: Array) -> float:
 
 
 if __name__ == "__main__":
-    frame, topology, title = read_scene(sys.argv[1])
-    draw_section(frame, topology, Path(sys.argv[2]), title)
+    frames, topology, title = view.read_scene(sys.argv[1])
+    draw_section(frames, topology, Path(sys.argv[2]), title)

@@ -6,6 +6,7 @@ VTK's modules are loaded one by one. pyvista is not used, because its loading ta
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import vtkmodules.vtkRenderingFreeType  # letters
 import vtkmodules.vtkRenderingOpenGL2  # noqa: F401  # what draws
 from numpy.typing import NDArray
 from PIL import Image
+from vtkmodules import vtkRenderingCore
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkLookupTable, vtkPoints, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -22,46 +24,13 @@ from vtkmodules.vtkFiltersCore import vtkCleanPolyData, vtkFeatureEdges, vtkPoly
 from vtkmodules.vtkFiltersGeneral import vtkVertexGlyphFilter
 from vtkmodules.vtkFiltersSources import vtkArrowSource, vtkSphereSource
 from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkScalarBarActor
-from vtkmodules.vtkRenderingCore import (
-    vtkActor,
-    vtkActor2D,
-    vtkLightKit,
-    vtkPolyDataMapper,
-    vtkPolyDataMapper2D,
-    vtkRenderer,
-    vtkRenderWindow,
-    vtkTextActor,
-)
 
 from studies.arrays import Array
 from studies.output.fields import OrganTopology
+from studies.pictures import view
 from studies.pictures.camera import Camera, along_arrows, camera_on, label_places, scale_bar
+from studies.pictures.film import write_frames
 from studies.pictures.scene import Frame
-from studies.pictures.view import (
-    ARROW,
-    KILO,
-    LEFT,
-    MARKER,
-    SIZE,
-    THREAD,
-    Indices,
-    Scale,
-    aimed_at,
-    caption,
-    colours,
-    label,
-    legend,
-    places_of,
-    read_scene,
-    rgb,
-    scale_of,
-    shown_organ,
-    stress_words,
-    surface,
-    tension_colours,
-    tension_words,
-    ticks,
-)
 
 BLANK = 2.0  # standard deviation of the pixel values below which the picture is empty
 SAMPLES = 8  # samples per pixel at edges, if available; a larger picture would take a third longer
@@ -82,29 +51,35 @@ class Stage:
 
     topology: OrganTopology | None
     title: str
-    scale: Scale
+    scale: view.Scale
     camera: Camera
 
 
 def stage_of(frames: Sequence[Frame], topology: OrganTopology | None, title: str) -> Stage:
     """Return the stage that shows the selected points, every arrow and the organ of all frames."""
-    scale = scale_of(frames)
-    parts = [(aimed_at(frame), scale.tips(frame), shown_organ(frame, topology, scale)) for frame in frames]
+    scale = view.scale_of(frames)
+    parts = [(view.aimed_at(frame), scale.tips(frame), view.shown_organ(frame, topology, scale)) for frame in frames]
     return Stage(
-        topology, title, scale, camera_on(np.concatenate([part for each in parts for part in each]), SIZE, MARGINS)
+        topology, title, scale, camera_on(np.concatenate([part for each in parts for part in each]), view.SIZE, MARGINS)
     )
 
 
-def draw_space(frame: Frame, topology: OrganTopology | None, path: Path, title: str = "") -> None:
-    """Draw a frame into a PNG file."""
-    draw_staged(frame, stage_of([frame], topology, title), path)
+def draw_space(frames: Sequence[Frame], topology: OrganTopology | None, path: Path, title: str = "") -> None:
+    """Draw a frame into a PNG file, or frames on one stage into a GIF file."""
+    write_frames(frames, path, partial(draw_staged, stage_of(frames, topology, title)))
 
 
-def draw_staged(frame: Frame, stage: Stage, path: Path) -> None:
+def draw_staged(stage: Stage, frame: Frame, path: Path) -> None:
     """Draw a frame on a stage into a PNG file. Raises `RuntimeError` if the renderer draws nothing."""
-    window = made(vtkRenderWindow, OffScreenRendering=True, Size=SIZE, MultiSamples=SAMPLES, NumberOfLayers=2)
-    renderer = made(vtkRenderer, Background=(1.0, 1.0, 1.0))
-    vtkLightKit().AddLightsToRenderer(renderer)
+    window = made(
+        vtkRenderingCore.vtkRenderWindow,
+        OffScreenRendering=True,
+        Size=view.SIZE,
+        MultiSamples=SAMPLES,
+        NumberOfLayers=2,
+    )
+    renderer = made(vtkRenderingCore.vtkRenderer, Background=(1.0, 1.0, 1.0))
+    vtkRenderingCore.vtkLightKit().AddLightsToRenderer(renderer)
     for prop in props_of(frame, stage):
         renderer.AddViewProp(prop)
     place_camera(renderer, stage.camera)
@@ -140,23 +115,23 @@ def made(kind: Callable[[], Any], **settings: Any) -> Any:
 
 def place_camera(renderer: Any, camera: Camera) -> None:
     """Place the camera of a renderer, without perspective."""
-    eye, view = camera.focus + 2.0 * camera.half_height * camera.towards, renderer.GetActiveCamera()
-    put(view, ParallelProjection=True, Position=eye, FocalPoint=camera.focus, ViewUp=camera.up)
-    view.SetParallelScale(camera.half_height)
+    eye, lens = camera.focus + 2.0 * camera.half_height * camera.towards, renderer.GetActiveCamera()
+    put(lens, ParallelProjection=True, Position=eye, FocalPoint=camera.focus, ViewUp=camera.up)
+    lens.SetParallelScale(camera.half_height)
     renderer.ResetCameraClippingRange()
 
 
 def _axes(camera: Camera) -> Any:
     """Return the renderer of the directions of x, y and z in a corner, as the camera sees them."""
-    axes, renderer = vtkAxesActor(), made(vtkRenderer, Viewport=CORNER, Layer=1)
+    axes, renderer = vtkAxesActor(), made(vtkRenderingCore.vtkRenderer, Viewport=CORNER, Layer=1)
     for axis, colour in zip("XYZ", AXES, strict=True):
         for part in ("Shaft", "Tip"):
-            put(getattr(axes, f"Get{axis}Axis{part}Property")(), Color=rgb(colour), LineWidth=3.0)
+            put(getattr(axes, f"Get{axis}Axis{part}Property")(), Color=view.rgb(colour), LineWidth=3.0)
         letter = getattr(axes, f"Get{axis}AxisCaptionActor2D")().GetCaptionTextProperty()
         put(letter, Color=BLACK, Shadow=False)
     renderer.AddViewProp(axes)
-    view = put(renderer.GetActiveCamera(), ParallelProjection=True, Position=camera.towards)
-    put(view, FocalPoint=(0.0, 0.0, 0.0), ViewUp=camera.up)
+    lens = put(renderer.GetActiveCamera(), ParallelProjection=True, Position=camera.towards)
+    put(lens, FocalPoint=(0.0, 0.0, 0.0), ViewUp=camera.up)
     renderer.ResetCamera()
     return renderer
 
@@ -168,33 +143,33 @@ def props_of(frame: Frame, stage: Stage) -> list[Any]:
             *_words(frame, stage)]  # fmt: skip
 
 
-def _organ(topology: OrganTopology, frame: Frame, scale: Scale) -> list[Any]:
+def _organ(topology: OrganTopology, frame: Frame, scale: view.Scale) -> list[Any]:
     """Return the organ's surface coloured by its stress, its edges, and the colour bar."""
     if frame.organ is None:
         return []
     points = _points(topology.points + frame.organ.displacement)
-    skin = made(vtkPolyData, Points=points, Polys=_cells(surface(topology)))
-    skin.GetPointData().SetScalars(_array(frame.organ.von_mises / KILO))
+    skin = made(vtkPolyData, Points=points, Polys=_cells(view.surface(topology)))
+    skin.GetPointData().SetScalars(_array(frame.organ.von_mises / view.KILO))
     clean = made(vtkCleanPolyData, InputData=skin)
     smooth = made(vtkPolyDataNormals, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP, Splitting=True)
-    table = _table(colours(), [value / KILO for value in scale.stress])
+    table = _table(view.colours(), [value / view.KILO for value in scale.stress])
     actor = _coloured(smooth, table, ambient=0.45)
     put(actor.GetProperty(), Opacity=0.6, BackfaceCulling=True, Specular=0.1)
     edges = made(vtkFeatureEdges, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP)
     put(edges, BoundaryEdges=False, Coloring=False)
-    return [actor, _plain(edges, "#8a6d5c", line_width=1.5), _bar(table, stress_words(frame), 0.34)]
+    return [actor, _plain(edges, "#8a6d5c", line_width=1.5), _bar(table, view.stress_words(frame), 0.34)]
 
 
-def _thread(frame: Frame, scale: Scale) -> list[Any]:
+def _thread(frame: Frame, scale: view.Scale) -> list[Any]:
     """Return the thread as a tube coloured by its tension, and the colour bar.
 
     The tube has a visible thickness.
     """
-    table = _table(tension_colours(scale), scale.tension)
+    table = _table(view.tension_colours(scale), scale.tension)
     ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
     pieces = zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True)
     tubes = [_tube(points, tension, max(frame.thread.radius, 0.004 * scale.width)) for points, tension in pieces]
-    return [*(_coloured(tube, table, ambient=0.35) for tube in tubes), _bar(table, tension_words(frame), 0.68)]
+    return [*(_coloured(tube, table, ambient=0.35) for tube in tubes), _bar(table, view.tension_words(frame), 0.68)]
 
 
 def _tube(points: Array, values: Array, radius: float) -> Any:
@@ -204,16 +179,16 @@ def _tube(points: Array, values: Array, radius: float) -> Any:
     return made(vtkTubeFilter, InputData=line, Radius=radius, NumberOfSides=24, Capping=True)
 
 
-def _piercings(frame: Frame, scale: Scale) -> list[Any]:
+def _piercings(frame: Frame, scale: view.Scale) -> list[Any]:
     """Return the holes as balls, with the forces of the holes on the thread as arrows to one scale.
 
     Footprints are transparent balls.
     """
     props = []
     for hole in frame.piercings:
-        props.append(_plain(_ball(hole.x, 0.008 * scale.width), MARKER))
+        props.append(_plain(_ball(hole.x, 0.008 * scale.width), view.MARKER))
         if hole.footprint:
-            props.append(_plain(_ball(hole.x, hole.footprint), MARKER))
+            props.append(_plain(_ball(hole.x, hole.footprint), view.MARKER))
             props[-1].GetProperty().SetOpacity(0.35)
         force = float(np.linalg.norm(hole.force))
         if scale.shows(force):
@@ -231,7 +206,7 @@ def _held(frame: Frame) -> list[Any]:
     if frame.held is None:
         return []
     places = made(vtkPolyData, Points=_points(frame.held))
-    actor = _plain(made(vtkVertexGlyphFilter, InputData=places), THREAD)
+    actor = _plain(made(vtkVertexGlyphFilter, InputData=places), view.THREAD)
     put(actor.GetProperty(), PointSize=7.0, RenderPointsAsSpheres=True)
     return [actor]
 
@@ -245,7 +220,7 @@ def _arrow(start: Array, way: Array) -> Any:
     across = np.cross(way, np.eye(3)[np.argmin(np.abs(way))])
     across *= length / np.linalg.norm(across)
     placed[:3] = np.column_stack([way, across, np.cross(way, across) / length, start])
-    actor, matrix = _plain(source, ARROW), vtkMatrix4x4()
+    actor, matrix = _plain(source, view.ARROW), vtkMatrix4x4()
     matrix.DeepCopy(placed.ravel().tolist())
     actor.SetUserMatrix(matrix)
     return actor
@@ -253,13 +228,13 @@ def _arrow(start: Array, way: Array) -> Any:
 
 def _names(frame: Frame, stage: Stage) -> list[Any]:
     """Return the name and force of each hole next to the scene, with a line to the hole."""
-    named = [hole for hole in frame.piercings if hole.state != LEFT]
+    named = [hole for hole in frame.piercings if hole.state != view.LEFT]
     if not named:
         return []
-    words = [label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
+    words = [view.label(hole.name, float(np.linalg.norm(hole.force))) for hole in named]
     anchors = stage.camera.pixels(np.array([hole.x for hole in named]))
     boxes = np.array([[LETTER * NAMES * len(text), 1.2 * NAMES] for text in words])
-    corners = label_places(anchors, boxes, taken_pixels(frame, stage), SIZE)
+    corners = label_places(anchors, boxes, taken_pixels(frame, stage), view.SIZE)
     nearest = np.clip(anchors, corners, corners + boxes)
     lines = [_pixel_line(np.array(ends), 1.0) for ends in zip(anchors, nearest, strict=True)]
     return [*(_text(text, corner, NAMES) for text, corner in zip(words, corners, strict=True)), *lines]
@@ -267,21 +242,21 @@ def _names(frame: Frame, stage: Stage) -> list[Any]:
 
 def taken_pixels(frame: Frame, stage: Stage) -> Array:
     """Return the pixels of thread, holes, arrows and colour bars `(k, 2)`, which names should not cover."""
-    holes, tips = (stage.camera.pixels(places) for places in (places_of(frame), stage.scale.tips(frame)))
-    left, below, right, above = np.array(BARS) * (*SIZE, *SIZE)
+    holes, tips = (stage.camera.pixels(places) for places in (view.places_of(frame), stage.scale.tips(frame)))
+    left, below, right, above = np.array(BARS) * (*view.SIZE, *view.SIZE)
     bars = np.stack(np.meshgrid(np.arange(left, right, NAMES), np.arange(below, above, NAMES)), axis=-1).reshape(-1, 2)
     return np.concatenate([stage.camera.pixels(frame.thread.points), along_arrows(holes, tips), bars])
 
 
 def _words(frame: Frame, stage: Stage) -> list[Any]:
     """Return the title, the legend of the arrows, and the scale bar."""
-    height = SIZE[1]
+    height = view.SIZE[1]
     length, words = scale_bar(stage.camera.scale, 240.0)
     left, right, low = 200.0, 200.0 + stage.camera.scale * length, 60.0
     places = [[left, low + 8], [left, low - 8], [left, low], [right, low], [right, low + 8], [right, low - 8]]
     return [
-        _text(caption(frame, stage.title), (24.0, height - 48.0), TITLE),
-        _text(legend(stage.scale, frame), (24.0, height - 84.0), SMALL),
+        _text(view.caption(frame, stage.title), (24.0, height - 48.0), TITLE),
+        _text(view.legend(stage.scale, frame), (24.0, height - 84.0), SMALL),
         _pixel_line(np.array(places), 2.0),
         _text(words, (left, low + 14.0), SMALL),
     ]
@@ -300,13 +275,13 @@ def _plain(source: Any, colour: str, line_width: float = 1.0) -> Any:
     """Return the actor of a source in one colour."""
     actor, mapper = _actor(source)
     mapper.ScalarVisibilityOff()
-    put(actor.GetProperty(), Color=rgb(colour), LineWidth=line_width)
+    put(actor.GetProperty(), Color=view.rgb(colour), LineWidth=line_width)
     return actor
 
 
 def _actor(source: Any) -> tuple[Any, Any]:
-    mapper = made(vtkPolyDataMapper, InputConnection=source.GetOutputPort())
-    return made(vtkActor, Mapper=mapper), mapper
+    mapper = made(vtkRenderingCore.vtkPolyDataMapper, InputConnection=source.GetOutputPort())
+    return made(vtkRenderingCore.vtkActor, Mapper=mapper), mapper
 
 
 def _bar(table: Any, title: str, left: float) -> Any:
@@ -314,7 +289,7 @@ def _bar(table: Any, title: str, left: float) -> Any:
     bar = made(vtkScalarBarActor, LookupTable=table, MaximumNumberOfColors=table.GetNumberOfTableValues())
     bar.SetOrientationToHorizontal()
     put(bar, Position=(left, BARS[1]), Width=0.29, Height=BARS[3] - BARS[1], Title=f"{title}\n")
-    put(bar, CustomLabels=_array(ticks(*table.GetRange())), UseCustomLabels=True, LabelFormat="%.3g")
+    put(bar, CustomLabels=_array(view.ticks(*table.GetRange())), UseCustomLabels=True, LabelFormat="%.3g")
     bar.UnconstrainedFontSizeOn()
     _write_in_black(bar.GetTitleTextProperty(), BAR_TITLE)
     _write_in_black(bar.GetLabelTextProperty(), BAR_LABEL)
@@ -324,7 +299,7 @@ def _bar(table: Any, title: str, left: float) -> Any:
 
 def _text(words: str, corner: Iterable[float], size: int) -> Any:
     """Return a text with its lower left corner at a pixel."""
-    text = made(vtkTextActor, Input=words, Position=tuple(corner))
+    text = made(vtkRenderingCore.vtkTextActor, Input=words, Position=tuple(corner))
     _write_in_black(text.GetTextProperty(), size)
     return text
 
@@ -337,7 +312,7 @@ def _write_in_black(letters: Any, size: int) -> None:
 def _pixel_line(places: Array, width: float) -> Any:
     """Return a line through pixels `(n, 2)`."""
     line = _line(np.column_stack([places, np.zeros(len(places))]))
-    actor = made(vtkActor2D, Mapper=made(vtkPolyDataMapper2D, InputData=line))
+    actor = made(vtkRenderingCore.vtkActor2D, Mapper=made(vtkRenderingCore.vtkPolyDataMapper2D, InputData=line))
     put(actor.GetProperty(), Color=BLACK, LineWidth=width)
     return actor
 
@@ -351,7 +326,7 @@ def _points(places: Array) -> Any:
     return made(vtkPoints, Data=_array(places))
 
 
-def _cells(corners: Indices) -> Any:
+def _cells(corners: view.Indices) -> Any:
     cells = vtkCellArray()
     cells.SetData(corners.shape[1], numpy_to_vtkIdTypeArray(corners.ravel().astype(np.int64), deep=True))
     return cells
@@ -368,5 +343,5 @@ def _table(shades: Array, ends: Sequence[float]) -> Any:
 
 
 if __name__ == "__main__":
-    frame, topology, title = read_scene(sys.argv[1])
-    draw_space(frame, topology, Path(sys.argv[2]), title)
+    frames, topology, title = view.read_scene(sys.argv[1])
+    draw_space(frames, topology, Path(sys.argv[2]), title)

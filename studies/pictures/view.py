@@ -30,7 +30,7 @@ ROUND = np.array([1.0, 2.0, 5.0])  # possible steps between two labels, within a
 
 
 def read_scene(path: str) -> Scene:
-    """Return the frame that ``draw_picture`` wrote for a child process."""
+    """Return the scene that ``draw_scene`` wrote for a child process."""
     read: Scene = pickle.loads(Path(path).read_bytes())
     return read
 

@@ -14,18 +14,8 @@ from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
 from coupling.system import State, System
 from studies.arrays import Array
+from studies.output import records
 from studies.output.fields import ThreadRecord
-from studies.output.records import (
-    APART,
-    ContactRecord,
-    GapRecord,
-    KrylovRecord,
-    LoadRecord,
-    ReductionRecord,
-    StepRecord,
-    StrandsRecord,
-    TractRecord,
-)
 from studies.simulation.memory import OrganRun, memory_of
 from studies.simulation.wound import Wound, wounds_of
 from thread.vectors import curvature
@@ -33,11 +23,11 @@ from thread.vectors import curvature
 SAMPLES = 6  # points drawn on each span of the thread
 
 
-def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> StepRecord:
+def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> records.StepRecord:
     """Return the record of a step; `open_lips` are lips of a wound without contact."""
     system, state = now.system, now.state
     seen = now.sight
-    return StepRecord(
+    return records.StepRecord(
         time=state.time,
         step=now.number,
         piercings=own_holes(seen.piercings),
@@ -80,7 +70,7 @@ def would_stay_after(now: OrganRun) -> bool:
     )
 
 
-def strands_record(system: System, state: State) -> StrandsRecord | None:
+def strands_record(system: System, state: State) -> records.StrandsRecord | None:
     """Return the strands outside the organ, None if there are none."""
     organ: Any = system.organ
     s = np.zeros(0) if system.contact is None else abscissae(system, state, SAMPLES)
@@ -93,7 +83,7 @@ def strands_record(system: System, state: State) -> StrandsRecord | None:
     points, P = organ.touching_points(state.organ) if system.bears else (places[:0], s[:0])
     across, along = P[: len(points)], P[len(points) :].reshape(-1, 2)
     deepest = int(np.argmax(deep))
-    return StrandsRecord(
+    return records.StrandsRecord(
         pressed=int(np.count_nonzero(across)),
         force=float(across.sum()),
         friction=float(np.linalg.norm(along, axis=1).sum()),
@@ -107,10 +97,10 @@ def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation
     return tuple(hole for hole in holes if not hole.tract)
 
 
-def tract_records(holes: Sequence[PiercingObservation]) -> tuple[TractRecord, ...]:
+def tract_records(holes: Sequence[PiercingObservation]) -> tuple[records.TractRecord, ...]:
     """Return the tracts, each with its balls."""
     names = dict.fromkeys(hole.tract for hole in holes if hole.tract)
-    return tuple(TractRecord(name, tuple(hole for hole in holes if hole.tract == name)) for name in names)
+    return tuple(records.TractRecord(name, tuple(hole for hole in holes if hole.tract == name)) for name in names)
 
 
 def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
@@ -134,22 +124,22 @@ def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
     return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
 
 
-def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[ContactRecord, ...]:
+def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.ContactRecord, ...]:
     """Return the surfaces of wounds, pair by pair."""
     return tuple(contact_record(*observed) for observed in observed_wounds(now, open_lips))
 
 
-def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[GapRecord, ...]:
+def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.GapRecord, ...]:
     """Return the gaps of wounds along their rims."""
     return tuple(gap for wound, lips, points in observed_wounds(now, open_lips) for gap in wound.profile(lips, points))
 
 
-def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> ContactRecord:
+def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> records.ContactRecord:
     """Return one pair of surfaces; the gap of a node that faces nothing is the extent of the surfaces."""
     part = wound.gaps.parts[wound.part]
     pressure, faces = part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
-    apart = faces & (lips.gap > APART)
-    return ContactRecord(
+    apart = faces & (lips.gap > records.APART)
+    return records.ContactRecord(
         pair=part.name,
         pairs=len(lips.gap),
         pressed=lips.pressed,
@@ -164,14 +154,14 @@ def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> Con
         gap_volume=float(part.pair_areas[faces] @ np.maximum(lips.gap[faces], 0.0)),
         slipping=int(np.count_nonzero(lips.slips)),
         friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
-        approximation=float(part.pair_areas[np.abs(lips.gap) <= APART].sum() / part.pair_areas.sum()),
+        approximation=float(part.pair_areas[np.abs(lips.gap) <= records.APART].sum() / part.pair_areas.sum()),
         closure_force=wound.closure_force,
         eversion=wound.eversion(points),
         stitches=wound.stitches,
     )
 
 
-def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
+def load_records(system: System, state: State) -> tuple[records.LoadRecord, ...]:
     """Return the loads on the organ's boundaries in a state."""
     organ: Any = system.organ
     if state.organ.shares is None:
@@ -179,25 +169,25 @@ def load_records(system: System, state: State) -> tuple[LoadRecord, ...]:
     loads = organ.surface
     shares, forces = state.organ.shares.tolist(), organ.load_resultants(state.organ)
     numbers = zip(loads.each, shares, loads.areas.tolist(), forces, strict=True)
-    return tuple(LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
+    return tuple(records.LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
 
 
-def reduction_record(system: System, state: State) -> ReductionRecord | None:
+def reduction_record(system: System, state: State) -> records.ReductionRecord | None:
     """Return the error estimates of the organ's small basis at the piercings in a state, None without a basis."""
     organ = system.organ
     if not isinstance(organ, tissue.ReducedOrgan):
         return None
     small, own = organ.reduction, np.array([not hole.tract for hole in system.piercings], dtype=bool)
     each = organ.difference(state.organ), organ.bound(state.organ), small.stiffness
-    return ReductionRecord(small.size, *(values[own] for values in each))
+    return records.ReductionRecord(small.size, *(values[own] for values in each))
 
 
-def krylov_record(system: System, state: State) -> KrylovRecord | None:
+def krylov_record(system: System, state: State) -> records.KrylovRecord | None:
     """Return the Krylov space of the organ in a state, None for an organ without a Krylov space."""
     organ = system.organ
     if not isinstance(organ, tissue.KrylovOrgan):
         return None
-    return KrylovRecord(organ.vectors(state.organ), organ.residual(state.organ))
+    return records.KrylovRecord(organ.vectors(state.organ), organ.residual(state.organ))
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

@@ -16,16 +16,8 @@ from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
+from studies.output import records
 from studies.output import remarks as bounds
-from studies.output.records import (
-    Ending,
-    EnergyRecord,
-    Extremes,
-    PiercingRecord,
-    StepRecord,
-    StrandsRecord,
-    TractRecord,
-)
 from studies.output.remarks import Remark, judged, remark
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
@@ -127,7 +119,7 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     return out + judged(given.stiffness is not None, "stress-of-e-nu", "tissue")
 
 
-def met(assembly: Assembly, ending: Ending) -> list[Remark]:
+def met(assembly: Assembly, ending: records.Ending) -> list[Remark]:
     """Return the remarks on a run with an `ending`."""
     scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
@@ -167,7 +159,7 @@ def met(assembly: Assembly, ending: Ending) -> list[Remark]:
     ]
 
 
-def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> list[Remark]:
     """Return remarks on strain and turn of the tissue at the holes."""
     out = []
     for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
@@ -176,7 +168,7 @@ def beyond_at_holes(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     return out
 
 
-def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
+def beyond_in_tissue(extremes: records.Extremes) -> list[Remark]:
     """Return remarks on strain and rotation of the organ's cells."""
     strain, rotation = extremes.strain, extremes.rotation
     code = "tissue-strain" if extremes.strained > bounds.SHARE else "local-strain"
@@ -187,7 +179,7 @@ def beyond_in_tissue(extremes: Extremes) -> list[Remark]:
     ]
 
 
-def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
+def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> list[Remark]:
     """Return remarks on the error of the organ's small basis at its holes; none without a basis."""
     limit = bounds.REDUCED * float(extremes.way.max(initial=0.0))
     out = []
@@ -197,7 +189,7 @@ def missed_by_basis(names: Sequence[str], extremes: Extremes) -> list[Remark]:
     return out
 
 
-def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -> list[Remark]:
+def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> list[Remark]:
     """Return remarks on the pressure at holes above the tissue's strength [Pa], which is infinite if unknown."""
     numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
     return [
@@ -207,7 +199,7 @@ def torn(names: Sequence[str], extremes: Extremes, strengths: Sequence[float]) -
     ]
 
 
-def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRecord]) -> list[Remark]:
+def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[records.PiercingRecord]) -> list[Remark]:
     """Return a remark on the hole whose friction depends most on the length of its assumed channel."""
     losses: list[tuple[list[float], float, str]] = []
     for hole, seen in zip(holes, found, strict=True):
@@ -227,18 +219,18 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[PiercingRe
     return [remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)]
 
 
-def turned_pressure(extremes: Extremes) -> list[Remark]:
+def turned_pressure(extremes: records.Extremes) -> list[Remark]:
     """Return a remark on the turn of pressed surfaces."""
     turn = extremes.pressed_turn
     return judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn)
 
 
-def crossed_lips(extremes: Extremes) -> list[Remark]:
+def crossed_lips(extremes: records.Extremes) -> list[Remark]:
     """Return a remark on the overlap of lips without contact."""
     return judged(extremes.crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=extremes.crossed)
 
 
-def overloaded(extremes: Extremes, strength: float | None) -> list[Remark]:
+def overloaded(extremes: records.Extremes, strength: float | None) -> list[Remark]:
     """Return remarks on the thread's strength [N], None if unknown, and on its strain."""
     tension, strain, breaks = extremes.tension, extremes.thread_strain, np.inf if strength is None else strength
     return [
@@ -278,14 +270,14 @@ def rubs(assembly: Assembly) -> bool:
     return bool(assembly.system.rough.any()) or any(pair.friction for pair in assembly.scenario.contact)
 
 
-def has_slid(assembly: Assembly, step: StepRecord) -> bool:
+def has_slid(assembly: Assembly, step: records.StepRecord) -> bool:
     """Return whether a thread with friction was drawn through a hole by more than its diameter."""
     diameter = section_of(assembly.scenario.thread).diameter
     drawn = (abs(hole.slip) for hole in step.piercings)
     return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > bounds.SLID * diameter
 
 
-def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -> list[Remark]:
+def audited(energy: records.EnergyRecord, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
     """Return remarks on energy that the time steps created or dissipated.
 
     `rough`: the run has friction. `slid`: the thread slid far.
@@ -307,12 +299,12 @@ def audited(energy: EnergyRecord, extremes: Extremes, rough: bool, slid: bool) -
     return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 
 
-def moves(energy: EnergyRecord) -> bool:
+def moves(energy: records.EnergyRecord) -> bool:
     """Return whether a dynamic run still moves at its end, by its kinetic energy."""
     return unrest(energy.kinetic, energy.of_deformation) > SETTLED
 
 
-def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remark]:
+def unsettled(energy: records.EnergyRecord, slide: float, diameter: float) -> list[Remark]:
     """Return a remark if a run did not come to rest.
 
     The criteria are its kinetic energy and the length `slide` [m] that a thread of `diameter` [m] slides in
@@ -324,7 +316,7 @@ def unsettled(energy: EnergyRecord, slide: float, diameter: float) -> list[Remar
     return judged(unrested, "not-at-rest", "solve.duration", share=share, settled=SETTLED, **ways)
 
 
-def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark]:
+def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> list[Remark]:
     """Return a remark on holes without the thread at the end of a run, though they have begun and not ended."""
     times = [(hole.from_, np.inf if hole.until is None else hole.until) for hole in holes]
     left = [
@@ -336,7 +328,7 @@ def left_holes(holes: Sequence[model.Piercing], step: StepRecord) -> list[Remark
     return judged(bool(left), "hole-left", left[0] if left else "", holes=words, time=step.time)
 
 
-def undone(scenario: model.Scenario, step: StepRecord) -> list[Remark]:
+def undone(scenario: model.Scenario, step: records.StepRecord) -> list[Remark]:
     """Return remarks on ties that have begun but are open at the end of a run, unless their loop is cut."""
     at = {hole.name: hole.s for hole in step.piercings}
     cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
@@ -522,7 +514,7 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
 
 
 def sunk(
-    strands: StrandsRecord | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
+    strands: records.StrandsRecord | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
 ) -> list[Remark]:
     """Return a remark if strands outside the organ, whose holes are at `s` (p,) [m], end in the tissue."""
     if strands is None:
@@ -562,7 +554,7 @@ def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Rem
     return judged(bare > bounds.BARE * radius, "tract-bare", name, **ways)
 
 
-def stiff_in_tract(scenario: Scenario, tract: TractRecord) -> list[Remark]:
+def stiff_in_tract(scenario: Scenario, tract: records.TractRecord) -> list[Remark]:
     """Return a remark on the stiffness of the thread along a tract."""
     radius = next(radius_of(each, scenario.piercing) for each in scenario.tract if each.name == tract.tract)
     EI = section_of(scenario.thread).EI if scenario.thread.bending else 0.0

@@ -21,7 +21,7 @@ from studies.output.columns import CONTACTS, LOADS
 from studies.output.reading import ResultsError, read_run, read_table, snapshot_of, topology_of
 from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
-from studies.pictures import film_section, looking, section
+from studies.pictures import looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.scene import frame_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
@@ -154,14 +154,14 @@ def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None
     assert "$x_{$" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
     last = frame_of(frame(1.0))
     holes = tuple(replace(hole, name="$x_{$") for hole in last.piercings)
-    section.draw_section(replace(last, piercings=holes), LINEAR, tmp_path / "section.png", "$x_{$")
+    section.draw_section([replace(last, piercings=holes)], LINEAR, tmp_path / "section.png", "$x_{$")
 
 
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
     """Independent check: as many pictures as frames, which differ; one scale has the extremes of all frames."""
     results = read_run(run)
     frames = [frame_of(snapshot_of(found, results.piercings)) for found in results.frames[1:3]]
-    film_section.draw_film(frames, LINEAR, tmp_path / "film.gif", "title")
+    section.draw_section(frames, LINEAR, tmp_path / "film.gif", "title")
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 2
         pictures = [np.asarray(film.convert("RGB")) for number in range(2) if film.seek(number) is None]

@@ -29,7 +29,7 @@ from studies.pictures.view import (
 )
 from tests.studies.samples import LINEAR, frame, quadratic
 
-SCENE = (frame_of(frame(0.1)), LINEAR, "")
+SCENE = ([frame_of(frame(0.1))], LINEAR, "")
 SHADE = 0.02  # of a colour: two shades of 256
 
 
@@ -39,7 +39,7 @@ def is_drawn(path: Path) -> bool:
 
 @pytest.mark.parametrize("topology", [None, LINEAR, quadratic()], ids=["no organ", "linear", "quadratic"])
 def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) -> None:
-    draw_section(frame_of(frame(0.1, topology)), topology, tmp_path / "section.png", "title")
+    draw_section([frame_of(frame(0.1, topology))], topology, tmp_path / "section.png", "title")
     assert is_drawn(tmp_path / "section.png")
 
 
@@ -191,7 +191,7 @@ def test_the_start_is_drawn_with_held_nodes_and_footprints(tmp_path: Path, space
     marked = replace(marked, piercings=tuple(replace(hole, footprint=5e-3) for hole in marked.piercings))
     modules = "studies.pictures.space" if space else "studies.no", "studies.pictures.section"
     for scene, path in ((marked, start), (frame_of(at), plain)):
-        if "section" in draw_scene((scene, LINEAR, ""), path, *modules).line and space:
+        if "section" in draw_scene(([scene], LINEAR, ""), path, *modules).line and space:
             pytest.skip("OpenGL does not work here")
     counts = []
     for path in (start, plain):
