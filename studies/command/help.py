@@ -169,5 +169,6 @@ def print_completion(options: argparse.Namespace) -> int:
         plain = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE
         action.complete = SCENARIO if action.dest == "file" else plain
     preamble = {shell: text.format(" ".join(scenes())) for shell, text in PREAMBLE.items()}
-    print(shtab.complete(parser, options.shell, preamble=preamble))
+    shell = options.shell or Path(os.environ.get("SHELL", "")).name
+    print(shtab.complete(parser, shell if shell in PREAMBLE else "bash", preamble=preamble))
     return 0

@@ -117,6 +117,7 @@ KINDS = {
         "the estimated error of the holes' compliance", finer_holes, lambda scenario: 1.0, no_accuracy, ratio=2.0
     ),
 }
+OVER = (*KINDS, "all")
 DISCRETE = ("h", "dt", "control_points")  # refined by `all`; a footprint belongs to the model and not to the solution
 
 
