@@ -2,7 +2,6 @@
 
 from typing import Annotated
 
-from studies.scenario.refusal import as_toml
 from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
 
 
@@ -19,7 +18,4 @@ class Contact(ScenarioTable):
     ] = 0.0
 
     def _check(self) -> None:
-        if self.between[0] == self.between[1]:
-            raise ValueError(
-                f".between = {as_toml(self.between)} is refused: a surface is not in contact with itself; name two"
-            )
+        self._refuse(self.between[0] == self.between[1], "between.one")

@@ -13,12 +13,6 @@ class Load(Timed):
     ramp: NotNegative = 0.0
 
     def _check_kind(self) -> None:
-        if self.traction is not None and self.pressure is not None:
-            raise ValueError(
-                f".pressure = {self.pressure} is refused: the load already has a traction; leave out one of "
-                "them, or write a second [[tissue.load]]"
-            )
-        if self.traction is None and self.pressure is None:
-            raise ValueError(".traction is missing: write traction = [0, 0, 1e4] or pressure = 2e3 [Pa]")
-        if self.course is not None and self.ramp:
-            raise ValueError(f".ramp = {self.ramp} is refused: course also gives the growth; leave out one of them")
+        self._refuse(self.traction is not None and self.pressure is not None, "pressure.traction")
+        self._refuse(self.traction is None and self.pressure is None, "traction.missing")
+        self._refuse(self.course is not None and self.ramp, "ramp.course")

@@ -19,8 +19,7 @@ class Fibre(ScenarioTable):
     k2: Positive
 
     def _check_direction(self) -> None:
-        if not any(self.direction):
-            raise ValueError(f".direction = {as_toml(self.direction)} is refused: allowed is a vector other than zero")
+        self._refuse(not any(self.direction), "direction.zero")
 
 
 class MaterialKeys(ScenarioTable):

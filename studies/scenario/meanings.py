@@ -1,10 +1,12 @@
-"""The meanings of the keys of a scenario and examples of their values, from `keys.toml`."""
+"""The words of a scenario: meanings of its keys and examples of their values, and reasons for refusals."""
 
 import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-KEYS = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
+KEYS, REASONS = (
+    tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8")) for name in ("keys.toml", "refusals.toml")
+)
 
 
 class Meaning(NamedTuple):
@@ -23,3 +25,8 @@ def meaning_of(table: type, key: str) -> Meaning:
     """Return the meaning of a key of a table, which a base class of the table can have."""
     entry = next((KEYS[kind.__name__][key] for kind in table.__mro__ if key in KEYS.get(kind.__name__, ())), "")
     return Meaning(entry) if isinstance(entry, str) else Meaning(entry[0], tuple(entry[1:]))
+
+
+def reason_of(table: type, name: str) -> str:
+    """Return the reason for a refusal by a table, which a base class of the table can have."""
+    return next(REASONS[kind.__name__][name] for kind in table.__mro__ if name in REASONS.get(kind.__name__, ()))

@@ -66,13 +66,8 @@ class _Sized(_Mesh):
         """The longest side of the meshed body [m]."""
 
     def _check_sizes(self) -> None:
-        if self.h > self.longest:
-            raise ValueError(
-                f".h = {self.h} is refused: the body is {self.longest:g} m long and cells are smaller; lengths are in "
-                "metres, 4 mm is h = 4e-3"
-            )
-        if self.h_site is not None and self.h_site > self.h:
-            raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
+        self._refuse(self.h > self.longest, "h.long")
+        self._refuse(self.h_site is not None and self.h_site > self.h, "h_site.long")
 
 
 class _Block(_Sized):
@@ -112,21 +107,17 @@ class WoundMesh(_Block):
     depth: Positive
 
     def _check_shape(self) -> None:
-        if self.shape == "slit" and self.width:
-            raise ValueError(f'.width = {self.width} is refused: a slit is closed; take 0, or shape = "ellipse"')
-        if self.shape == "ellipse" and not self.width:
-            raise ValueError('.width = 0.0 is refused: an ellipse is open; give its width, or shape = "slit"')
-        if self.shape == "ellipse" and self.generator == "structured":
-            raise ValueError('.generator = "structured" is refused: an ellipse needs generator = "gmsh"')
+        closed = self.shape == "slit"
+        self._refuse(closed and self.width, "width.slit")
+        self._refuse(not closed and not self.width, "width.ellipse")
+        self._refuse(not closed and self.generator == "structured", "generator.ellipse")
 
     def _check_fits(self) -> None:
         across, along = self.size[:2] if self.along == "y" else self.size[1::-1]
-        if self.depth > self.size[2]:
-            raise ValueError(f".depth = {self.depth} is refused: the block is only {self.size[2]} m high; lower it")
-        if self.length > along or (self.width and self.length == along):
-            raise ValueError(f".length = {self.length} is refused: the block is only {along} m long there; lower it")
-        if self.width >= across:
-            raise ValueError(f".width = {self.width} is refused: the block is only {across} m wide there; lower it")
+        self._refuse(self.depth > self.size[2], "depth.high")
+        through = self.length > along or (self.width and self.length == along)
+        self._refuse(through, "length.long", along=along)
+        self._refuse(self.width >= across, "width.wide", across=across)
 
 
 class CylinderMesh(_Sized):
@@ -158,10 +149,8 @@ class TubeMesh(_Sized):
         return max(self.length, 2.0 * self.radius)
 
     def _check_wall(self) -> None:
-        if self.wall >= self.radius:
-            raise ValueError(f".wall = {self.wall} is refused: it must be below radius = {self.radius}; lower it")
-        if self.gap is not None and self.gap >= self.length:
-            raise ValueError(f".gap = {self.gap} is refused: it must be below length = {self.length}; lower it")
+        self._refuse(self.wall >= self.radius, "wall.thick")
+        self._refuse(self.gap is not None and self.gap >= self.length, "gap.long")
 
 
 class FileMesh(_Mesh):
@@ -187,16 +176,11 @@ class FileMesh(_Mesh):
             return b"POLYDATA" in file.read(HEAD).upper()
 
     def _check_sizes(self) -> None:
-        if self.is_surface and self.h is None:
-            raise ValueError(".h is missing: a surface is filled with tetrahedra of this size; write h = 4e-3 [m]")
-        given = next((key for key in ("h", "h_site") if getattr(self, key) is not None), None)
-        if given and not self.is_surface:
-            raise ValueError(
-                f".{given} = {getattr(self, given)} is refused: the file already holds tetrahedra; leave it out, "
-                f"or give a surface ({', '.join(SURFACES)})"
-            )
-        if self.h is not None and self.h_site is not None and self.h_site > self.h:
-            raise ValueError(f".h_site = {self.h_site} is refused: it must not exceed h = {self.h}; make it smaller")
+        self._refuse(self.is_surface and self.h is None, "h.missing")
+        for key in ("h", "h_site"):
+            solid = not self.is_surface and getattr(self, key) is not None
+            self._refuse(solid, f"{key}.solid", surfaces=", ".join(SURFACES))
+        self._refuse(self.h is not None and self.h_site is not None and self.h_site > self.h, "h_site.long")
 
 
 class GivenMesh(_Mesh):
@@ -243,10 +227,8 @@ class Region(MaterialKeys):
     relaxation: Series | None = None
 
     def _check_place(self) -> None:
-        if self.box is not None and self.depth is not None:
-            raise ValueError(".depth is refused: box also places the region; leave out one of them")
-        if self.depth is not None and self.depth[0] >= self.depth[1]:
-            raise ValueError(f".depth = {as_toml(self.depth)} is refused: write for example [0, 2e-3]")
+        self._refuse(self.box is not None and self.depth is not None, "depth.box")
+        self._refuse(self.depth is not None and self.depth[0] >= self.depth[1], "depth.order")
         if self.box is not None:
             check_box(self.box)
 
@@ -314,11 +296,7 @@ class Tissue(MaterialKeys):
             own = region.material or self.material
             if problem := missing_or_idle(own, region, region.stiffening or self.stiffening):
                 raise ValueError(f".region.{as_key(region.name)}{problem}")
-        if self.material != "linear" and self.rayleigh[1]:
-            raise ValueError(
-                f".rayleigh = {as_toml(self.rayleigh)} is refused: material is {self.material}, whose stiffness "
-                "changes, so β has no fixed meaning; take β = 0"
-            )
+        self._refuse(self.material != "linear" and self.rayleigh[1], "rayleigh.finite")
 
     @property
     def relaxes(self) -> bool:
@@ -326,33 +304,17 @@ class Tissue(MaterialKeys):
         return bool(self.relaxation) or any(region.relaxation for region in self.region)
 
     def _check_reduction(self) -> None:
-        if self.reduction is None:
-            return
-        reason = ""
-        if self.material != "linear":
-            reason = f'material is {self.material}, and a basis needs a linear organ; take material = "linear"'
-        elif self.contact:
-            reason = "contact is true, and no small basis contains forces on all nodes of the lips"
-        elif self.relaxes:
-            reason = "tissue.relaxation is given, but a small basis cannot relax; leave relaxation out"
-        elif not self.inertia:
-            reason = "inertia is false, so the organ makes no time steps; take inertia = true"
-        if reason:
-            raise ValueError(f".reduction is refused: {reason}, or leave reduction out")
+        reduced, finite = self.reduction is not None, self.material != "linear"
+        self._refuse(reduced and finite, "reduction.finite")
+        self._refuse(reduced and self.contact, "reduction.contact")
+        self._refuse(reduced and self.relaxes, "reduction.relaxation")
+        self._refuse(reduced and not self.inertia, "reduction.inertia")
 
     def _check_bound(self) -> None:
-        if self.mesh.bound and self.material != "linear":
-            raise ValueError(
-                f".mesh.bound = true is refused: material is {self.material}, but bounds need a linear organ; "
-                'take material = "linear", or leave bound out'
-            )
+        self._refuse(self.mesh.bound and self.material != "linear", "mesh.bound.finite")
 
     def _check_lips(self) -> None:
-        if self.contact and self.mesh.kind != "wound":
-            raise ValueError(
-                f".contact = true is refused: tissue.mesh.kind is {self.mesh.kind}, which has no lips; leave it out or "
-                'take kind = "wound"'
-            )
+        self._refuse(self.contact and self.mesh.kind != "wound", "contact.lips")
 
     def _check_regions(self) -> None:
         if problem := repetition("region", [region.name for region in self.region]):

@@ -52,11 +52,7 @@ class Friction(ScenarioTable):
         return self.grip / parts
 
     def _check_order(self) -> None:
-        if self.kinetic > self.static:
-            raise ValueError(
-                f".kinetic = {self.kinetic} is refused: it must not exceed static = {self.static}; "
-                "lower it or raise static"
-            )
+        self._refuse(self.kinetic > self.static, "kinetic.large")
 
 
 class Piercing(ScenarioTable):
@@ -91,23 +87,15 @@ class Piercing(ScenarioTable):
             if vector is not None and not isinstance(vector, str) and not SHORTEST < hypot(*vector) < LONGEST:
                 numbers = ", ".join(f"{x:g}" for x in vector)
                 raise ValueError(f".{key} = [{numbers}] is refused: {OF_NO_LENGTH}")
-        if 0.0 < self.footprint < SMALLEST:
-            raise ValueError(
-                f".footprint = {self.footprint} is refused: it is in m, and below a micrometre; a hole bears over "
-                "about the radius of its thread; give this radius, or leave it out"
-            )
+        self._refuse(0.0 < self.footprint < SMALLEST, "footprint.small")
         self._require_place()
         check_ending(self.from_, self.until)
         self._require_hand()
         check_rising("draw", self.draw or ())
         check_rising("pull", self.pull or ())
-        if self.kind == "anchored" and self.friction is not None:
-            raise ValueError('.friction is refused: with kind = "anchored" nothing slides; leave it out')
-        if self.channel is not None and (self.friction is None or self.direction == "free"):
-            raise ValueError(
-                f".channel = {self.channel} is refused: it acts through friction and a direction; "
-                "give both or leave it out"
-            )
+        self._refuse(self.kind == "anchored" and self.friction is not None, "friction.anchored")
+        idle = self.friction is None or self.direction == "free"
+        self._refuse(self.channel is not None and idle, "channel.idle")
 
     @property
     def place(self) -> Vector:
@@ -129,13 +117,8 @@ class Piercing(ScenarioTable):
 
     def _require_place(self) -> None:
         """Refuse a place on the surface without `near`, and `along` without `near`."""
-        if self.at == "surface" and self.near is None:
-            raise ValueError(
-                '.near is missing: at = "surface" is searched from near; give for example near = [0.0, 0.0, 0.01]'
-            )
-        if self.along is not None and self.near is None:
-            reason = "its line needs a point; give near, or leave along out"
-            raise ValueError(f".along = {as_toml(self.along)} is refused: {reason}")
+        self._refuse(self.at == "surface" and self.near is None, "near.missing")
+        self._refuse(self.along is not None and self.near is None, "along.near")
 
     def _require_hand(self) -> None:
         """Refuse a hand that prescribes length and force at once, that draws for no time, or that lets go twice."""
@@ -144,17 +127,10 @@ class Piercing(ScenarioTable):
         for key, rows in hands.items():
             self._require_letting_go(key, rows)
         if draw is not None and pull is not None:
-            if not slides:
-                raise ValueError(
-                    ".pull is refused: a hand always holds an anchored thread, by length or by force; leave out "
-                    'draw or pull, or set kind = "sliding" to use them in turn'
-                )
+            self._refuse(not slides, "pull.anchored")
             for one, other in product(grips(draw), grips(pull)):
-                if max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0]):
-                    raise ValueError(
-                        f".pull = {as_toml(pull)} is refused: draw holds the thread from {one[0][0]} to {one[-1][0]} "
-                        "s, and a hand prescribes length or force, not both; end one before the other begins"
-                    )
+                at_once = max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0])
+                self._refuse(at_once, "pull.draw", begins=one[0][0], ends=one[-1][0])
         for key, rows in hands.items():
             single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
             if single is not None:

@@ -37,6 +37,8 @@ MOST_FRAMES = 20_000  # of three files each; results.pvd lists all of them and i
 class Scenario(ScenarioTable):
     """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
 
+    WITHIN = ""
+
     title: Annotated[str, Field(strict=True)] = ""
     tissue: Tissue | None = None
     thread: Thread
@@ -74,16 +76,13 @@ class Scenario(ScenarioTable):
             check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
         remedies = {"at": ("surface", "give [x, y, z]"), "direction": ("normal", 'use "free" or [x, y, z]')}
         for key, (word, remedy) in remedies.items() if self.tissue is None else ():
-            if lost := next((hole.name for hole in self.piercing if getattr(hole, key) == word), None):
-                reason = f"without [tissue] there is no surface; {remedy}, or add [tissue]"
-                raise ValueError(refusal(dotted_key(["piercing", lost, key]), word, reason))
+            lost = next((hole.name for hole in self.piercing if getattr(hole, key) == word), None)
+            shown = dotted_key(["piercing", lost, key]), word
+            self._refuse(lost is not None, "piercing.surface", shown, remedy=remedy)
 
     def _check_frames(self) -> None:
-        frames = self.solve.steps // self.output.every
-        if frames > MOST_FRAMES:
-            reason = f"{self.solve.steps} steps make {frames} frames, but a folder holds at most {MOST_FRAMES}"
-            least = ceil(self.solve.steps / MOST_FRAMES)
-            raise ValueError(refusal("output.every", self.output.every, f"{reason}; raise it to {least} or more"))
+        frames, least = self.solve.steps // self.output.every, ceil(self.solve.steps / MOST_FRAMES)
+        self._refuse(frames > MOST_FRAMES, "output.every.frames", frames=frames, most=MOST_FRAMES, least=least)
 
     def _check_apart(self) -> None:
         if self.tissue is not None:
@@ -93,21 +92,15 @@ class Scenario(ScenarioTable):
         check_tracts(self.tract, self.piercing, self.tissue is not None, self.solve.scheme)
 
     def _check_friction(self) -> None:
+        bending, rubbing = self.thread.bending, [k for k, tract in enumerate(self.tract) if tract.friction]
+        if rubbing:
+            shown = f"tract.{rubbing[0]}.friction", self.tract[rubbing[0]].friction
+            self._refuse(not bending, "tract.friction.bending", shown)
         rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
-        if not self.thread.bending and (rubbing := [k for k, tract in enumerate(self.tract) if tract.friction]):
-            reason = "friction acts along the tangent, which only bending determines; set thread.bending = true"
-            raise ValueError(refusal(f"tract.{rubbing[0]}.friction", self.tract[rubbing[0]].friction, reason))
-        if rough is not None and self.solve.scheme == "linear" and self.solve.friction == "implicit":
-            key = dotted_key(["piercing", rough, "friction"])
-            reason = f'solve.scheme is linear and cannot solve {key} implicitly; use "two-pass", or scheme = "newton"'
-            raise ValueError(refusal("solve.friction", "implicit", reason))
-        if rough is not None and not self.thread.bending:
-            reason = (
-                f"{dotted_key(['piercing', rough, 'friction'])} acts along the tangent at a hole, and only "
-                "bending determines the tangent of a spline, even for a thin thread; set bending = true, and "
-                "for a limp thread a small thread.bending_factor"
-            )
-            raise ValueError(refusal("thread.bending", False, reason))
+        if rough is not None:
+            key, linear = dotted_key(["piercing", rough, "friction"]), self.solve.scheme == "linear"
+            self._refuse(linear and self.solve.friction == "implicit", "solve.friction.linear", key=key)
+            self._refuse(not bending, "thread.bending.friction", key=key)
 
     @property
     def touching(self) -> tuple[tuple[str, str], ...]:
@@ -133,30 +126,21 @@ class Scenario(ScenarioTable):
     def _check_thread_contact(self) -> None:
         if self.thread.surface is None:
             return
-        contact = self.thread.model_dump(mode="json")["contact"]
-        if self.tissue is None:
-            raise ValueError(refusal("thread.contact", contact, "there is no organ; add [tissue], or leave it out"))
-        if self.tissue.reduction is not None:
-            reason = (
-                "tissue.reduction is given, and no small basis knows where the thread presses; leave one of them out"
-            )
-            raise ValueError(refusal("thread.contact", contact, reason))
+        shown = "thread.contact", self.thread.model_dump(mode="json")["contact"]
+        self._refuse(self.tissue is None, "thread.contact.organ", shown)
+        self._refuse(self.tissue and self.tissue.reduction, "thread.contact.reduction", shown)
         if later := next((hole for hole in self.piercing if hole.from_ > 0.0), None):
-            reason = f"{dotted_key(['piercing', later.name, 'from'])} is {later.from_}, and a thread that bears on the "
-            reason += "organ is not drawn into a later hole; leave one of them out"
-            raise ValueError(refusal("thread.contact", contact, reason))
+            key = dotted_key(["piercing", later.name, "from"])
+            self._refuse(True, "thread.contact.later", shown, key=key, begins=later.from_)
         why = "in such a run the thread bears on the organ at its holes alone; set it to "
         self._require(ONE_SYSTEM, why, ", or leave out thread.contact")
 
     def _check_contact(self) -> None:
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
-        if self.touching and linear:
-            reason = 'the linear scheme has no inequalities; use solve.scheme = "newton", or coupling = "staggered"'
-            key, value = ("contact.0.between", self.touching[0]) if self.contact else ("tissue.contact", True)
-            raise ValueError(refusal(key, value, reason))
+        first = ("contact.0.between", self.touching[0]) if self.contact else ("tissue.contact", True)
+        self._refuse(self.touching and linear, "contact.linear", first)
         check_touching(self.touching, len(self.touching) - len(self.contact))
-        if self.contact and self.tissue is None:
-            raise ValueError(refusal("contact.0.between", self.touching[0], "there is no organ; add [tissue]"))
+        self._refuse(self.contact and self.tissue is None, "contact.organ", first)
         if self.tissue is not None and (there := boundaries_of(self.tissue.mesh)):
             known = [*there, *(boundary.name for boundary in self.tissue.boundary)]
             for k, pair in enumerate(self.contact):
@@ -188,20 +172,14 @@ class Scenario(ScenarioTable):
         return "tissue.reduction is another basis; leave out one of them" if organ.reduction is not None else ""
 
     def _check_krylov(self) -> None:
-        if self.solve.organ == "krylov" and self.without_krylov:
-            raise ValueError(refusal("solve.organ", "krylov", self.without_krylov))
+        why = self.without_krylov
+        self._refuse(self.solve.organ == "krylov" and why, "solve.organ.krylov", why=why)
 
     def _check_reduction(self) -> None:
-        if self.tissue is None or self.tissue.reduction is None:
-            return
-        if self.solve.kind == "static":
-            reason = "solve.kind is static, so the organ makes no time steps; leave it out"
-        elif self.contact:
-            reason = "there is [[contact]], and no small basis contains forces on all nodes of a surface; "
-            reason += "leave out one of them"
-        else:
-            return
-        raise ValueError(refusal("tissue.reduction", self.tissue.reduction.model_dump(), reason))
+        if self.tissue is not None and self.tissue.reduction is not None:
+            shown = "tissue.reduction", self.tissue.reduction.model_dump()
+            self._refuse(self.solve.kind == "static", "tissue.reduction.static", shown)
+            self._refuse(self.contact, "tissue.reduction.contact", shown)
 
     def _check_material(self) -> None:
         if self.tissue is None or self.tissue.material == "linear":
@@ -218,9 +196,8 @@ class Scenario(ScenarioTable):
 
     def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
-            if self.thread.tolerance != type(self.thread).model_fields["tolerance"].default:
-                reason = "thread.knots is fixed, and only travelling knots have a tolerance; leave it out"
-                raise ValueError(refusal("thread.tolerance", self.thread.tolerance, reason))
+            given = self.thread.tolerance != type(self.thread).model_fields["tolerance"].default
+            self._refuse(given, "thread.tolerance.fixed")
             return
         why = "thread.knots is travelling, which needs another value; set it to "
         self._require(TRAVELLING, why, ', or knots = "fixed"')
@@ -232,19 +209,14 @@ class Scenario(ScenarioTable):
     def _check_linear(self) -> None:
         hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
         drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
-        if self.solve.scheme == "linear" and (self.thread.cuts or drawn is not None):
-            key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
-            reason = f'the paper\'s linear step cannot use {key}; use "newton"'
-            raise ValueError(refusal("solve.scheme", "linear", reason))
+        key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
+        self._refuse(self.solve.scheme == "linear" and key, "solve.scheme.step", key=key)
 
     def _check_cutting(self) -> None:
-        if self.cut and self.solve.scheme != "newton":
-            reason = 'it cannot cut the thread during the run; set it to "newton", or leave out [[cut]]'
-            raise ValueError(refusal("solve.scheme", self.solve.scheme, reason))
+        self._refuse(self.cut and self.solve.scheme != "newton", "solve.scheme.cut")
         places = [cut.s for cut in self.cut]
         twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
-        if twice is not None:
-            raise ValueError(refusal("cut.s", twice, "the thread is cut here twice; leave out one of the cuts"))
+        self._refuse(twice is not None, "cut.s.twice", ("cut.s", twice))
 
     def _check_ties(self) -> None:
         if problem := tie_fault(self.tie, self.piercing):
@@ -253,8 +225,7 @@ class Scenario(ScenarioTable):
             self._require(TIED, "a thread cannot be tied with it; set it to ", ", or leave out [[tie]]")
         hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
         if hasty is not None:
-            reason = "the loop is closed and locked in the same step, without drawing; take shorter steps, or "
-            raise ValueError(refusal(dotted_key(["tie", hasty.name, "until"]), hasty.until, reason + "a later time"))
+            self._refuse(True, "tie.until.hasty", (dotted_key(["tie", hasty.name, "until"]), hasty.until))
 
     def _check_hands(self) -> None:
         solve = self.solve
@@ -264,37 +235,29 @@ class Scenario(ScenarioTable):
             (first, length), number = rows[0], solve.step_by(rows[0][0])
             begins = number * solve.duration / solve.load_steps
             late = begins - first > WHOLE * solve.duration
-            if late and any(time < begins and later != length for (time, _), (_, later) in pairwise(rows)):
-                reason = (
-                    f"at a sliding hole a hand begins to draw at the end of a load step, and no load step "
-                    f"ends at {first} s: the length drawn before {begins:.6g} s would be lost; begin at {begins:.6g} "
-                    f"s, or choose solve.load_steps so that a load step ends at {first} s"
-                )
-                raise ValueError(refusal(dotted_key(["piercing", hole.name, "draw"]), hole.draw, reason))
+            lost = any(time < begins and later != length for (time, _), (_, later) in pairwise(rows))
+            shown = dotted_key(["piercing", hole.name, "draw"]), hole.draw
+            self._refuse(late and lost, "piercing.draw.late", shown, first=first, begins=begins)
 
     def _check_turning(self) -> None:
         ends = (self.thread.start, self.thread.end)
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
-        if self.thread.twist and self.solve.kind == "static" and not held:
-            reason = "solve.kind is static and the thread can rotate freely; clamp an end or give it a turn"
-            raise ValueError(refusal("thread.twist", True, reason))
+        self._refuse(self.thread.twist and self.solve.kind == "static" and not held, "thread.twist.free")
 
     def _check_courses(self) -> None:
         ends = [(f"thread.{key}", getattr(self.thread, key)) for key in ("start", "end")]
         loads = [] if self.tissue is None else [(f"tissue.load.{k}", load) for k, load in enumerate(self.tissue.load)]
         for key, table in [*ends, *loads]:
             if isinstance(table, Timed) and (wave := table.hasty(self.solve.step)):
-                reason = f"a step takes {self.solve.step:g} s, and a wave needs {STEPS} steps; raise it, or take "
                 shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
-                raise ValueError(refusal(f"{key}.{wave[0]}", wave[1], reason + shorter))
+                self._refuse(True, "course.short", (f"{key}.{wave[0]}", wave[1]), steps=STEPS, shorter=shorter)
 
     def _check_held(self) -> None:
         tissue = self.tissue
         if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
             return
         why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
-        reason = f'{why}, so the organ must be held; name a boundary, for example clamp = ["bottom"]'
-        raise ValueError(refusal("tissue.clamp", [], reason))
+        self._refuse(True, "tissue.clamp.unheld", ("tissue.clamp", []), why=why)
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------

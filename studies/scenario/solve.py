@@ -34,8 +34,7 @@ class Solve(ScenarioTable):
         return {"integrator": "euler"} if first_order else {}
 
     def _check_step(self) -> None:
-        if self.kind == "dynamic" and self.dt > self.duration:
-            raise ValueError(f".dt = {self.dt} is refused: it must not exceed duration = {self.duration}; lower it")
+        self._refuse(self.kind == "dynamic" and self.dt > self.duration, "dt.long")
 
     @property
     def is_one_system(self) -> bool:
@@ -58,47 +57,18 @@ class Solve(ScenarioTable):
         return self.duration / self.load_steps if self.kind == "static" else self.dt
 
     def _check_steps(self) -> None:
-        if self.kind == "static" and self.load_steps > MOST_STEPS:
-            raise ValueError(f".load_steps = {self.load_steps} is refused: at most {MOST_STEPS} are allowed; lower it")
-        count = self.duration / self.dt
-        if self.kind == "dynamic" and count > MOST_STEPS:
-            raise ValueError(
-                f".dt = {self.dt} is refused: duration = {self.duration} takes {count:.3g} steps, and at most "
-                f"{MOST_STEPS} are allowed; use {self.duration / MOST_STEPS:.3g} or more, or shorten the duration"
-            )
+        static, count, least = self.kind == "static", self.duration / self.dt, self.duration / MOST_STEPS
+        self._refuse(static and self.load_steps > MOST_STEPS, "load_steps.many", most=MOST_STEPS)
+        self._refuse(not static and count > MOST_STEPS, "dt.short", count=count, most=MOST_STEPS, least=least)
 
     def _check_method(self) -> None:
-        if self.integrator == "bdf2" and (self.scheme == "linear" or self.friction == "two-pass"):
-            raise ValueError(
-                '.integrator = "bdf2" is refused: the linear scheme and two-pass friction use backward Euler; use '
-                'integrator = "euler", or scheme = "newton" with friction = "implicit"'
-            )
-        if self.scheme == "linear" and self.kind == "static":
-            raise ValueError(
-                '.scheme = "linear" is refused: solve.kind is static, and the linear scheme makes time steps; use '
-                'scheme = "newton" or kind = "dynamic"'
-            )
-        if self.friction == "two-pass" and (self.kind == "static" or self.integrator == "bdf2"):
-            raise ValueError(
-                '.friction = "two-pass" is refused: it makes time steps of backward Euler; use friction = "implicit", '
-                'or kind = "dynamic" with integrator = "euler"'
-            )
-        if self.start == "rest" and self.kind == "static":
-            raise ValueError(
-                '.start = "rest" is refused: solve.kind is static, so every load step ends at rest; leave it out, '
-                'or use kind = "dynamic"'
-            )
-        if self.tolerance is not None and not self.is_one_system:
-            raise ValueError(
-                f".tolerance = {self.tolerance} is refused: it needs time steps by Newton's method, thread and "
-                'organ in one system; leave it out, or use kind = "dynamic" with scheme = "newton", coupling = '
-                '"monolithic" and friction = "implicit"'
-            )
-        if self.coupling == "staggered" and self.kind == "static":
-            raise ValueError(
-                '.coupling = "staggered" is refused: solve.kind is static, and staggering needs time steps; use '
-                'coupling = "monolithic" or kind = "dynamic"'
-            )
+        static, two_pass, second_order = self.kind == "static", self.friction == "two-pass", self.integrator == "bdf2"
+        self._refuse(second_order and (self.scheme == "linear" or two_pass), "integrator.order")
+        self._refuse(static and self.scheme == "linear", "scheme.static")
+        self._refuse(two_pass and (static or second_order), "friction.method")
+        self._refuse(static and self.start == "rest", "start.static")
+        self._refuse(self.tolerance is not None and not self.is_one_system, "tolerance.method")
+        self._refuse(static and self.coupling == "staggered", "coupling.static")
 
 
 class Output(ScenarioTable):

@@ -17,7 +17,6 @@ from pydantic import Field
 
 from studies.arrays import Array
 from studies.scenario.piercing import Friction
-from studies.scenario.refusal import as_toml
 from studies.scenario.solve import Solve
 from studies.scenario.table import (
     From,
@@ -68,20 +67,15 @@ class Stitch(ScenarioTable):
 
     def _check(self) -> None:
         check_ending(self.from_, self.until)
-        if self.kind not in ROWS and "count" in self.model_fields_set:
-            raise ValueError(f".count = {self.count} is refused: a {self.kind} stitch has a fixed count; leave it out")
-        if self.kind == "running" and self.hold is not None:
-            raise ValueError(f".hold = {self.hold} is refused: a running stitch has no tie; leave it out")
-        for key, vector in (("normal", self.normal), ("along", self.along)):
-            if vector is not None and not np.any(vector):
-                raise ValueError(f".{key} = {as_toml(vector)} is refused: it must not be zero; give a direction")
-        if self.along is not None and np.linalg.norm(np.cross(unit(self.along), unit(self.normal))) < 1e-6:
-            raise ValueError(f".along = {as_toml(self.along)} is refused: it is parallel to normal; give another")
-        if self.kind == "purse-string" and self.count * 2.0 * self.mean >= 2.0 * pi * self.step:
-            raise ValueError(
-                f".bite = {as_toml(self.bite)} is refused: {self.count} bites of twice this length exceed the circle "
-                f"of radius {self.step:g} m; lower it or count, or raise pitch"
-            )
+        self._refuse(self.kind not in ROWS and "count" in self.model_fields_set, "count.fixed")
+        self._refuse(self.kind == "running" and self.hold is not None, "hold.running")
+        self._refuse(not np.any(self.normal), "normal.zero")
+        if self.along is not None:
+            self._refuse(not np.any(self.along), "along.zero")
+            parallel = np.linalg.norm(np.cross(unit(self.along), unit(self.normal))) < 1e-6
+            self._refuse(parallel, "along.parallel")
+        crowded = self.kind == "purse-string" and self.count * 2.0 * self.mean >= 2.0 * pi * self.step
+        self._refuse(crowded, "bite.long")
 
     @property
     def sides(self) -> tuple[float, float]:

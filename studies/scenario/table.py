@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
+from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -19,7 +20,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from studies.scenario.meanings import meaning_of
+from studies.scenario.meanings import meaning_of, reason_of
 from studies.scenario.refusal import as_toml, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
@@ -102,6 +103,7 @@ class ScenarioTable(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
     FORMER: ClassVar[Mapping[str, str]] = {}
+    WITHIN: ClassVar[str] = "."  # before the names of its keys in a refusal, whose beginning is the table's name
 
     @model_validator(mode="before")
     @classmethod
@@ -126,8 +128,24 @@ class ScenarioTable(BaseModel):
         fields |= {key: meaning_of(cls, key).added_to(field) for key, field in fields.items()}
         return made
 
+    def _refuse(self, wrong: object, name: str, shown: tuple[str, object] | None = None, **values: object) -> None:
+        """Refuse the value of a key if it is wrong, with the reason of this name in `refusals.toml`.
+
+        The name is the key and a word for the reason: "dt.long"; `shown` are another key and its value. The reason can
+        name keys of the table, "{own.dt}", and `values`. A reason that begins with "is" is a sentence about the key and
+        not about its value.
+        """
+        if not wrong:
+            return
+        key, _, _ = name.rpartition(".")
+        reason = reason_of(type(self), name).format(own=self, **values)
+        if reason.startswith("is "):
+            raise ValueError(f"{self.WITHIN}{key} {reason}")
+        key, value = shown or (key, attrgetter(key)(self))
+        raise ValueError(self.WITHIN + refusal(key, value, reason))
+
     @model_validator(mode="after")
-    def _refuse(self) -> Self:
+    def _judge(self) -> Self:
         for name in checks_of(type(self)):
             getattr(self, name)()
         return self

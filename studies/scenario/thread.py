@@ -44,8 +44,8 @@ class _HeldEnd(_End):
     def _check_turn(self) -> None:
         rows = self.turn or ()
         check_rising("turn", rows)
-        if rows and (start := float(np.interp(0.0, *np.transpose(rows)))) != 0.0:
-            raise ValueError(f".turn is refused: at t = 0 its angle is {start:.3g} rad; begin at [0, 0]")
+        start = float(np.interp(0.0, *np.transpose(rows))) if rows else 0.0
+        self._refuse(start, "turn.start", start=start)
 
 
 class FixedEnd(_HeldEnd):
@@ -68,8 +68,7 @@ class PulledEnd(_End, Timed):
     ramp: NotNegative | None = None
 
     def _check_ramp(self) -> None:
-        if self.course is not None and self.ramp:
-            raise ValueError(f".ramp = {self.ramp} is refused: course also gives the growth; leave out one of them")
+        self._refuse(self.course is not None and self.ramp, "ramp.course")
 
 
 class DrivenEnd(_HeldEnd):
@@ -178,46 +177,23 @@ class Thread(ScenarioTable):
             )
 
     def _check_cuts(self) -> None:
-        if any(after <= before for before, after in pairwise(self.cuts)):
-            raise ValueError(f".cuts = {as_toml(self.cuts)} is refused: they must rise; sort them, without repeats")
+        self._refuse(any(after <= before for before, after in pairwise(self.cuts)), "cuts.order")
 
     def _check_springs(self) -> None:
-        if self.springs is not None and self.energy != "springs":
-            raise ValueError(f'.springs = {self.springs} is refused: thread.energy is continuous; set it to "springs"')
         least = self.control_points - 1 - len(self.cuts)
-        if self.springs is not None and self.springs < least:
-            raise ValueError(
-                f".springs = {self.springs} is refused: {self.control_points} control points need at least "
-                f"{least}, otherwise the thread could stretch without force; raise it"
-            )
+        self._refuse(self.springs is not None and self.energy != "springs", "springs.energy")
+        self._refuse(self.springs is not None and self.springs < least, "springs.few", least=least)
 
     def _check_twist(self) -> None:
-        if self.twist and not self.bending:
-            raise ValueError(
-                ".twist = true is refused: without bending stiffness a twisted thread collapses; set bending = true"
-            )
-        turned = next((key for key in ("start", "end") if getattr(getattr(self, key), "turn", None)), None)
-        if turned is not None and not self.twist:
-            raise ValueError(f".{turned}.turn is refused: the thread does not resist twist; set thread.twist = true")
-        if self.coil_radius is not None and not self.twist:
-            raise ValueError(
-                f".coil_radius = {self.coil_radius} is refused: the side of a coil turns with the thread's "
-                "section; set thread.twist = true"
-            )
+        self._refuse(self.twist and not self.bending, "twist.bending")
+        for key in ("start", "end"):
+            self._refuse(not self.twist and getattr(getattr(self, key), "turn", None), f"{key}.turn.twist")
+        self._refuse(self.coil_radius is not None and not self.twist, "coil_radius.twist")
         if self.coil_towards is not None:
-            self._require_coil_towards(self.coil_towards)
-
-    def _require_coil_towards(self, towards: Vector) -> None:
-        if self.coil_radius is None:
-            raise ValueError(
-                f".coil_towards = {as_toml(towards)} is refused: the thread does not coil; give coil_radius"
-            )
-        along = np.subtract(self.path[1], self.path[0])
-        if np.linalg.norm(np.cross(towards, along)) <= 1e-3 * np.linalg.norm(towards) * np.linalg.norm(along):
-            raise ValueError(
-                f".coil_towards = {as_toml(towards)} is refused: it must not be parallel to the start of the path; "
-                "give a direction across it"
-            )
+            self._refuse(self.coil_radius is None, "coil_towards.straight")
+            along = np.subtract(self.path[1], self.path[0])
+            across, size = np.cross(self.coil_towards, along), np.linalg.norm(self.coil_towards)
+            self._refuse(np.linalg.norm(across) <= 1e-3 * size * np.linalg.norm(along), "coil_towards.parallel")
 
     def _check_path(self) -> None:
         for row, (before, after) in enumerate(pairwise(self.path), start=1):

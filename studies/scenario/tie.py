@@ -25,14 +25,10 @@ class Tie(ScenarioTable):
         return 0.5 * (self.until - self.from_) if self.ramp is None else self.ramp
 
     def _check(self) -> None:
-        if self.between[0] == self.between[1]:
-            raise ValueError(f".between = {as_toml(self.between)} is refused: a loop has two holes; name two")
+        self._refuse(self.between[0] == self.between[1], "between.one")
         check_ending(self.from_, self.until)
-        if self.ramp is not None and self.ramp > self.until - self.from_:
-            raise ValueError(
-                f".ramp = {self.ramp} is refused: the loop is locked {self.until - self.from_:.6g} s after it is "
-                "closed, before its force has grown; lower it, or raise until"
-            )
+        drawn = self.until - self.from_
+        self._refuse(self.ramp is not None and self.ramp > drawn, "ramp.long", drawn=drawn)
 
 
 def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:

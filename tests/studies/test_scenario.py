@@ -1,7 +1,9 @@
 """The scenario: what is accepted, what is refused and in which words, and that it survives being written."""
 
+import ast
 import codecs
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import ClassVar
@@ -12,7 +14,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
-from studies.scenario.meanings import KEYS
+from studies.scenario import scenario as scenario_module
+from studies.scenario.meanings import KEYS, REASONS
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
@@ -572,6 +575,20 @@ def test_every_meaning_is_of_a_key() -> None:
         tables += table.__subclasses__()
     keys = {(table.__name__, info.alias or name) for table in tables for name, info in table.model_fields.items()}
     assert {(table, key) for table, own in KEYS.items() for key in own} <= keys
+
+
+def test_every_refusal_has_a_reason() -> None:
+    """Consistency check: `refusals.toml` against the checks of the tables."""
+    calls = [
+        call
+        for path in Path(scenario_module.__file__).parent.glob("*.py")
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr == "_refuse"
+    ]
+    asked = [re.sub(r"\{\w+\}", r"[a-z_.]+", ast.unparse(call.args[1]).lstrip("f")[1:-1]) for call in calls]
+    told = {name for own in REASONS.values() for name in own}
+    assert all(any(re.fullmatch(name, known) for known in told) for name in asked)
+    assert all(any(re.fullmatch(name, known) for name in asked) for known in told)
 
 
 def test_quantities_name_their_unit() -> None:
