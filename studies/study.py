@@ -2,7 +2,8 @@
 
 A study is a package whose module `study` ends in `STUDY`. It consists of
 
-- `study.toml`: its question, its checks, and the arguments of the preset "quick" (`described`),
+- `study.toml`: its question, its checks, the arguments of the preset "quick" (`described`), published numbers (`told`),
+  and the sentences of its remarks (`sentences`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
 - `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
 - a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a run
@@ -98,8 +99,23 @@ def described(
     remarks: Callable[[Sequence[Any]], list[str]],
 ) -> Study:
     """Return the study of this name, described by `study.toml` in its folder."""
-    told = tomllib.loads((Path(__file__).parent / name / "study.toml").read_text(encoding="utf-8"))
-    return Study(main=main, table=table, figure=figure, remarks=remarks, **told)
+    described = {key: told(name)[key] for key in ("question", "independent", "consistency", "quick")}
+    return Study(main=main, table=table, figure=figure, remarks=remarks, **described)
+
+
+def told(name: str) -> dict[str, Any]:
+    """Return the content of a study's `study.toml`."""
+    return tomllib.loads((Path(__file__).parent / name / "study.toml").read_text(encoding="utf-8"))
+
+
+def sentences(name: str) -> Callable[..., str]:
+    """Return the function that makes a sentence of a study's `[words]`, with the values that the sentence names."""
+    words = told(name)["words"]
+
+    def say(which: str, **values: Any) -> str:
+        return str(words[which].format(**values))
+
+    return say
 
 
 def unit_field(text: str, **default: Any) -> Any:

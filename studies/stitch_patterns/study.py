@@ -33,7 +33,7 @@ from coupling.run.run import Run, begin
 from studies.arrays import Array
 from studies.figure import curve, deviations, draw, laws, level, panel, series
 from studies.friction.study import laid_through
-from studies.study import Table, described, each, grouped, require, require_known, unit_field
+from studies.study import Table, described, each, grouped, require, require_known, sentences, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
@@ -79,6 +79,7 @@ PATTERNS = {
     "vertical mattress": Pattern(7.25, 1.33, -X, (*LOOP, *BACK, (-X, LEFT))),
     "horizontal mattress": Pattern(8.11, 1.00, -Y, (*LOOP[:3], (Y, RIGHT), *BACK, (-Y, LEFT))),
 }
+say = sentences("stitch_patterns")
 FITTED = "single"  # stitch of the fit of μ
 
 
@@ -312,9 +313,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = [case_words(stitches) for stitches in grouped(found, lambda row: row.throw).values()]
     out += [
         spread_words(found, of_middle_throw(rows, "load")[FITTED][-1]),
-        "ASSUMED are the turn of the strands in a throw, and equal friction of thread on thread and on neoprene: "
-        "otherwise μ would be one of two free numbers",
-        "modified pulley: LEFT OPEN, because the abstract does not describe it",
+        say("assumed"),
+        say("open"),
     ]
     stuck = [f"{row.pattern}, throw {row.throw:g}°: the thread does NOT slide everywhere" for row in found]
     return out + [text for text, row in zip(stuck, found, strict=True) if not row.slides]
@@ -328,10 +328,7 @@ def case_words(found: Sequence[Row]) -> str:
             word = "agrees" if abs(row.off_published) <= AGREES else "DISAGREES"
             far = f"({row.off_published:+.2f} SD; {row.closing_pull / row.by_capstan - 1.0:+.1%} of the capstan)"
             said.append(f"{row.pattern} {row.closing_pull:.3g} N, published {row.stitch.text}: {word} {far}")
-    return (
-        f"throw {fitted.throw:g}°, {fitted.rings} rings a corner: μ = {fitted.mu:.4f} by the single stitch at "
-        f"{fitted.stitch.published:.3g} N; " + "; ".join(said)
-    )
+    return say("case", fitted=fitted, said="; ".join(said))
 
 
 def spread_words(found: Sequence[Row], fitted: Row) -> str:

@@ -27,7 +27,20 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
+from studies.study import (
+    Table,
+    described,
+    each,
+    grouped,
+    measure,
+    measured,
+    require,
+    require_known,
+    scene,
+    sentences,
+    told,
+    unit_field,
+)
 from studies.theory import Fibrous
 from thread.catalogue import suture
 
@@ -40,6 +53,7 @@ NEAR = 2.0  # footprints around the hole in which the largest stretch is sought
 MIDDLE = 0.15  # of the strip's length: its middle part, stretched as in a uniaxial test
 MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
 LINEAR, COARSER = "linear organ", "coarser cells"
+say = sentences("suture_retention")
 
 
 @dataclass(frozen=True)
@@ -55,8 +69,8 @@ class Tissue:
     strain: float
     thickness: float
     force: float
-    spread: float | None
     source: str
+    spread: float | None = None
 
     @cached_property
     def law(self) -> Fibrous:
@@ -86,20 +100,7 @@ class Tissue:
         return f"{self.force:g}" + ("" if self.spread is None else f" ± {self.spread:g}")
 
 
-TISSUES = {
-    "small bowel": Tissue(
-        250e3, 0.9e6, 1.4, 2e-3, 4.62, 1.40,
-        "breaks at 0.9 MPa, 140 % across (Egorov et al., J. Biomech. 35 (2002) 1417); slope 180 to 307 kPa at the "
-        "start (biaxial, Terry et al. 2014); a suture in 10 × 20 mm of human bowel tears out at 4.62 ± 1.40 N (Gong et "
-        "al., J. Biomech. Eng. 2023, 10.1115/1.4063951); its thickness and distance from the edge are assumed",
-    ),
-    "skin": Tissue(
-        1.18e6, 21.6e6, 0.54, 2e-3, 67.0, None,
-        "slope 1.18 MPa at the start, breaks at 21.6 MPa, 54 % (back, Ní Annaidh et al., J. Mech. Behav. Biomed. "
-        "Mater. 5 (2012) 139, with 83.3 MPa as the slope near the end); sutures in full-thickness skin, or the "
-        "skin, fail at a median of 67 N (Front. Surg. 6 (2019) 69); thickness and distance from the edge are assumed",
-    ),
-}  # fmt: skip
+TISSUES = {name: Tissue(**published) for name, published in told("suture_retention")["published"].items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,11 +286,8 @@ def fit_words(name: str) -> str:
     """Return the fit of a tissue, in words; its slope at failure is a difference over 1e-5."""
     of, end = TISSUES[name], TISSUES[name].broken
     steepest = (of.nominal(end) - of.nominal(end - 1e-5)) / 1e-5
-    return (
-        f"{name}: E = {of.slope / KILO:.4g} kPa and b = {of.law.stiffening:.2f} by two points of a uniaxial test, for "
-        f"a strip of ν = {POISSON:g}; at failure its slope is then {steepest / MEGA:.3g} MPa, and its volume "
-        f"{of.law.strip(end)[1]:.3f} of the initial volume; {of.source}"
-    )
+    known = {"E": of.slope / KILO, "nu": POISSON, "slope": steepest / MEGA, "volume": of.law.strip(end)[1]}
+    return say("fit", name=name, of=of, **known)
 
 
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
@@ -297,11 +295,7 @@ def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
     of = TISSUES[name]
     at = where(runs, "stretch", of.broken, "force")
     words = f"reached within 10 mm, at {at:.3g} N;" if np.isfinite(at) else "not reached within 10 mm;"
-    return (
-        f"{name}, footprint {footprint / MILLI:g} mm: the stretch of broken strips is {words} a published "
-        f"loop fails at {of.published} N; nothing TEARS in the model, and the stretch at a hole depends "
-        "on its footprint"
-    )
+    return say("prediction", name=name, of=of, footprint=footprint / MILLI, words=words)
 
 
 def figure(rows: Sequence[Row]) -> Figure:

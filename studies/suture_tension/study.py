@@ -30,7 +30,20 @@ from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import (
+    Job,
+    Table,
+    described,
+    each,
+    grouped,
+    measure,
+    measured,
+    require,
+    scene,
+    sentences,
+    told,
+    unit_field,
+)
 from studies.theory import TwoHoles, half_ball
 from studies.verdicts import LINEAR, bearing_strain, beyond_bearing, beyond_linear, verdict
 from thread.catalogue import suture
@@ -45,16 +58,8 @@ SIX = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]  # xx, yy, zz, xy, yz, xz of a tens
 DEPARTURE = 0.05  # relative error of the linear organ's displacement at the end of its range
 MILLI, KILO = 1e-3, 1e3
 
-TISSUES = {  # E [Pa], order of magnitude at small strain; a clinical tension [N] and its source
-    # shear modulus 1.8 kPa (Phys. Med. Biol. 64 (2019) 225001)
-    "liver": (6e3, 1.2, "0.27 MPa, at which liver tears, on 10 mm × 0.45 mm; not measured"),
-    # biaxial, 180 to 307 kPa at low strain (Terry et al. 2014)
-    "small bowel": (250e3, 4.62, "pull-out, Gong et al., J. Biomech. Eng. 2023"),
-    # in vivo 0.1 to 1 MPa in plane (Geerligs 2011; Agache 1980)
-    "skin": (500e3, 1.1, "to close a wound of 36 × 5 mm, Capek et al., Med. Biol. Eng. Comput. 50 (2012) 193"),
-    # assumed; 28 to 57 MPa from the line loads of Förstemann et al. (J. Biomech. 44 (2011) 600)
-    "fascia": (10e6, 3.0, "running stitch, Horeman et al., PLoS ONE 8 (2013) e84466"),
-}
+TISSUES = told("suture_tension")["published"]
+say = sentences("suture_tension")
 MATERIALS: dict[str, dict[str, Any]] = {  # with the same E and ν at small strain
     "linear": {},
     "neo-hookean": {"material": "neo-hookean"},
@@ -283,10 +288,8 @@ def measured_ranges(rows: Sequence[Row]) -> list[str]:
         (tau, moved), off = measured_range(linear, runs), departures(linear, runs)
         last = int(np.flatnonzero(np.isfinite(off))[-1])
         where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "at no load here"
-        out.append(
-            f"{name}: the linear organ's displacement has an error of {DEPARTURE:.0%} {where} (assumed: u/a = "
-            f"{LINEAR}); at τ = {runs[last].scaled_load:.3g} it is {off[last]:+.0%}"
-        )
+        known = {"departure": DEPARTURE, "linear": LINEAR, "tau": runs[last].scaled_load, "off": off[last]}
+        out.append(say("range", name=name, where=where, **known))
     return out
 
 
@@ -303,14 +306,12 @@ def limits(row: Row, youngs_modulus: float) -> tuple[float, float]:
 def ranges(row: Row) -> list[str]:
     """Return for each tissue in words the range of linear theory, and whether a clinical tension is within it."""
     out = []
-    for name, (E, clinical, source) in TISSUES.items():
-        moving, bearing = limits(row, E)
-        times = clinical / min(moving, bearing)
+    for name, of in TISSUES.items():
+        moving, bearing = limits(row, of["youngs_modulus"])
+        times = of["tension"] / min(moving, bearing)
         how = f"BEYOND, {times:.2g} times" if times > 1.0 else "within"
-        out.append(
-            f"{name}, E = {E / KILO:g} kPa: a hole has moved by {LINEAR} footprints at {moving:.2g} N, "
-            f"T/(d ℓ E) is {LINEAR} at {bearing:.2g} N; a clinical tension of {clinical:g} N ({source}) is {how}"
-        )
+        known = {"E": of["youngs_modulus"] / KILO, "linear": LINEAR, "moving": moving, "bearing": bearing}
+        out.append(say("clinical", name=name, of=of, how=how, **known))
     return out
 
 

@@ -35,7 +35,7 @@ from scipy.optimize import brentq
 from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
-from studies.study import Columns, Table, described, each, grouped, measure, measured, require
+from studies.study import Columns, Table, described, each, grouped, measure, measured, require, sentences
 from studies.theory import Fibrous
 from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
@@ -49,6 +49,7 @@ WOUNDS = (SLIT, *(wound for source in MEASURED for wound in source.wounds))
 POUND = 4.4482216  # pound-force [N]
 STRIPS = {10: 0.90, 11: 2.693, 12: 2.445, 13: 2.545, 14: 2.701, 15: 3.063}  # width [mm]: pull [lbf], Ahmad 2019
 LINEAR_SHEET = "linear sheet"
+say = sentences("taut_skin")
 
 
 @dataclass(frozen=True)
@@ -232,17 +233,11 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     out = []
     for row in rows:
         if not row.width:
-            gapes = f"it gapes by {row.opened / MILLI:.2f} mm"
-            bears = f"its stitches bear {row.of_tension:.3f} of the force of the uncut skin"
-            out.append(f"{row.name} mm, {row.skin}: {gapes}, and {bears}")
+            out.append(say("gapes", row=row, opened=row.opened / MILLI))
         if not row.closed:
             out.append(f"{row.name} mm, {row.skin}: the lips were NOT BROUGHT TOGETHER at every stitch")
     for ratio in ratios(rows):
-        out.append(
-            f"{ratio.source}, {ratio.skin}: the second wound takes {ratio.found:.2f} times the first; published "
-            f"{ratio.published:.2f} ({round(100 * (ratio.found / ratio.published - 1)):+d} %), by width over length "
-            f"{ratio.by_law:.2f}"
-        )
+        out.append(say("ratio", ratio=ratio, off=round(100 * (ratio.found / ratio.published - 1))))
     return [*out, strips_words()]
 
 
@@ -250,13 +245,7 @@ def strips_words() -> str:
     """Return in words the growth of the pull on strips of scalp with their width."""
     pulls = {width: POUND * pull for width, pull in STRIPS.items()}
     shown = ", ".join(f"{width} mm {pull:.1f} N" for width, pull in pulls.items())
-    return (
-        f"Ahmad 2019, strips of scalp, mean pull on one loop: {shown}. From 11 to 15 mm it grows "
-        f"{pulls[15] / pulls[11]:.2f} times where the width grows {15 / 11:.2f} times, from 10 to 15 mm "
-        f"{pulls[15] / pulls[10]:.2f} times where it grows 1.50 times: force ∝ width DISAGREES with both. Prestress "
-        "would explain the first and stiffening the second, but not both; the abstract does not give the number of "
-        "patients for each width"
-    )
+    return say("strips", shown=shown, wide=pulls[15] / pulls[11], narrow=pulls[15] / pulls[10])
 
 
 # --- figure -----------------------------------------------------------------------------------------------

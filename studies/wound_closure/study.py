@@ -31,13 +31,14 @@ from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
 from studies.arrays import Array
 from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
-from studies.study import Columns, Job, Table, described, each, measure, measured, require, require_known
+from studies.study import Columns, Job, Table, described, each, measure, measured, require, require_known, sentences
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 
 PLACES = 41  # number of places along the wound for the gaps
 CROSSED = 1e-9  # of the width: allowed overlap of the lips
 CONVERGED = 0.05  # allowed relative change of the compared force by a check
+say = sentences("wound_closure")
 VERDICTS = {True: "agrees", False: "DISAGREES"}
 FINER, LARGER, NEARER, HALVES = CHECKS = ("finer mesh", "larger sheet", "lips twice as near", "half the pitch and bite")
 
@@ -232,17 +233,11 @@ def remarks(rows: Sequence[Row]) -> list[str]:
         if row.smallest_gap < -CROSSED * row.width or not row.pushes:
             out.append(f"{name}: the lips CROSS by {-row.smallest_gap:.1e} m, or contact holds them together")
         if row.way == TOGETHER and not row.variant and row.width > LINEAR * row.length:
-            out.append(
-                f"{row.name} mm: closing turns the lips by up to {row.width / row.length:.2g} rad and strains "
-                f"the nearby sheet by {0.5 * row.width / row.length:.2g}, BEYOND the linear range (about {LINEAR} rad)"
-            )
+            turn = row.width / row.length
+            out.append(say("turns", row=row, turn=turn, strain=0.5 * turn, linear=LINEAR))
     strains = [row.bearing for row in rows]
     if max(strains) > LINEAR:
-        out.append(
-            f"bearing strains T/(d ℓ E) at the holes of {min(strains):.2g} to {max(strains):.2g}, BEYOND the linear "
-            f"range (about {LINEAR}): the cutting depth of the thread is not supported; the closing forces "
-            "hardly depend on it"
-        )
+        out.append(say("bearing", least=min(strains), most=max(strains), linear=LINEAR))
     out += too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
     gap, worst = min(row.smallest_gap / row.width for row in rows), max(row.complementarity for row in rows)
     pulls = "no force pulls" if all(row.pushes for row in rows) else "some forces PULL"
@@ -252,12 +247,8 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 def sentence(c: Comparison) -> str:
     """Return a prediction and the published value, in words."""
     first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
-    off = 100.0 * (c.predicted_force / c.published - 1.0)
-    return (
-        f"{c.source.name}: Et = {c.fitted:.0f} N/m, fitted to {first} mm, predicts {c.predicted_force:.2f} N for "
-        f"{c.row.name} mm, {100.0 * c.edges:+.1f} % of it from the edges of the sheet; published: {c.published:g} N "
-        f"({round(off):+d} %)"
-    )
+    off = round(100.0 * (c.predicted_force / c.published - 1.0))
+    return say("prediction", c=c, first=first, edges=100.0 * c.edges, off=off)
 
 
 def where_largest(rows: Sequence[Row]) -> list[str]:
@@ -267,16 +258,10 @@ def where_largest(rows: Sequence[Row]) -> list[str]:
         peaks = [1 + int(np.argmax(row.tied)) for row in in_turn]
         agree = all(1 < peak < 0.5 * (len(row.tied) + 1) for peak, row in zip(peaks, in_turn, strict=True))
         shown = ", ".join(f"{peak} of {len(row.tied)}" for peak, row in zip(peaks, in_turn, strict=True))
-        out.append(
-            f"one after another: the force when tied is largest at stitch {shown}; published, it rises to a peak "
-            f"before the centre and falls (Wen 2023): {VERDICTS[agree]}"
-        )
+        out.append(say("peak", shown=shown, verdict=VERDICTS[agree]))
     if together := [row for row in plain if row.way == TOGETHER]:
         ratios = [row.over_middle for row in together]
-        out.append(
-            f"all at once: the stitches at the ends take {min(ratios):.2f} to {max(ratios):.2f} times that in the "
-            f"middle; published, the largest is in the middle (Čapek 2012): {VERDICTS[max(ratios) < 1.0]}"
-        )
+        out.append(say("ends", least=min(ratios), most=max(ratios), verdict=VERDICTS[max(ratios) < 1.0]))
     return out
 
 
@@ -289,17 +274,10 @@ def changes(rows: Sequence[Row]) -> list[str]:
             continue
         change, largest = row.comparable_force / plain.comparable_force, max(row.forces) / max(plain.forces)
         if row.variant == HALVES:
-            out.append(
-                f"{row.name} mm, {HALVES}: the stitch in the middle takes {row.over_uniform:.3f} of its share of the "
-                f"uniform traction, {plain.over_uniform:.3f} before; those at the ends {row.over_middle:.2g} times "
-                f"that in the middle, {plain.over_middle:.2g} before: NOT CONVERGED in the pitch"
-            )
+            out.append(say("halves", row=row, plain=plain))
             continue
         verdict = "" if abs(change - 1.0) <= CONVERGED else ": NOT CONVERGED"
-        out.append(
-            f"{row.name} mm, {row.way}, {row.variant}: {100 * (change - 1):+.1f} % in the force that is compared, "
-            f"{100 * (largest - 1):+.1f} % in the largest at the end{verdict}"
-        )
+        out.append(say("change", row=row, change=100 * (change - 1), largest=100 * (largest - 1), verdict=verdict))
     return out
 
 
