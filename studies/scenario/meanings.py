@@ -30,3 +30,8 @@ def meaning_of(table: type, key: str) -> Meaning:
 def reason_of(table: type, name: str) -> str:
     """Return the reason for a refusal by a table, which a base class of the table can have."""
     return next(REASONS[kind.__name__][name] for kind in table.__mro__ if name in REASONS.get(kind.__name__, ()))
+
+
+def because(name: str, /, **values: object) -> str:
+    """Return the reason of this name for a refusal by a function, with the values that the reason names."""
+    return str(REASONS["functions"][name].format(**values))

@@ -320,16 +320,14 @@ class Tissue(MaterialKeys):
         if problem := repetition("region", [region.name for region in self.region]):
             raise ValueError(f".{problem}")
         for region in self.region:
-            key = f".region.{as_key(region.name)}"
+            key, placed = f"region.{as_key(region.name)}", region.depth is not None or region.box is not None
             height = self.mesh.size[2] if isinstance(self.mesh, _Block) else 0.0
-            if region.depth is not None and not height:
-                raise ValueError(f"{key}.depth is refused: a {self.mesh.kind} has no flat top; give a box")
-            if region.depth is not None and region.depth[1] > height:
-                raise ValueError(
-                    f"{key}.depth = {as_toml(region.depth)} is refused: the block is only {height} m high; lower it"
+            if region.depth is not None:
+                self._refuse(not height, "region.depth.top", (f"{key}.depth", None))
+                self._refuse(
+                    region.depth[1] > height, "region.depth.high", (f"{key}.depth", region.depth), height=height
                 )
-            if region.depth is None and region.box is None and self.mesh.kind not in ("file", "given"):
-                raise ValueError(f"{key} is refused: only a mesh file names regions; give depth or a box")
+            self._refuse(not placed and self.mesh.kind not in ("file", "given"), "region.place", (key, None))
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:

@@ -134,26 +134,17 @@ class Piercing(ScenarioTable):
         for key, rows in hands.items():
             single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
             if single is not None:
-                raise ValueError(
-                    f'.{key}.{rows.index(single)} = {as_toml(single)} is refused: at a "sliding" hole a hand '
-                    "draws from its first row to its last row, but here it has a single row; "
-                    'give two rows, or set kind = "anchored"'
-                )
+                self._refuse(True, "rows.single", (f"{key}.{rows.index(single)}", single))
 
     def _require_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
         """Refuse rows of time alone at an anchored hole, and at times at which no hand holds the thread."""
         alone = [number for number, row in enumerate(rows) if len(row) == 1]
-        if alone and self.kind != "sliding":
-            raise ValueError(
-                f".{key}.{alone[0]} = {as_toml(rows[alone[0]])} is refused: a hand always holds an anchored thread; "
-                'also give a length or a force, or set kind = "sliding"'
-            )
+        if alone:
+            shown = f"{key}.{alone[0]}", rows[alone[0]]
+            self._refuse(self.kind != "sliding", "rows.anchored", shown)
         idle = next((number for number in alone if number == 0 or number - 1 in alone), None)
         if idle is not None:
-            raise ValueError(
-                f".{key}.{idle} = {as_toml(rows[idle])} is refused: a row of time alone lets go, but no hand holds the "
-                "thread at this time; leave it out"
-            )
+            self._refuse(True, "rows.idle", (f"{key}.{idle}", rows[idle]))
 
 
 def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.course import STEPS, Timed
+from studies.scenario.meanings import because
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundaries_of, unknown_clamp
 from studies.scenario.piercing import Piercing, grips, place_refusal
@@ -267,8 +268,7 @@ def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
     """Refuse two surfaces in contact that are named twice; the first of [[contact]] is number `first`."""
     for k, pair in enumerate(pairs):
         if any(set(pair) == set(other) for other in pairs[:k]):
-            reason = "they are already in contact by tissue.contact or another [[contact]]; leave one out"
-            raise ScenarioError(refusal(f"contact.{k - first}.between", pair, reason))
+            raise ScenarioError(refusal(f"contact.{k - first}.between", pair, because("contact-twice")))
 
 
 def check_apart(holes: Sequence[Piercing]) -> None:
@@ -277,11 +277,8 @@ def check_apart(holes: Sequence[Piercing]) -> None:
         apart, reach = dist(one.place, other.place), one.footprint + other.footprint
         together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
         if together and apart < reach:
-            reason = (
-                f"it is {apart:.3g} m from {dotted_key(['piercing', one.name])}, less than both footprints "
-                f"together, {reach:.3g} m; move them apart or take smaller footprints"
-            )
-            raise ScenarioError(place_refusal(other, reason))
+            key = dotted_key(["piercing", one.name])
+            raise ScenarioError(place_refusal(other, because("holes-near", key=key, apart=apart, reach=reach)))
 
 
 def check_given(scenario: object) -> None:
@@ -299,10 +296,7 @@ def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None =
         check_within(hole, s, length)
     for (before, low), (after, high) in pairwise(placed):
         if high <= low:
-            reason = (
-                f"it must be greater than {dotted_key(['piercing', before.name, 's'])} = {low}, because the piercings "
-                "are listed in the order in which the thread passes them; reorder them or correct s"
-            )
+            reason = because("holes-order", key=dotted_key(["piercing", before.name, "s"]), low=low)
             raise ScenarioError(refusal(dotted_key(["piercing", after.name, "s"]), high, reason))
 
 
@@ -337,11 +331,7 @@ def check_spans(
     """
     for before, after in pairwise(ends) if cuts else ():
         if sum(before <= s <= after for s in breaks) < 3:
-            reason = (
-                f"the piece from {before:.6g} to {after:.6g} m is shorter than two spans of the thread; cut elsewhere, "
-                "or raise thread.control_points"
-            )
-            raise ScenarioError(refusal(key, cuts, reason))
+            raise ScenarioError(refusal(key, cuts, because("piece-short", begins=before, ends=after)))
 
 
 def travels_as_given(tables: Mapping[str, Mapping[str, Any]]) -> bool:
@@ -359,7 +349,7 @@ def check_control_points(control_points: int, piercings: int) -> None:
     """
     least = 4 + 3 * piercings
     if control_points < least:
-        reason = f"{piercings} piercings need at least {least} (4, and 3 for each piercing); raise it"
+        reason = because("points-few", piercings=piercings, least=least)
         raise ScenarioError(refusal("thread.control_points", control_points, reason))
 
 

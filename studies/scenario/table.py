@@ -137,10 +137,9 @@ class ScenarioTable(BaseModel):
         """
         if not wrong:
             return
-        key, _, _ = name.rpartition(".")
-        reason = reason_of(type(self), name).format(own=self, **values)
+        key, reason = name.rpartition(".")[0], reason_of(type(self), name).format(own=self, **values)
         if reason.startswith("is "):
-            raise ValueError(f"{self.WITHIN}{key} {reason}")
+            raise ValueError(f"{self.WITHIN}{shown[0] if shown else key} {reason}")
         key, value = shown or (key, attrgetter(key)(self))
         raise ValueError(self.WITHIN + refusal(key, value, reason))
 

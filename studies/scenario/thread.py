@@ -165,16 +165,10 @@ class Thread(ScenarioTable):
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
         given = [key for key, value in own.items() if value is not None]
         if self.suture is not None and given:
-            raise ValueError(
-                f".{given[0]} = {own[given[0]]} is refused: the suture {as_toml(self.suture)} also "
-                f"sets it; leave out either suture or {', '.join(given)}"
-            )
+            self._refuse(True, "suture.given", (given[0], own[given[0]]), given=", ".join(given))
         missing = [key for key in ("diameter", "youngs_modulus", "density") if key not in given]
-        if self.suture is None and missing:
-            raise ValueError(
-                f".{missing[0]} is missing: give suture (USP size and material, for example suture = "
-                '"2-0 polypropylene") or all of diameter [m], youngs_modulus [Pa] and density [kg/m³]'
-            )
+        if missing:
+            self._refuse(self.suture is None, "suture.missing", (missing[0], None))
 
     def _check_cuts(self) -> None:
         self._refuse(any(after <= before for before, after in pairwise(self.cuts)), "cuts.order")
@@ -197,17 +191,11 @@ class Thread(ScenarioTable):
 
     def _check_path(self) -> None:
         for row, (before, after) in enumerate(pairwise(self.path), start=1):
-            if before == after:
-                raise ValueError(
-                    f".path.{row} = {as_toml(after)} is refused: it must differ from the point before; remove it"
-                )
+            self._refuse(before == after, "path.twice", (f"path.{row}", after))
 
     def _check_driven_ends(self) -> None:
         total = sum(dist(a, b) for a, b in pairwise(self.path))
         for key, end, place in (("start", self.start, self.path[0]), ("end", self.end, self.path[-1])):
             away = dist(end.position(0.0), place) if isinstance(end, DrivenEnd) else 0.0
-            if away > ALLOWED_START_ERROR * total:
-                raise ValueError(
-                    f".{key}.waypoints is refused: at t = 0 it is {away:.3g} m away from the {key} of "
-                    f"thread.path, {as_toml(place)}; begin there"
-                )
+            far = away > ALLOWED_START_ERROR * total
+            self._refuse(far, f"{key}.waypoints.away", away=away, key=key, place=as_toml(place))

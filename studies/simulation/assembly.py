@@ -20,6 +20,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.course import Timed
+from studies.scenario.meanings import because
 from studies.scenario.organ import ACCURACY, LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
@@ -211,13 +212,9 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
     """Return the rest length of the thread [m]. Raises `ScenarioError` if it differs too much from the path."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
-        reason = f"the path is {path.length:.4g} m long, and no suture stretches so far; remove the key or increase it"
-        raise ScenarioError(refusal("thread.length", length, reason))
+        raise ScenarioError(refusal("thread.length", length, because("thread-short", path=path.length)))
     if length > STRETCH * path.length:
-        reason = (
-            f"the path is {path.length:.4g} m long, only {path.length / length:.2g} of this length; remove the key, or "
-            "lengthen the path by the slack"
-        )
+        reason = because("thread-long", path=path.length, share=path.length / length)
         raise ScenarioError(refusal("thread.length", length, reason))
     return length
 

@@ -21,10 +21,9 @@ from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
 from thread.path import RoundedPath
 
-MOVES = (
-    0.659  # ∫ (8 J₂(x)/x²)²/π dx: a half-space under a parabolic weight yields by (1 + ν)(1 − ν/2) F/(E a) times this,
-)
-# and under a uniform weight by a fifth less
+# ∫ (8 J₂(x)/x²)²/π dx: a half-space under a parabolic weight yields by (1 + ν)(1 − ν/2) F/(E a) times this, and under a
+# uniform weight by a fifth less
+MOVES = 0.659
 TURNS = 0.75  # of (1 − ν²) M/(E a³): turn of a rigid disc on a half-space (Johnson, Contact Mechanics, 1985)
 HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: reach of one node's share of a force
 BENT = 2.0  # times EI θ/ℓ: couple of a slack strand of length ℓ, an arc turned by θ at both ends

@@ -28,6 +28,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.organ import check_clamp, check_loads
 from studies.scenario.piercing import place_refusal
 from studies.scenario.refusal import dotted_key, refusal
@@ -73,8 +74,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
     """Return the mesh from its generator or file, graded towards the holes if their mesh size is given."""
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
-        reason = "the mesh is given from Python, by prepare(scenario, mesh=…); write it to a file for the command"
-        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, reason))
+        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, because("mesh-given")))
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
@@ -116,7 +116,7 @@ def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
     for name in names:
         inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
         if inside:
-            reason = f"{inside} facets of {name} lie inside the organ, between its cells; name facets of its surface"
+            reason = because("facets-inside", count=inside, name=name)
             raise ScenarioError(refusal(f"tissue.{key}", list(names), reason))
 
 
@@ -211,11 +211,7 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
         beside, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
         away = float(np.linalg.norm([across, beside, below]))
         if away <= hole.footprint:
-            reason = (
-                f"it is {away:.3g} m from the wound and its footprint reaches {hole.footprint:.3g} m, across the slit; "
-                "move it away or use a smaller footprint"
-            )
-            raise ScenarioError(place_refusal(hole, reason))
+            raise ScenarioError(place_refusal(hole, because("across-slit", away=away, reach=hole.footprint)))
 
 
 def motions_left(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> tuple[Cells, list[Array]]:
@@ -232,11 +228,8 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
     loose = [k for k, motions in enumerate(left) if motions.size]
     if loose and len(left) > 1:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
-        reason = (
-            f"the organ has {len(left)} parts, and the part at {centre.tolist()} m can still "
-            f"{tissue.motions_in_words(left[loose[0]])}; clamp a boundary of each part, or give "
-            "[[contact]] between them, with tissue.inertia in a dynamic run, and in a static one with a linear material"
-        )
+        motions = tissue.motions_in_words(left[loose[0]])
+        reason = because("part-loose", parts=len(left), place=centre.tolist(), motions=motions)
         raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
 
 
@@ -247,11 +240,9 @@ def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
     for number, load in enumerate(table.load):
         facets = (mesh.boundaries or {})[load.boundary]
         if held[mesh.facets[:, facets]].all():
-            reason = "the whole boundary is held, so a load has no effect; name another boundary, or clamp less"
-            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, because("load-held")))
         if np.any(mesh.f2t[1, facets] >= 0):
-            reason = "a part of it lies inside the organ, where no load acts; name a boundary on its surface"
-            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, reason))
+            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, because("load-inside")))
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
@@ -262,11 +253,7 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
         t = np.clip(np.sum((hole.place - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
         away = float(np.linalg.norm(p + t[:, None] * along - hole.place, axis=1).min())
         if away <= hole.footprint * (1 - ON_EDGE) + slack:
-            reason = (
-                f"a sharp edge of the organ is {away:.3g} m from it, within its footprint of {hole.footprint:.3g} m; "
-                "move it away or use a smaller footprint"
-            )
-            raise ScenarioError(place_refusal(hole, reason))
+            raise ScenarioError(place_refusal(hole, because("sharp-edge", away=away, reach=hole.footprint)))
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
@@ -318,8 +305,8 @@ def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
     there = dict(mesh.subdomains or {})
     if name not in there:
         known = ", ".join(sorted(there)) or "none"
-        reason = f"the mesh file has no such region; its regions are {known}; correct it, or give a box"
-        raise ScenarioError(refusal(dotted_key(["tissue", "region", name, "name"]), name, reason))
+        key = dotted_key(["tissue", "region", name, "name"])
+        raise ScenarioError(refusal(key, name, because("region-unknown", known=known)))
     return np.asarray(there[name])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.scenario import check_spans
 from thread.cutting import SLIVER, cut
@@ -22,8 +23,7 @@ def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None
     """Refuse a hole, among those at `s` [m], at a cut of a thread of `length` [m]."""
     cuts = np.array(scenario.thread.cuts)
     if at_cut := [value for value in s if np.abs(cuts - value).min(initial=np.inf) <= AT_CUT * length]:
-        reason = f"a piercing is there, at s = {at_cut[0]:.6g} m; cut next to it"
-        raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
+        raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, because("cut-at-hole", s=at_cut[0])))
 
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
@@ -37,11 +37,10 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the thread's piece from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
-            reason = f"{where} has {points}, but needs {least} for {holes} piercings; raise it"
+            reason = because("piece-coarse", where=where, points=points, least=least, holes=holes)
             raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
         if scenario.solve.kind == "static" and not holes and k not in held_by_end:
-            reason = f"solve.kind is static and {where} is in no hole; remove one of its cuts, or add a piercing"
-            raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, reason))
+            raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, because("piece-loose", where=where)))
 
 
 def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, key: str) -> None:
@@ -52,8 +51,7 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
     every = list(ends)
     for s in cuts:
         if min(abs(end - s) for end in every) < diameter:
-            reason = f"an end or another cut is nearer than the diameter, {diameter:.3g} m; cut elsewhere"
-            raise ScenarioError(refusal(key, s, reason))
+            raise ScenarioError(refusal(key, s, because("stub", diameter=diameter)))
         every.append(s)
 
 
@@ -67,10 +65,7 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
         try:
             spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])
         except ThreadError:
-            reason = (
-                f"an end or another cut is nearer than {SLIVER:g} spans; cut elsewhere, or raise thread.control_points"
-            )
-            raise ScenarioError(refusal("cut.s", table.s, reason)) from None
+            raise ScenarioError(refusal("cut.s", table.s, because("cut-near", spans=SLIVER))) from None
     check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
 
 
@@ -82,19 +77,14 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
     times = sorted({0.0} | {time for hole, _ in anchored for time, *_ in hole.draw or ()})
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:
-        piece, way, key = (
-            int(spline.piece_of(at)),
-            at - drawn_length(hole, times),
-            dotted_key(["piercing", hole.name, "draw"]),
-        )
+        piece, way = int(spline.piece_of(at)), at - drawn_length(hole, times)
+        key = dotted_key(["piercing", hole.name, "draw"])
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
-            reason = f"at s = {at:.6g} m the thread leaves its hole: its piece is from {start:.6g} to {end:.6g} m"
-            raise ScenarioError(refusal(key, hole.draw, f"{reason}; draw less, or use a longer path"))
+            raise ScenarioError(refusal(key, hole.draw, because("drawn-out", at=at, begins=start, ends=end)))
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):
-            reason = f"no thread remains between it and piercing {name!r}; draw less, or use a longer path between them"
-            raise ScenarioError(refusal(key, hole.draw, reason))
+            raise ScenarioError(refusal(key, hole.draw, because("drawn-past", name=name)))
         before[piece] = (hole.name, way)
 
 

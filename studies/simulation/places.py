@@ -9,6 +9,7 @@ import skfem
 import tissue
 from studies import scenario as model
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.refusal import as_toml, dotted_key, refusal
 from studies.scenario.scenario import check_apart
 from studies.scenario.table import Vector
@@ -57,10 +58,7 @@ def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
         place = np.array(hole.place) if hole.at != "surface" else find(hole.place, hole.line)
         if place is None:
             low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
-            reason = (
-                f"the line through near = {as_toml(hole.near)} along {as_toml(hole.line)} does not meet the organ, "
-                f"which spans {low} to {high} m; correct near or along"
-            )
+            reason = because("line-missing", near=as_toml(hole.near), line=as_toml(hole.line), low=low, high=high)
             raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
         x, y, z = (place + 0.0).tolist()  # no −0.0
         places.append((x, y, z))

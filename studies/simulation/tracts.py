@@ -11,6 +11,7 @@ import tissue
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Friction, Piercing, Scenario, ScenarioError, Tract
+from studies.scenario.meanings import because
 from studies.scenario.refusal import refusal
 from thread.path import RoundedPath
 
@@ -64,14 +65,10 @@ def with_balls(
         ends = [next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between]
         cut = next((cut for cut in scenario.thread.cuts if places[ends[0]] < cut < places[ends[1]]), None)
         if cut is not None:
-            reason = f"thread.cuts cuts the thread between them, at {cut:.6g} m; name two holes of one piece"
-            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
+            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, because("tract-cut", cut=cut)))
         way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
         if not len(way.deep):
-            reason = (
-                f"the path between them is nowhere deeper in the organ than the radius of "
-                f"{radius_of(tract, holes):.3g} m; move thread.path deeper, or use a smaller tract.{number}.radius"
-            )
+            reason = because("tract-shallow", radius=radius_of(tract, holes), number=number)
             raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
         balls = balls_of(tract, path, way, radius_of(tract, holes))
         share = [(float(path_at) - way.first) / (way.last - way.first) for path_at, _ in balls]
@@ -132,13 +129,7 @@ def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[t
         friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.shared(len(balls)))
         name = f"{tract.name}.{k}"
         ball = Ball(
-            name=name,
-            at=(x, y, z),
-            footprint=radius,
-            friction=friction,
-            tract=tract.name,
-            length=length,
-            part=part,
+            name=name, at=(x, y, z), footprint=radius, friction=friction, tract=tract.name, length=length, part=part
         )
         out.append((at, ball))
     return out
@@ -204,8 +195,5 @@ def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls
     if balls and thread.knots == "fixed" and thread.control_points < least:
-        reason = (
-            f"{len(holes) - balls} piercings and {balls} balls of tracts need at least {least} (4, 3 for each piercing "
-            "and 2 for each ball); raise it, or use a larger tract.spacing"
-        )
+        reason = because("balls-many", holes=len(holes) - balls, balls=balls, least=least)
         raise ScenarioError(refusal("thread.control_points", thread.control_points, reason))

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
-from studies.scenario import scenario as scenario_module
 from studies.scenario.meanings import KEYS, REASONS
 from studies.scenario.organ import check_clamp
 from studies.scenario.refusal import as_key, as_toml
@@ -578,17 +577,19 @@ def test_every_meaning_is_of_a_key() -> None:
 
 
 def test_every_refusal_has_a_reason() -> None:
-    """Consistency check: `refusals.toml` against the checks of the tables."""
-    calls = [
-        call
-        for path in Path(scenario_module.__file__).parent.glob("*.py")
-        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) and call.func.attr == "_refuse"
-    ]
-    asked = [re.sub(r"\{\w+\}", r"[a-z_.]+", ast.unparse(call.args[1]).lstrip("f")[1:-1]) for call in calls]
-    told = {name for own in REASONS.values() for name in own}
-    assert all(any(re.fullmatch(name, known) for known in told) for name in asked)
-    assert all(any(re.fullmatch(name, known) for name in asked) for known in told)
+    """Consistency check: `refusals.toml` against the checks of the tables, and against the functions that refuse."""
+    sources = [path for room in ("scenario", "simulation") for path in (SCENES.parents[1] / room).glob("*.py")]
+    calls = [call for path in sources for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+    named = {"_refuse": set[str](), "because": set[str]()}
+    for call in (call for call in calls if isinstance(call, ast.Call)):
+        called = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+        if called in named:
+            name = ast.unparse(call.args[called == "_refuse"])
+            named[called].add(re.sub(r"\{\w+\}", r"[a-z_.]+", name.lstrip("f")[1:-1]))
+    told = {name for table, own in REASONS.items() if table != "functions" for name in own}
+    assert all(any(re.fullmatch(name, known) for known in told) for name in named["_refuse"])
+    assert all(any(re.fullmatch(name, known) for name in named["_refuse"]) for known in told)
+    assert named["because"] == set(REASONS["functions"])
 
 
 def test_quantities_name_their_unit() -> None:
