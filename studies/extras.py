@@ -1,17 +1,10 @@
 """Optional libraries, and the extra of the project that installs each."""
 
-LIBRARIES = {  # by the extra that installs them
-    "pictures": ("matplotlib", "pyvista", "vtkmodules"),
-    "mesh": ("gmsh",),
-    "large": ("pyamg",),
-    "fast": ("cvxopt", "pypardiso"),
-    "report": ("plotly",),
-    "tables": ("pandas", "pyarrow"),
-    "cluster": ("distributed",),
-    "mpi": ("mpi4py",),
-    "docs": ("mkdocs", "latex2mathml"),
-}
-EXTRAS = {library: extra for extra, own in LIBRARIES.items() for library in own}
+import tomllib
+from pathlib import Path
+
+LIBRARIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+EXTRAS = {library: told["extra"] for library, told in LIBRARIES.items()}
 
 
 def installation(library: str) -> str:

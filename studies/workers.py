@@ -202,7 +202,7 @@ class Cluster:
         """Yield the number of an item and its result, in the order of completion."""
         distributed = _distributed()
         with _client(distributed, self.address) as client:
-            futures = client.map(_on_cluster, [(work, item) for item in items], pure=False)
+            futures = client.map(_alone, [work] * len(items), items, pure=False)
             numbers = {future.key: number for number, future in enumerate(futures)}
             try:
                 for future in distributed.as_completed(futures):
@@ -227,10 +227,6 @@ def _client(distributed: Any, address: str) -> Any:
     except (OSError, ValueError) as error:
         reason = f"no scheduler answers ({error}); start one by dask scheduler, or use --jobs"
         raise WorkersError(f"--dask {address} is refused: {reason}") from None
-
-
-def _on_cluster(pair: tuple[Callable[[Item], Result], Item]) -> Result:
-    return _alone(*pair)
 
 
 def _alone(work: Callable[[Item], Result], item: Item) -> Result:

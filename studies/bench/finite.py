@@ -69,7 +69,7 @@ def main(
         for case, mesh in at_rest.items():
             yield measure_pull(case, [*sized(mesh), f'tissue.solver="{solver}"'])
 
-    rows = printed(COLUMNS, pulls())
+    rows = printed("finite", pulls())
     with threadpool_limits(limits=1, user_api="blas"):
         step = measure_step("10k", [*sized(in_time), f'tissue.solver="{solver}"'])
     print(
@@ -115,9 +115,3 @@ def measure_step(case: str, overrides: list[str]) -> InTime:
     step, linear = (median(each[WARM_UP:]) / MILLI for each in times)
     counts = (sum(each[WARM_UP:]) / STEPS for each in corrections)
     return InTime(case, int(made[0].organ.size), step, linear, *counts)
-
-
-COLUMNS = (
-    ("at rest", -10, "case"), ("unknowns", 9, "tissue_unknowns"), ("solver", 10, "solver"),
-    ("load steps", 11, "load_steps"), ("start [s]", 10, "start:.1f"), ("pull [s]", 9, "pull:.1f"),
-)  # fmt: skip

@@ -124,11 +124,11 @@ def main(
     json_path: Path | None = None, tensions: int = TENSIONS, meshes: Mapping[str, tuple[float, float]] = MESHES
 ) -> int:
     """Measure, print, and add to the JSON file if given; return the exit status."""
-    rows = printed(COLUMNS, measurements(meshes))
+    rows = printed("reduced", measurements(meshes))
     job, size = measure_main_job(), measure_folder()
     print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
     print(f"its folder: {size:.1f} MB\n")
-    many = printed(MANY, (measure_tensions(case, tensions) for case in CASES))
+    many = printed("tensions", (measure_tensions(case, tensions) for case in CASES))
     more = [{"times_as_fast": row.times_as_fast, "steps_per_second": row.steps_per_second} for row in rows]
     table = [asdict(row) | also for row, also in zip(rows, more, strict=True)]
     found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
@@ -286,17 +286,3 @@ def children_time() -> float:
     """Return the processor time of the ended child processes [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
-
-
-MANY = (
-    ("many tensions, at rest", -30, "case"), ("tensions", 9, "tensions"), ("sweep [s]", 10, "sweep:.1f"),
-    ("run [s]", 8, "run:.1f"), ("plain [s]", 10, "plain:.1f"), ("speed-up", 15, "times_as_cheap:.1f"),
-    ("without pictures", 17, "without_pictures:.1f"),
-)  # fmt: skip
-COLUMNS = (  # times in milliseconds, errors relative to the largest displacement of a hole
-    ("", -16, "case"), ("unknowns", 9, "tissue_unknowns"), ("vectors", 8, "vectors"),
-    ("basis [s]", 10, "basis_seconds:.2f"), ("step", 9, "step:.3f"), ("whole", 9, "whole_step:.3f"),
-    ("times", 6, "times_as_fast:.1f"), ("at once", 9, "at_once:.3f"), ("per s", 9, "steps_per_second:.0f"),
-    ("organ", 9, "organ:.3f"), ("whole", 9, "whole_organ:.3f"), ("error", 9, "error:.1e"),
-    ("difference", 11, "difference:.1e"), ("bound", 9, "bound:.1e"), ("bound/error", 12, "bound_over_error:.1f"),
-)  # fmt: skip

@@ -1,6 +1,7 @@
 """Printing and storage of the benchmarks' measurements, row by row, and the clock."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from time import process_time
 from typing import Any, TypeVar
@@ -11,13 +12,12 @@ from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 R = TypeVar("R")
-Columns = Sequence[tuple[str, int, str]]  # head, width, and name of a number with its format: "step:.3f"
+COLUMNS = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
 
 
-def printed(columns: Columns, rows: Iterable[R]) -> list[R]:
-    """Print rows while they are measured, with one thread of BLAS, below the heads of their columns; return the
-    rows."""
-    out = []
+def printed(table: str, rows: Iterable[R]) -> list[R]:
+    """Print rows while they are measured, with one thread of BLAS, below the heads of a table; return the rows."""
+    out, columns = [], COLUMNS[table]
     with threadpool_limits(limits=1, user_api="blas"):
         print(" ".join(aligned(head, width) for head, width, _ in columns))
         for row in rows:

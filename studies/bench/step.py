@@ -72,7 +72,7 @@ class Row:
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
     """Measure every case, print the table, and write JSON if a file is given; return the exit status."""
-    rows = printed(COLUMNS, measurements(solver))
+    rows = printed("step", measurements(solver))
     return keep(json_path, {"milliseconds_per_step": [asdict(row) for row in rows]})
 
 
@@ -127,11 +127,3 @@ def floor_of(organ: object, scheme: BDF2) -> float | None:
         return None
     factor, right = full.operator(scheme.a, scheme.d).factor, np.random.default_rng(0).standard_normal(full.size)
     return median(time_call(lambda: factor.solve(right)) for _ in range(REPEATED)) / MILLI
-
-
-COLUMNS = (
-    ("times in ms", -16, "case"), ("unknowns", 9, "tissue_unknowns"), ("steps", 6, "steps"),
-    ("Newton", 7, "newton_iterations:.1f"), ("median", 8, "median:.3f"), ("99.9 %", 8, "late:.3f"),
-    ("worst", 8, "worst:.2f"), ("at once", 8, "at_once:.3f"), ("recorded", 9, "recorded:.3f"),
-    ("floor", 8, "floor:.3f"),
-)  # fmt: skip

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from studies.command.lines import print_lines
-from studies.extras import installation
+from studies.extras import LIBRARIES, installation
 from studies.output.version import installed_version
 from studies.scenario import ScenarioError, scenes
 from studies.scenario.reference import cost_of, title_of
@@ -135,17 +135,7 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_memory,
     find_gmsh,
     find_gl,
-    finder("matplotlib", "matplotlib", "suture plot, figures of studies, sweeps and refinements"),
-    finder("PyAMG", "pyamg", "multigrid of large organs"),
-    finder("CHOLMOD", "cvxopt", "factorisation ten times as fast"),
-    finder("Pardiso", "pypardiso", "fewest nonzeros in factors of large organs"),
-    finder("pandas", "pandas", "data frames of open_run"),
-    finder("Parquet", "pyarrow", "table.parquet of a sweep"),
-    finder("plotly", "plotly", "suture report"),
-    finder("MkDocs", "mkdocs", "the site of these pages"),
-    finder("latex2mathml", "latex2mathml", "formulas of the site"),
-    finder("Dask", "distributed", "sweeps on a cluster"),
-    finder("MPI", "mpi4py", "an organ's columns shared among processes"),
+    *(finder(told["name"], library, told["needed"]) for library, told in LIBRARIES.items() if "needed" in told),
 )
 
 

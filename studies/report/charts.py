@@ -1,7 +1,9 @@
 """Charts of a report over time: the tables of runs as series, and the series of each chart."""
 
+import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,15 +15,7 @@ from studies.output.reading import RunResults, Table
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
 FIRST = 3  # number of charts next to the result
-CHARTS = (  # title and columns; the most useful charts come first
-    ("Tension of the thread at each hole", (("piercings", "tension_before"), ("piercings", "tension_after"))),
-    ("Smallest and largest gap of each pair of surfaces", (("contact", "smallest_gap"), ("contact", "largest_gap"))),
-    ("Closure force of each wound", (("contact", "closure_force"),)),
-    ("Thread drawn through each hole", (("piercings", "slip"),)),
-    ("Force of each hole on the thread", (("piercings", "force"),)),
-    ("Force of the holders on the thread", (("steps", "start_reaction"), ("steps", "end_reaction"))),
-    ("Energy", (("energy", "kinetic"), ("energy", "elastic_thread"), ("energy", "elastic_tissue"))),
-)
+CHARTS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["chart"]
 LOOSE = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 
@@ -109,9 +103,9 @@ def chart_records(series: Iterable[Series]) -> list[dict[str, Any]]:
     """Return the charts with data, each with the keys of its series."""
     told = list(series)
     charts = []
-    for title, columns in CHARTS:
-        shown = [one for one in told if (one.table, one.column) in columns]
+    for chart in CHARTS:
+        shown = [one for one in told if f"{one.table}.{one.column}" in chart["columns"]]
         if shown:
             keys = list(dict.fromkeys(one.key for one in shown))
-            charts.append({"title": title, "unit": shown[0].unit, "keys": keys})
+            charts.append({"title": chart["title"], "unit": shown[0].unit, "keys": keys})
     return charts
