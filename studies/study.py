@@ -2,8 +2,8 @@
 
 A study is a package whose module `study` ends in `STUDY`. It consists of
 
-- `study.toml`: its question, its checks, the arguments of the preset "quick" (`described`), published numbers (`told`),
-  and the sentences of its remarks (`sentences`),
+- `study.toml`: its question, its checks, the arguments of the preset "quick" (`described`), published numbers and
+  the sentences of its remarks (`studies.told`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
 - `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
 - a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a run
@@ -35,6 +35,7 @@ from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.toml import changed, read
+from studies.told import told
 from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:
@@ -101,21 +102,6 @@ def described(
     """Return the study of this name, described by `study.toml` in its folder."""
     described = {key: told(name)[key] for key in ("question", "independent", "consistency", "quick")}
     return Study(main=main, table=table, figure=figure, remarks=remarks, **described)
-
-
-def told(name: str) -> dict[str, Any]:
-    """Return the content of a study's `study.toml`."""
-    return tomllib.loads((Path(__file__).parent / name / "study.toml").read_text(encoding="utf-8"))
-
-
-def sentences(name: str) -> Callable[..., str]:
-    """Return the function that makes a sentence of a study's `[words]`, with the values that the sentence names."""
-    words = told(name)["words"]
-
-    def say(which: str, **values: Any) -> str:
-        return str(words[which].format(**values))
-
-    return say
 
 
 def unit_field(text: str, **default: Any) -> Any:

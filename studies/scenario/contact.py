@@ -2,7 +2,8 @@
 
 from typing import Annotated
 
-from studies.scenario.table import NotNegative, ScenarioTable, Text, one_sentence
+from studies.scenario.table import ScenarioTable
+from studies.scenario.values import NotNegative, Text, one_sentence
 
 
 class Contact(ScenarioTable):

@@ -10,17 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import (
-    From,
-    NotNegative,
-    Number,
-    Positive,
-    ScenarioTable,
-    Turn,
-    check_ending,
-    check_rising,
-    one_sentence,
-)
+from studies.scenario.table import ScenarioTable, check_ending, check_rising
+from studies.scenario.values import From, NotNegative, Number, Positive, Turn, one_sentence
 
 WAVE = 32  # rows per period: with linear interpolation the error is 0.25 % of the wave's height
 JUMP = 1e-9  # of a time: duration of a sudden change of a load, longer than the round-off of a step's end

@@ -1,7 +1,7 @@
 """The table of a load on the organ, `[[tissue.load]]`."""
 
 from studies.scenario.course import Timed
-from studies.scenario.table import NotNegative, Number, Text, Vector
+from studies.scenario.values import NotNegative, Number, Text, Vector
 
 
 class Load(Timed):

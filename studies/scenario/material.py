@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from studies.scenario.refusal import as_key, as_toml
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector
+from studies.scenario.table import ScenarioTable
+from studies.scenario.values import NotNegative, Positive, Vector
 
 Law = Literal["linear", "neo-hookean", "exponential"]
 FAMILIES = 2  # largest number of fibre families at one place

@@ -10,19 +10,17 @@ from pydantic import Field
 from studies.scenario.loads import Load
 from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
-from studies.scenario.table import (
+from studies.scenario.table import ScenarioError, ScenarioTable, repetition
+from studies.scenario.values import (
     Flag,
     Growth,
     NotNegative,
     PoissonRatio,
     Positive,
-    ScenarioError,
-    ScenarioTable,
     Series,
     Text,
     Vector,
     one_sentence,
-    repetition,
 )
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")

@@ -8,20 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import (
-    SUBGRID,
-    From,
-    NotNegative,
-    Number,
-    Positive,
-    ScenarioTable,
-    Text,
-    Turn,
-    Vector,
-    check_ending,
-    check_rising,
-    one_sentence,
-)
+from studies.scenario.table import SUBGRID, ScenarioTable, check_ending, check_rising
+from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
 HandRow = Annotated[

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from math import ceil
 from typing import Any, Literal
 
-from studies.scenario.table import NotNegative, Positive, ScenarioTable, Vector, Whole
+from studies.scenario.table import ScenarioTable
+from studies.scenario.values import NotNegative, Positive, Vector, Whole
 
 WHOLE = 1e-9  # of a step: a duration this near to a whole number of steps counts as whole
 MOST_STEPS = 100_000_000  # at one millisecond each, the least time of a step: more than a day

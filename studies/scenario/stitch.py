@@ -18,16 +18,8 @@ from pydantic import Field
 from studies.arrays import Array
 from studies.scenario.piercing import Friction
 from studies.scenario.solve import Solve
-from studies.scenario.table import (
-    From,
-    Positive,
-    ScenarioTable,
-    Text,
-    Vector,
-    check_ending,
-    one_sentence,
-    repetition,
-)
+from studies.scenario.table import ScenarioTable, check_ending, repetition
+from studies.scenario.values import From, Positive, Text, Vector, one_sentence
 from thread.path import rounded_path
 
 NEAR = 0.3  # of bite and depth of a vertical mattress stitch: its inner bite near the edges

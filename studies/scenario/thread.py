@@ -10,20 +10,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from studies.scenario.course import Timed
 from studies.scenario.refusal import as_toml
-from studies.scenario.table import (
-    ALLOWED_START_ERROR,
-    NotNegative,
-    Positive,
-    ScenarioTable,
-    Series,
-    Text,
-    Turn,
-    Vector,
-    Waypoint,
-    Whole,
-    check_rising,
-    one_sentence,
-)
+from studies.scenario.table import ALLOWED_START_ERROR, ScenarioTable, check_rising
+from studies.scenario.values import NotNegative, Positive, Series, Text, Turn, Vector, Waypoint, Whole, one_sentence
 from thread.catalogue import suture
 from thread.errors import ThreadError
 

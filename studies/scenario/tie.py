@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from studies.scenario.piercing import Piercing
 from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import From, NotNegative, Positive, ScenarioTable, Text, check_ending, repetition
+from studies.scenario.table import ScenarioTable, check_ending, repetition
+from studies.scenario.values import From, NotNegative, Positive, Text
 
 
 class Tie(ScenarioTable):

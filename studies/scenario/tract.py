@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from studies.scenario.piercing import Friction, Piercing
 from studies.scenario.refusal import dotted_key, refusal
-from studies.scenario.table import SUBGRID, Positive, ScenarioError, ScenarioTable, Text
+from studies.scenario.table import SUBGRID, ScenarioError, ScenarioTable
+from studies.scenario.values import Positive, Text
 
 
 class Tract(ScenarioTable):

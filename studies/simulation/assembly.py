@@ -24,7 +24,7 @@ from studies.scenario.meanings import because
 from studies.scenario.organ import ACCURACY, LIPS
 from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
-from studies.scenario.table import Turn
+from studies.scenario.values import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction

@@ -12,7 +12,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.scenario.meanings import because
 from studies.scenario.refusal import as_toml, dotted_key, refusal
 from studies.scenario.scenario import check_apart
-from studies.scenario.table import Vector
+from studies.scenario.values import Vector
 from studies.simulation.meshing import check_smooth, mesh_of
 from studies.simulation.sharing import Store, places_key
 

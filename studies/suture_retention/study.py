@@ -27,21 +27,9 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import (
-    Table,
-    described,
-    each,
-    grouped,
-    measure,
-    measured,
-    require,
-    require_known,
-    scene,
-    sentences,
-    told,
-    unit_field,
-)
+from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
+from studies.told import sentences, told
 from thread.catalogue import suture
 
 LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.

@@ -30,21 +30,9 @@ from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
-from studies.study import (
-    Job,
-    Table,
-    described,
-    each,
-    grouped,
-    measure,
-    measured,
-    require,
-    scene,
-    sentences,
-    told,
-    unit_field,
-)
+from studies.study import Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import TwoHoles, half_ball
+from studies.told import sentences, told
 from studies.verdicts import LINEAR, bearing_strain, beyond_bearing, beyond_linear, verdict
 from thread.catalogue import suture
 
