@@ -19,22 +19,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from studies.output import manifest
 from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
 from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.fields import OrganTopology
 from studies.output.files import read_json, write_bytes, write_json, write_text
 from studies.output.lock import LOCK, refused
-from studies.output.manifest import (
-    MARK,
-    PROFILE,
-    SCENARIO,
-    clear,
-    files_of,
-    holds_run,
-    manifest,
-    refuse_foreign,
-    unfinished,
-)
 from studies.output.provenance import provenance
 from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
@@ -76,8 +66,8 @@ class Recorder:
         self._tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # can refuse, so comes first
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
-            refuse_foreign(self.folder, scenario)
-            clear(self.folder)
+            manifest.refuse_foreign(self.folder, scenario)
+            manifest.clear(self.folder)
             self.provenance = _write_beginning(self.folder, scenario, methods or {})
         else:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
@@ -128,9 +118,9 @@ class Recorder:
                 table.close()
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
-            write_json(self.folder / MARK, self._origin())
+            write_json(self.folder / manifest.MARK, self._origin())
             if self._wounds and self.last_step is not None:
-                write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
+                write_bytes(self.folder / manifest.PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
 
     @property
     def last_step(self) -> StepRecord | None:
@@ -208,8 +198,8 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     longer duration counts as the same.
     """
     folder = Path(folder)
-    before = manifest(folder)
-    if before is None or not holds_run(folder):
+    before = manifest.read(folder)
+    if before is None or not manifest.holds_run(folder):
         return False
     changed, (_, digests) = _changes(folder, scenario), _scenario_text(scenario)
     same_mesh = before.get("mesh_sha256") == digests.get("mesh_sha256")
@@ -240,7 +230,7 @@ def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
 
     Raises `ScenarioError`.
     """
-    path = folder / SCENARIO
+    path = folder / manifest.SCENARIO
     try:
         return changes(path.read_text(encoding="utf-8"), _scenario_text(scenario)[0])
     except (OSError, ValueError, RecursionError) as error:
@@ -267,13 +257,13 @@ def check_folder(
     the run that it is to go on with is refused before anything is prepared.
     """
     folder = Path(folder)
-    if manifest(folder) is None:
+    if manifest.read(folder) is None:
         _refuse_others(folder)
-    if holds_run(folder) and not resume:
+    if manifest.holds_run(folder) and not resume:
         _refuse_replacing(folder, [file, mesh_file(scenario) if scenario else None], overwrite)
     if scenario is not None:
-        refuse_foreign(folder, scenario)
-        if resume and holds_run(folder):
+        manifest.refuse_foreign(folder, scenario)
+        if resume and manifest.holds_run(folder):
             given = {key: values for key, values in _changes(folder, scenario).items() if values[1] is not None}
             _refuse_another(folder, scenario, given)
 
@@ -281,9 +271,9 @@ def check_folder(
 def _refuse_others(folder: Path) -> None:
     """Refuse a folder that holds files but no manifest of this code."""
     there = folder.iterdir() if folder.is_dir() else ()
-    others = sorted(path.name for path in set(there) - set(unfinished(folder)))
+    others = sorted(path.name for path in set(there) - set(manifest.unfinished(folder)))
     if others:
-        torn = f", and {MARK} is damaged or not from a run" if MARK in others else ""
+        torn = f", and {manifest.MARK} is damaged or not from a run" if manifest.MARK in others else ""
         raise refused(folder, f"it holds files that no run wrote ({others[0]}{torn}); give a new or empty folder")
 
 
@@ -302,13 +292,13 @@ def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str
     folder.mkdir(parents=True, exist_ok=True)
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
-    origin = provenance() | {"methods": dict(methods)} | digests | {"files": files_of(scenario)}
-    _take_out(unfinished(folder, origin["files"]))
-    write_json(folder / MARK, origin)
+    origin = provenance() | {"methods": dict(methods)} | digests | {"files": manifest.files_of(scenario)}
+    _take_out(manifest.unfinished(folder, origin["files"]))
+    write_json(folder / manifest.MARK, origin)
     if mesh is not None:
         (folder / "mesh").mkdir(exist_ok=True)
         write_bytes(folder / "mesh" / mesh.name, mesh.read_bytes())
-    write_text(folder / SCENARIO, text)
+    write_text(folder / manifest.SCENARIO, text)
     return origin
 
 
@@ -321,12 +311,12 @@ def _take_out(paths: Iterable[Path]) -> None:
 
 def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
     """Remove an earlier end of the run, and note that the run continues."""
-    origin = manifest(folder) or {}
-    _take_out([folder / "summary.json", *unfinished(folder, origin.get("files", ()))])
+    origin = manifest.read(folder) or {}
+    _take_out([folder / "summary.json", *manifest.unfinished(folder, origin.get("files", ()))])
     text, digests = _scenario_text(scenario)
     origin |= digests | {"resumed": [*origin.get("resumed", []), provenance()]}
-    write_json(folder / MARK, origin)
-    write_text(folder / SCENARIO, text)
+    write_json(folder / manifest.MARK, origin)
+    write_text(folder / manifest.SCENARIO, text)
     return origin
 
 

@@ -45,7 +45,7 @@ def files_of(scenario: Scenario) -> list[str]:
     return [name for name in FILES if name not in absent] + ([] if mesh is None else [f"mesh/{mesh.name}"])
 
 
-def manifest(folder: Path) -> dict[str, Any] | None:
+def read(folder: Path) -> dict[str, Any] | None:
     """Read the manifest of a folder; None if the folder has no manifest of this code."""
     found = read_json(folder / MARK)
     return found if "suturefem" in found and isinstance(found.get("files"), list) else None
@@ -53,12 +53,12 @@ def manifest(folder: Path) -> dict[str, Any] | None:
 
 def holds_run(folder: Path) -> bool:
     """Return whether a folder holds a run, finished or not; false if the run stopped before it wrote its scenario."""
-    return manifest(folder) is not None and (folder / SCENARIO).is_file()
+    return read(folder) is not None and (folder / SCENARIO).is_file()
 
 
 def own_files(folder: Path) -> list[Path]:
     """List the files of the run in a folder, with the manifest and the temporary files of a killed run."""
-    listed = (manifest(folder) or {}).get("files", [])
+    listed = (read(folder) or {}).get("files", [])
     known = [name for name in listed if name in FILES or re.fullmatch(r"mesh/[^/\\]+", str(name))]
     frames = frame_files(folder / "frames") if known else []
     return [*(folder / name for name in known), *frames, *unfinished(folder, known)]

@@ -28,16 +28,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from studies.output.columns import (
-    ORGAN_ARRAYS,
-    ORGAN_CELLS,
-    PIERCING_ARRAYS,
-    THREAD_ARRAYS,
-    TIE_ARRAYS,
-    UNITS,
-    Column,
-    values,
-)
+from studies.output import columns
+from studies.output.columns import Column, values
 from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import UNFINISHED, write_bytes, write_text
 from studies.output.records import Snapshot
@@ -138,10 +130,10 @@ class Series:
         """Write the files of a frame, then the index that names them."""
         parts = {f"thread_{step:06d}.vtp": thread_file(frame.thread)}
         if frame.piercings:
-            parts[f"piercings_{step:06d}.vtp"] = _vertices(frame.piercings, PIERCING_ARRAYS, 'Vectors="force"')
+            parts[f"piercings_{step:06d}.vtp"] = _vertices(frame.piercings, columns.PIERCING_ARRAYS, 'Vectors="force"')
         closed = [tie for tie in frame.ties if tie.state != "open"]
         if closed:
-            parts[f"ties_{step:06d}.vtp"] = _vertices(closed, TIE_ARRAYS, 'Scalars="force"')
+            parts[f"ties_{step:06d}.vtp"] = _vertices(closed, columns.TIE_ARRAYS, 'Scalars="force"')
         if frame.organ is not None and self._mesh is not None:
             parts = {f"organ_{step:06d}.vtu": organ_file(self._mesh, frame.organ)} | parts
         for name, data in parts.items():
@@ -201,8 +193,8 @@ def encode_mesh(topology: OrganTopology) -> Markup:
 
 def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
     """Return the organ of one frame as a ``.vtu`` file."""
-    data = _arrays("PointData", values(ORGAN_ARRAYS, organ), 'Vectors="displacement"', as_it_is)
-    data += _arrays("CellData", values(ORGAN_CELLS, organ), 'Scalars="strain"', as_it_is)
+    data = _arrays("PointData", values(columns.ORGAN_ARRAYS, organ), 'Vectors="displacement"', as_it_is)
+    data += _arrays("CellData", values(columns.ORGAN_CELLS, organ), 'Scalars="strain"', as_it_is)
     piece = f'Piece NumberOfPoints="{len(organ.displacement)}" NumberOfCells="{len(organ.strain)}"'
     return _file("UnstructuredGrid", (mesh + data).within(piece))
 
@@ -210,13 +202,13 @@ def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
 def thread_file(thread: ThreadRecord) -> bytes:
     """Return the thread of one frame as a polyline in a ``.vtp`` file; ``radius`` is for the Tube filter."""
     count = len(thread.points)
-    data = _arrays("PointData", values(THREAD_ARRAYS, thread), 'Scalars="tension"', as_differences)
+    data = _arrays("PointData", values(columns.THREAD_ARRAYS, thread), 'Scalars="tension"', as_differences)
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data, as_differences)
 
 
-def _vertices(items: Sequence[Any], columns: Sequence[Column[Any]], active: str) -> bytes:
+def _vertices(items: Sequence[Any], chosen: Sequence[Column[Any]], active: str) -> bytes:
     """Write piercings or ties of one frame, which have a place each, as vertices in ``.vtp``."""
-    arrays = {column.name: np.array([column.of(item) for item in items]) for column in columns}
+    arrays = {column.name: np.array([column.of(item) for item in items]) for column in chosen}
     points = np.array([item.x for item in items])
     return _poly_data(points, "Verts", [1] * len(items), _arrays("PointData", arrays, active, by_zlib), by_zlib)
 
@@ -298,7 +290,7 @@ def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack) -> Ma
     """Return fields by name as markup, whole numbers as integers; a field that is None is left out."""
     given = {name: _rounded(name, np.asarray(values)) for name, values in arrays.items() if values is not None}
     fields = (
-        _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", pack, UNITS[name])
+        _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", pack, columns.UNITS[name])
         for name, values in given.items()
     )
     return _joined(fields).within(f"{kind} {active}")

@@ -4,9 +4,11 @@ Each function judges one quantity by plain numbers and returns its remarks. The 
 `studies.output.remarks`.
 """
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import dist
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,17 +34,8 @@ from thread.vectors import curvature
 
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
-PRESSURES, LENGTHS, DENSITIES = {"kPa": 1e3, "MPa": 1e6, "GPa": 1e9}, {"mm": 1e-3}, {"g/cm³": 1e3}
 # What organs and sutures have, with room to spare, in its unit, and others in which it may have been given.
-PLAUSIBLE = {
-    "size": (1e-3, 2.0, "m", LENGTHS),
-    "tissue.youngs_modulus": (3e2, 1e10, "Pa", PRESSURES),  # brain to tendon
-    "tissue.density": (3e2, 5e3, "kg/m³", DENSITIES),
-    "thread.length": (1e-3, 1e1, "m", LENGTHS),
-    "thread.diameter": (5e-6, 3e-3, "m", LENGTHS),
-    "thread.youngs_modulus": (1e5, 1e12, "Pa", PRESSURES),
-    "thread.density": (3e2, 2.5e4, "kg/m³", DENSITIES),  # to tungsten
-}
+PLAUSIBLE = tomllib.loads(Path(__file__).with_name("plausible.toml").read_text(encoding="utf-8"))
 
 
 def foreseen(assembly: Assembly, q: Array) -> list[Remark]:

@@ -10,6 +10,7 @@ import re
 import shutil
 import sys
 import tempfile
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,23 +20,7 @@ from studies.site.notebook import cells_of, markdown
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("meshes", "thread", "tissue", "coupling", "studies")
 CODE = "code"  # folder of the pages made from the code
-PAGES: dict[str, Any] = {
-    "Home": "README.md",
-    "Five minutes": "studies/site/START.md",
-    "Tutorial": "studies/site/TUTORIAL.md",
-    "Guide": "studies/scenario/GUIDE.md",
-    "Scenario file": "studies/scenario/README.md",
-    "Results": "studies/output/README.md",
-    "From Python": "studies/site/python.ipynb",
-    "Sweeps": "studies/sweeps/README.md",
-    "Refinement": "studies/refinement/README.md",
-    "Theory": "coupling/README.md",
-    "Studies": "studies/README.md",
-    "Verification": "tests/README.md",
-    "Speed": "studies/bench/README.md",
-    "How to change it": "CONTRIBUTING.md",
-    "Changes": "CHANGELOG.md",
-}
+PAGES: dict[str, str] = tomllib.loads(Path(__file__).with_name("pages.toml").read_text(encoding="utf-8"))
 CHECKED = ("not_found", "anchors", "absolute_links", "unrecognized_links")  # checks of every link
 LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
 NOTEBOOKS = re.compile(r"(\]\([^)\s]+)\.ipynb([)#])")

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -48,12 +47,7 @@ MILLI, KILO = 1e-3, 1e3
 
 TISSUES = told("suture_tension")["published"]
 say = sentences("suture_tension")
-MATERIALS: dict[str, dict[str, Any]] = {  # with the same E and ν at small strain
-    "linear": {},
-    "neo-hookean": {"material": "neo-hookean"},
-    "exponential, b = 1": {"material": "exponential", "stiffening": 1.0},
-    "exponential, b = 5": {"material": "exponential", "stiffening": 5.0},
-}
+MATERIALS = told("suture_tension")["materials"]  # with the same E and ν at small strain
 VARIED = {"cells": "cells", "bite width": "bite", "bite depth": "depth"}  # field by sweep
 
 

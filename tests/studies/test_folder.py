@@ -18,8 +18,9 @@ import pyvista as pv
 
 from studies.output.columns import Column
 from studies.output.files import write_json, write_text
-from studies.output.folder import MARK, Recorder, check_folder
+from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
+from studies.output.manifest import MARK
 from studies.output.provenance import provenance
 from studies.output.tables import CsvFile
 from studies.scenario import ScenarioError, load, parse

@@ -18,7 +18,8 @@ import pyvista as pv
 
 from studies.command import command
 from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_checkpoint, sealed, write_checkpoint
-from studies.output.folder import MARK, Recorder, can_resume
+from studies.output.folder import Recorder, can_resume
+from studies.output.manifest import MARK
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, load, parse
 from studies.scenario.toml import tables
