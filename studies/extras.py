@@ -4,6 +4,8 @@ import tomllib
 from pathlib import Path
 
 LIBRARIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+# of Debian, without which there is no OpenGL
+SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 EXTRAS = {library: told["extra"] for library, told in LIBRARIES.items()}
 
 

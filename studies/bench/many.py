@@ -25,7 +25,7 @@ from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, keep, printed, time_call
 from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -48,12 +48,7 @@ TENSIONS = 64
 LEAST, MOST = 0.1, 0.2  # N
 ALONG = np.array([0.832, 0.0, 0.555])  # direction of the pull at the end; the start is pulled in opposite x
 AT_REST = ("--set=solve.kind=static", "--set=solve.load_steps=1")
-BOTH = '--set=thread.end={ kind = "pulled", force = [0.1, 0, 0.1] }'
-CASES = {  # additional settings
-    "one end, the other driven": [],  # 16 mm of thread are drawn through
-    "both ends": [BOTH],
-    "both ends, by compiled loops": [BOTH, f"--set={COMPILED}"],
-}
+CASES = EVERY_CASE["tensions"]
 
 
 @dataclass(frozen=True)

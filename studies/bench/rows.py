@@ -12,7 +12,9 @@ from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 R = TypeVar("R")
-COLUMNS = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
+COLUMNS, EVERY_CASE = (
+    tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8")) for name in ("columns.toml", "cases.toml")
+)
 
 
 def printed(table: str, rows: Iterable[R]) -> list[R]:

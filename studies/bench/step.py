@@ -18,7 +18,7 @@ import numpy as np
 
 import tissue
 from coupling.integrators import BDF2
-from studies.bench.rows import keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, keep, printed, time_call
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
@@ -32,15 +32,7 @@ FIXED = [  # for every scene, because the sizes belong to these meshes
     *(f"piercing.{name}.footprint=1.5e-3" for name in ("entry", "exit")),
 ]
 COMPILED = 'solve.newton="compiled"'
-ROUGH = [f"piercing.{name}.friction={{static=0.2,kinetic=0.15}}" for name in ("entry", "exit")]
-CASES: dict[str, tuple[str, list[str]]] = {
-    "paper_figure_1": ("paper_figure_1", []),
-    "with friction": ("paper_figure_1", ROUGH),
-    "of 100 points": ("paper_figure_1", [*ROUGH, "thread.control_points=100"]),
-    "two_piercings": ("two_piercings", []),
-    "without inertia": ("two_piercings", ["tissue.inertia=false"]),
-    "solved whole": ("two_piercings", ['solve.organ="whole"']),
-}
+CASES = EVERY_CASE["step"]
 MOST = 10_000  # steps
 LONGEST = 60.0  # s of the processor, after which no new run of a scene is started
 LATE = 99.9  # per cent of the steps

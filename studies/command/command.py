@@ -111,7 +111,8 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
     """Simulate into a writable folder, and draw the last frame; return the exit status."""
     begun = begin(simulation, options.out, options.resume)
     if begun is None:
-        _say(options, f"the run in {options.out} is complete; nothing remains to be done")
+        if not options.quiet:
+            print_lines([f"the run in {options.out} is complete; nothing remains to be done"])
         return _doubt(options, [Remark(**record) for record in open_run(options.out).remarks])
     recorder, moments = begun
     log = RunLog(options.out, " ".join(["suture", *options.words]))
@@ -403,11 +404,6 @@ def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> 
     progress.close()
     kept = f"; the completed rows are in {folder / 'runs.csv'}" if progress.rows else ""
     return complain(f"{cause}{kept}", status)
-
-
-def _say(options: argparse.Namespace, text: str) -> None:
-    if not options.quiet:
-        print_lines([text])
 
 
 if __name__ == "__main__":

@@ -13,16 +13,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from studies.command.lines import print_lines
-from studies.extras import LIBRARIES, installation
+from studies.extras import LIBRARIES, SYSTEM_LIBRARIES, installation
 from studies.output.version import installed_version
 from studies.scenario import ScenarioError, scenes
 from studies.scenario.reference import cost_of, title_of
 
 TEMPLATE, STITCHES = (Path(__file__).with_name(name) for name in ("new.toml", "stitches.toml"))
-GL = (
-    "on Debian: apt-get install --no-install-recommends libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 "
-    "libxinerama1 libgomp1"
-)
+GL = f"on Debian: apt-get install --no-install-recommends {SYSTEM_LIBRARIES}"
 
 
 def new(options: argparse.Namespace) -> int:

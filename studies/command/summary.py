@@ -31,9 +31,8 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     ]
     if "energy" in summary:
         lines += ["", *_energy_lines(summary["energy"])]
-        lines += [
-            f"thread     at most {summary['constraint_max']:.0e} m from its holes, largest strain {_strain(summary)}"
-        ]
+        strain = f"{100 * summary['thread']['max_strain']:.3g} %"
+        lines.append(f"thread     at most {summary['constraint_max']:.0e} m from its holes, largest strain {strain}")
     return lines
 
 
@@ -140,10 +139,6 @@ def wound_lines(contact: ContactRecord) -> list[str]:
         f"wound      {contact.pair}: closure force {contact.closure_force:.3g} N{most}; "
         f"{100 * contact.approximation:.3g} % of its area is closed{turned}"
     ]
-
-
-def _strain(summary: dict[str, Any]) -> str:
-    return f"{100 * summary['thread']['max_strain']:.3g} %"
 
 
 def range_line(met: Mapping[str, Any]) -> str:

@@ -139,7 +139,8 @@ class Series:
         for name, data in parts.items():
             write_bytes(self._folder / "frames" / name, data)
             self._entries.append(_entry(frame.time, name))
-        write_text(self._folder / "results.pvd", index_text(self._entries))
+        listed = Markup("".join(self._entries)).within("Collection").text  # parts of one time are shown together
+        write_text(self._folder / "results.pvd", f"{_head('Collection', '0.1')}{listed}</VTKFile>\n")
 
 
 def entries(index: Path, before: int) -> list[str]:
@@ -173,11 +174,6 @@ def step_of(name: str) -> int:
     """Return the step in the name of a frame's file, or −1."""
     found = FRAME.search(name)
     return int(found[1]) if found else -1
-
-
-def index_text(entries: Sequence[str]) -> str:
-    """Return the ``.pvd`` file; the parts of one time are shown together."""
-    return _head("Collection", "0.1") + Markup("".join(entries)).within("Collection").text + "</VTKFile>\n"
 
 
 def encode_mesh(topology: OrganTopology) -> Markup:

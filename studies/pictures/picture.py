@@ -16,7 +16,7 @@ from pathlib import Path
 
 from meshes.child import last_words, run_module
 from studies.arrays import Array
-from studies.extras import installation
+from studies.extras import SYSTEM_LIBRARIES, installation
 from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
 from studies.output.records import Snapshot
@@ -24,7 +24,6 @@ from studies.pictures.scene import FILM, frame_of
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
-PACKAGES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place at the start of a message
 
 
@@ -84,7 +83,8 @@ def draw_scene(
         if is_installed("matplotlib"):
             flat = draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience)
     no_space = f"OpenGL does not work here ({causes[-1]})" if causes else "pyvista is not installed"
-    remedy = f"apt-get install --no-install-recommends {PACKAGES}" if causes else installation("pyvista")
+    install = f"apt-get install --no-install-recommends {SYSTEM_LIBRARIES}"
+    remedy = install if causes else installation("pyvista")
     if not flat:
         return Drawn(f"{path}: section (matplotlib); {no_space}, for the 3-D picture: {remedy}")
     failure = f"{no_space}; {flat}; {remedy}"

@@ -66,15 +66,11 @@ def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
 def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
     """Yield the quantities of a table's rows, with fewer points and in the units of the charts."""
     chosen = thinned(len(rows.columns["time"]))
+    scalars = [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in LOOSE]
     time = rows.columns["time"][chosen]
-    for name, unit, values in [*plain_columns(rows), *lengths(rows)]:
+    for name, unit, values in [*scalars, *lengths(rows)]:
         factor, shown = SHOWN.get(unit, (1.0, unit))
         yield Series(run, table, name, item, shown, time, factor * values[chosen])
-
-
-def plain_columns(rows: Table) -> list[tuple[str, str, Array]]:
-    """Return the columns of numbers with unit and values."""
-    return [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in LOOSE]
 
 
 def lengths(rows: Table) -> list[tuple[str, str, Array]]:

@@ -18,6 +18,7 @@ from meshes.given import given_mesh, mesh_digest
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.refusal import dotted_key, nearest, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
 from tissue.elasticity import ELEMENTS
@@ -112,17 +113,14 @@ class Given:
         if self.basis is not None:
             yield from faults_of_basis(self.basis, table.element)
         if self.stiffness is not None and table.material != "linear":
-            reason = 'the given stiffness needs a linear organ; set "linear", or give an energy'
-            yield refusal("tissue.material", table.material, reason)
+            yield refusal("tissue.material", table.material, because("stiffness-finite"))
         if self.energy is not None:
             yield from faults_of_energy(table)
         accuracy = table.mesh.accuracy
         if accuracy != "given" and (self.stiffness is not None or self.basis is not None):
-            reason = 'a given stiffness or basis belongs to its own mesh; set "given"'
-            yield refusal("tissue.mesh.accuracy", accuracy, reason)
+            yield refusal("tissue.mesh.accuracy", accuracy, because("basis-mesh"))
         if table.mesh.bound and (self.stiffness is not None or self.energy is not None):
-            reason = "bounds need an isotropic linear organ, but another law is given; leave it out"
-            yield refusal("tissue.mesh.bound", True, reason)
+            yield refusal("tissue.mesh.bound", True, because("bounds-law"))
 
     def _faults_of_friction(self, scenario: Scenario) -> Iterator[str]:
         holes = {hole.name: hole for hole in scenario.piercing}
@@ -137,13 +135,11 @@ class Given:
         if not self.friction:
             return
         if scenario.solve.friction == "two-pass":
-            reason = "the two passes need Coulomb's law; use implicit"
-            yield refusal("solve.friction", "two-pass", f"a law of friction is given, and {reason}")
+            yield refusal("solve.friction", "two-pass", because("law-two-pass"))
         if scenario.solve.scheme == "linear":
-            yield refusal("solve.scheme", "linear", "it cannot use the given law of friction; use newton")
+            yield refusal("solve.scheme", "linear", because("law-linear"))
         if not scenario.thread.bending:
-            reason = "friction acts along the tangent, which only bending determines; set true"
-            yield refusal("thread.bending", False, f"a law of friction is given, and {reason}")
+            yield refusal("thread.bending", False, because("law-bending"))
 
     def _faults_of_ranks(self, scenario: Scenario) -> Iterator[str]:
         table = scenario.tissue
@@ -152,11 +148,9 @@ class Given:
         if table is None:
             yield "ranks is refused: they share columns of an organ, and there is none; add [tissue]"
         elif table.inertia and scenario.solve.kind == "dynamic":
-            reason = "ranks share columns solved once, but an organ with inertia is solved in every step"
-            yield refusal("tissue.inertia", True, f"{reason}; set false")
+            yield refusal("tissue.inertia", True, because("ranks-inertia"))
         elif table.material != "linear":
-            reason = "ranks share columns solved once, but the tangent at finite strain changes"
-            yield refusal("tissue.material", table.material, f'{reason}; set "linear"')
+            yield refusal("tissue.material", table.material, because("ranks-finite"))
         elif scenario.floats:
             yield "ranks is refused: an unheld body is solved in every step; clamp it, or leave out ranks"
 
@@ -205,15 +199,13 @@ def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
     if not isinstance(basis.mesh, skfem.MeshTet) or type(basis.elem) is not type(own):
         yield f"basis is refused: it is {basis.elem!r} on a {type(basis.mesh).__name__}; give {own!r} on a MeshTet"
     elif type(basis.elem.elem) is not type(own.elem):
-        reason = f"the given basis has {type(basis.elem.elem).__name__}; set the key to match, P1 or P2"
-        yield refusal("tissue.element", element, reason)
+        yield refusal("tissue.element", element, because("basis-element", element=type(basis.elem.elem).__name__))
 
 
 def faults_of_energy(table: model.Tissue) -> Iterator[str]:
     """Yield the refused keys of an organ's table that the energy from Python replaces."""
     if table.material == "linear":
-        reason = 'the given energy is for finite strain; set "neo-hookean", which it replaces'
-        yield refusal("tissue.material", "linear", reason)
+        yield refusal("tissue.material", "linear", because("energy-linear"))
     for place, part in (("tissue", table), *((dotted_key(["tissue", "region", r.name]), r) for r in table.region)):
         for key in ("stiffening", "fibres"):
             if getattr(part, key) is not None:

@@ -46,8 +46,9 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     bends = bent_sharply(*sharpest_bend(thread, q), thread.section.diameter) if straight else []
     out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
     out += after_end(times_of(scenario), scenario.solve.duration)
-    out += [said for key, ramp in ramps_of(scenario).items() for said in unloaded_rest(key, ramp)]
-    out += undetermined_slip(scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0]))
+    out += [remark("rest-unloaded", key, ramp=ramp) for key, ramp in ramps_of(scenario).items() if ramp]
+    free = scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0])
+    out += judged(free, "slides-freely", "piercing")
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = moduli_at(assembly.body, scenario.piercing)
     at = np.array(of_piercings(assembly.holes, assembly.at.tolist()))
@@ -87,11 +88,6 @@ def ramps_of(scenario: Scenario) -> dict[str, float]:
         return {}
     ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
     return {key: end.ramp for key, end in ends.items() if isinstance(end, model.PulledEnd) and end.ramp is not None}
-
-
-def unloaded_rest(key: str, ramp: float) -> list[Remark]:
-    """Return a remark if the dead load on the end `key` grows within a `ramp` [s] and is zero at the start."""
-    return judged(ramp != 0.0, "rest-unloaded", key, ramp=ramp)
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
@@ -410,11 +406,6 @@ def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
     """Return remarks on contacts with a large coefficient of friction."""
     steep = [pair for pair in contacts if pair.friction > bounds.STEEP]
     return [remark("contact-rough", " - ".join(pair.between), pair=pair) for pair in steep]
-
-
-def undetermined_slip(free: bool) -> list[Remark]:
-    """Return a remark if the slip is undetermined, because the thread is `free` to slide as a whole."""
-    return judged(free, "slides-freely", "piercing")
 
 
 def unheld(scenario: Scenario) -> list[Remark]:

@@ -18,6 +18,7 @@ from threadpoolctl import ThreadpoolController
 from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.refusal import refusal
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
@@ -96,16 +97,14 @@ class Stepper:
         if end not in ENDS:
             raise ScenarioError(refusal("end", end, 'allowed are "start" and "end", of the thread'))
         if deadline is not None and not deadline >= 0.0:
-            reason = "allowed are times of 0 s or more; None is the length of the step"
-            raise ScenarioError(refusal("deadline", deadline, reason))
+            raise ScenarioError(refusal("deadline", deadline, because("deadline")))
         if scenario.solve.kind == "static":
             raise ScenarioError(refusal("solve.kind", "static", "a stepper needs time steps; use dynamic"))
         self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
         self._now = simulation.beginning()
         if not is_led(self._now.system.ends[self._side]):
             kind = getattr(scenario.thread, end).kind
-            reason = "a hand can only move an end whose place is prescribed; use driven or fixed, or the other end"
-            raise ScenarioError(refusal(f"thread.{end}.kind", kind, reason))
+            raise ScenarioError(refusal(f"thread.{end}.kind", kind, because("end-free")))
         self._seconds, self._missed = array("d"), 0
         self._threads = ThreadpoolController()
 

@@ -165,6 +165,7 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
         for name, unit in units.items()
     ]
     remarks = [case.summary.get("remarks", []) for case in cases]
+    said = ("; ".join(f"{remark['code']} ({remark['where']})" for remark in row) for row in remarks)
     unsupported = (sum(remark["severity"] == "unsupported" for remark in row) for row in remarks)
     return SweepTable(
         (
@@ -172,16 +173,11 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
             *keys,
             Column("exit_status", "", tuple(case.exit_status for case in cases)),
             Column("unsupported", "", tuple(unsupported)),
-            Column("remarks", "", tuple("; ".join(map(remark_in_short, row)) for row in remarks)),
+            Column("remarks", "", tuple(said)),
             *told,
             Column("cells", "-", tuple(case.cells for case in cases)),
         )
     )
-
-
-def remark_in_short(remark: Mapping[str, str]) -> str:
-    """Return the code of a remark and its place."""
-    return f"{remark['code']} ({remark['where']})"
 
 
 def plain(value: Any) -> float | int | str | bool | None:
