@@ -28,7 +28,8 @@ REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps temporary
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
 MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # used by the code in those folders
-LISTS = ("studies/output/columns.toml", "studies/output/remarks.toml")  # of the names and words of a summary
+# of the names, words and bounds of a summary
+LISTS = ("studies/output/columns.toml", "studies/output/remarks.toml", "studies/simulation/plausible.toml")
 PACKAGES = (  # packages that influence numbers
     "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
 )  # fmt: skip
