@@ -1,4 +1,4 @@
-"""A compiled function that another calls by its address, so that its code is no part of the other's, compiled again."""
+"""Calls of a compiled function by its address: the code of the function is not compiled again into its caller."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,8 +9,11 @@ from numba.extending import intrinsic
 
 
 def address_of(function: Any, given: tuple[object, ...]) -> int:
-    """Return the address of a function compiled for the types of the arguments `given`, zero where Numba is switched
-    off. What is kept on disk has another one in each process."""
+    """Return the address of a function compiled for the types of the arguments `given`.
+
+    The address is zero if Numba is disabled. A function that is cached on disk has another address
+    in each process.
+    """
     if config.DISABLE_JIT:
         return 0
     kinds = tuple(typeof(x) for x in given)
@@ -20,8 +23,10 @@ def address_of(function: Any, given: tuple[object, ...]) -> int:
 
 
 def by_address(function: Any) -> Callable[[int, tuple[Any, ...]], Any]:
-    """Return a function, for loops, of an address and of arguments in a tuple, that calls a compiled one which
-    `address_of` has found there."""
+    """Return a function for loops that calls a compiled function by an address and a tuple of arguments.
+
+    The address is the result of `address_of`.
+    """
     if config.DISABLE_JIT:
         return lambda _, given: function(*given)
 

@@ -1,8 +1,10 @@
 """A symmetric matrix over the thread, in 3 × 3 blocks of points that are at most three apart.
 
-`A` (n + 3, 3, 12): row x of point i against the unknowns of the points i to i + 3; what lies below the diagonal of the
-first block is not read, and the last three points are padding. L D Lᵀ without exchanges is as accurate as any where the
-matrix is positive definite. Under compression it is not, and is solved with exchanges of rows, at three times the cost.
+`A` (n + 3, 3, 12): row x of point i, with columns for the unknowns of the points i to i + 3. The
+entries below the diagonal of the first block are not read, and the last three points are padding.
+If the matrix is positive definite, L D Lᵀ without pivoting is as accurate as any other
+factorisation. Under compression the matrix can be indefinite; it is then solved with row pivoting,
+at three times the cost.
 """
 
 import numpy as np
@@ -10,8 +12,8 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from thread.kernels.loops import loop, owning
 
-REACH = 3  # points to each side on a cubic
-HALF = 3 * (REACH + 1) - 1  # diagonals to each side
+REACH = 3  # coupled points on each side, for a cubic spline
+HALF = 3 * (REACH + 1) - 1  # diagonals on each side
 
 
 @loop
@@ -30,7 +32,10 @@ def hold_still(A: Array, held: Flags) -> None:
 
 @owning
 def factorise(A: Array) -> bool:
-    """Factorise in place: 1/D on the diagonal, the rows of Lᵀ to its right. False where A is not positive definite."""
+    """Factorise in place: 1/D on the diagonal, and the rows of Lᵀ to its right.
+
+    Returns False if A is not positive definite.
+    """
     U = np.zeros((3, 12))
     for i in range(len(A) - REACH):
         B = A[i]
@@ -58,7 +63,10 @@ def factorise(A: Array) -> bool:
 
 @loop
 def solve_lower(A: Array, X: Array, first: int) -> None:
-    """Replace `X` (n + 3, 3, k) by L⁻¹X; all its columns but the first are zero before the point `first`."""
+    """Replace `X` (n + 3, 3, k) by L⁻¹X.
+
+    All columns of X except the first are zero before the point `first`.
+    """
     for i in range(len(A) - REACH):
         columns, B = X.shape[2] if i >= first else 1, A[i]
         x, y, z = X[i, 0], X[i, 1], X[i, 2]
@@ -94,7 +102,7 @@ def solve_upper(A: Array, X: Array) -> None:
 
 @owning
 def full_band(A: Array) -> Array:
-    """Return the matrix row by row with room for exchanges: entry (i, c) stands at (i, c − i + HALF)."""
+    """Return the matrix row by row with room for row pivoting: entry (i, c) is at (i, c − i + HALF)."""
     size = 3 * (len(A) - REACH)
     band = np.zeros((size, 3 * HALF + 1))
     for i in range(size):
@@ -107,8 +115,12 @@ def full_band(A: Array) -> Array:
 
 @loop
 def eliminate_by_exchanges(band: Array, X: Array) -> bool:
-    """Eliminate below the diagonal of a full band, the right-hand sides `X` (n + 3, 3, k) with it, each time with the
-    row of the largest entry; False where all are zero."""
+    """Eliminate the entries below the diagonal of a full band with row pivoting, together with `X`
+    (n + 3, 3, k).
+
+    X are the right-hand sides. The pivot is the largest entry of the column. Returns False if all
+    entries of a column are zero.
+    """
     size, columns = len(band), X.shape[2]
     for j in range(size):
         below, right, best = min(size, j + HALF + 1), min(size, j + 2 * HALF + 1), j
@@ -136,7 +148,7 @@ def eliminate_by_exchanges(band: Array, X: Array) -> bool:
 
 @owning
 def solve_by_exchanges(A: Array, X: Array) -> bool:
-    """Replace `X` (n + 3, 3, k) by A⁻¹X, by elimination with exchanges of rows; False where A is singular."""
+    """Replace `X` (n + 3, 3, k) by A⁻¹X, with row pivoting. Returns False if A is singular."""
     band = full_band(A)
     size, columns = len(band), X.shape[2]
     if not eliminate_by_exchanges(band, X):
@@ -152,8 +164,10 @@ def solve_by_exchanges(A: Array, X: Array) -> bool:
 
 @owning
 def solve_band(A: Array, X: Array, first: int) -> bool:
-    """Replace `X` (n + 3, 3, k) by A⁻¹X; all its columns but the first are zero before the point `first`. False where A
-    is singular."""
+    """Replace `X` (n + 3, 3, k) by A⁻¹X. Returns False if A is singular.
+
+    All columns of X except the first are zero before the point `first`.
+    """
     factors = np.zeros(A.shape)
     for i in range(len(A)):
         for x in range(3):
@@ -168,8 +182,10 @@ def solve_band(A: Array, X: Array, first: int) -> bool:
 
 @loop
 def solve_dense(M: Array) -> bool:
-    """Solve for the right-hand sides that are the last columns of `M` (k, k + …), in place, by exchanges of rows. False
-    where the matrix is singular."""
+    """Solve for the right-hand sides in the last columns of `M` (k, k + …), in place, with row pivoting.
+
+    Returns False if the matrix is singular.
+    """
     k, width = M.shape
     for j in range(k):
         best = j

@@ -12,23 +12,25 @@ from thread.kernels.loops import entry, loop, numbers, owning
 from thread.kernels.vectors import add_column, add_matrix, add_row, diagonal, dot
 
 LAW, S, LAM, MU_U, MU_V, X, U, V = numbers(0, 0, 1, 4, 5, 6, 9, 12)  # row of the law; columns of a hold's unknowns
-G, C1, C2 = numbers(1, 4, 5)  # rows of B and D: after the law of sliding
+G, C1, C2 = numbers(1, 4, 5)  # rows of B and D, after the row of the law of sliding
 AT_P, AT_T, AT_K = numbers(0, 3, 6)  # the thread's nine numbers
-OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's
+OF_X, OF_U, OF_V = numbers(0, 3, 6)  # the organ's nine numbers
 NINE, OWN, BORDER = 9, 6, 15
-LARGEST = 1e300  # where sums are reordered, x − x is zero although x is no number: so compare
+LARGEST = 1e300  # a number that is not below this is inf or nan; if sums are reordered, x − x can be zero for nan
 
 
 class Border(NamedTuple):
     """The linearised holds, block by block over `m` holds.
 
     Thread: A dq + V E dz = −r_q. Holds: B Vᵀdq + D dz = −r. Organ: dy − C (F dz + R Vᵀdq) = −r_y.
-    `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15), `R` (m, 9, 9), `S` (m, m): −∂²Π/∂s² of a thread
-    whose knots ride with the holes, beside D in the laws of sliding. Its V has H_qs, one column, in the place of b''.
+    The blocks are `E` (m, 9, 15), `B` (m, 6, 9), `D` (m, 6, 15), `F` (m, 9, 15) and `R` (m, 9, 9).
+    `S` (m, m) is −∂²Π/∂s² of a thread whose knots travel; it is added to D in the laws of sliding.
+    The V of such a thread has one column H_qs in the place of b''.
 
-    E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq, where q stands for the thread's nine numbers at a
-    hold, (P, T, T'). The first row of B and D is the law of sliding, the others are Φ_q and (Φ_s, 0, Φ_y). The blocks
-    that have a name here are views: who writes into one writes into the border.
+    E = (H_qs, −Φ_qᵀ, H_qy), F = (−H_ys, Φ_yᵀ, −H_yy) and R = −H_yq. Here q means the thread's nine
+    numbers at a hold, (P, T, T'). The first row of B and D is the law of sliding; the other rows
+    are Φ_q and (Φ_s, 0, Φ_y). The named blocks are views: a change of a named block changes the
+    border.
     """
 
     E: Array
@@ -71,7 +73,7 @@ class Border(NamedTuple):
 
 @owning
 def empty_border(m: int) -> Border:
-    """Return the border of `m` holds."""
+    """Return the border of `m` holds with every block zero."""
     return Border(
         np.zeros((m, NINE, BORDER)),
         np.zeros((m, OWN, NINE)),
@@ -84,7 +86,7 @@ def empty_border(m: int) -> Border:
 
 @loop
 def linearise(h: Hold, border: Border) -> None:
-    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold, all blocks zero before."""
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold into a `border` of zeros."""
     E, B, D, F, R, _ = border
     one = diagonal(1.0)
 
@@ -121,7 +123,7 @@ def linearise(h: Hold, border: Border) -> None:
 
 @loop
 def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border: Border) -> None:
-    """Linearise hold number k into its part of a border, with the constraints `rows` (5,) in force."""
+    """Linearise hold k into its part of a border, with the active constraints `rows` (5,)."""
     B, D = border.B[k], border.D[k]
     linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k], border.S))
     linearise_law(law, k, sigma, h, B, D)
@@ -130,7 +132,7 @@ def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border:
 
 @loop
 def drop_constraints(B: Array, D: Array, rows: Flags) -> None:
-    """Replace the rows of the constraints that are not in force, `rows` (5,), by λ = 0."""
+    """Replace the rows of inactive constraints by λ = 0; `rows` (5,) are the active constraints."""
     for j in range(5):
         if not rows[j]:
             for z in range(NINE):
@@ -142,8 +144,10 @@ def drop_constraints(B: Array, D: Array, rows: Flags) -> None:
 
 @loop
 def put_columns(first: int, b: Array, orders: int, X: Array, column: int) -> None:
-    """Write V = (b, b', b'') ⊗ I₃ of one hold, so many `orders` of it, into nine columns of `X` (n + 3, 3, k), zero
-    before."""
+    """Write V = (b, b', b'') ⊗ I₃ of one hold into nine columns of `X` (n + 3, 3, k), which are zero before.
+
+    Only the first `orders` of b, b', b'' are written.
+    """
     for order in range(orders):
         for i in range(4):
             for x in range(3):
@@ -152,7 +156,7 @@ def put_columns(first: int, b: Array, orders: int, X: Array, column: int) -> Non
 
 @loop
 def put_riding(k: int, by_qs: Array, X: Array, column: int) -> None:
-    """Write H_qs of hold k, of `by_qs` (n, 3, m), into the column of `X` (n + 3, 3, k) for it."""
+    """Write H_qs of hold k, from `by_qs` (n, 3, m), into its column of `X` (n + 3, 3, k)."""
     for i in range(len(by_qs)):
         for x in range(3):
             X[i, x, column + AT_K] = by_qs[i, x, k]
@@ -160,7 +164,7 @@ def put_riding(k: int, by_qs: Array, X: Array, column: int) -> None:
 
 @loop
 def values_riding(k: int, by_qs: Array, X: Array, out: Array, at: int) -> None:
-    """Write H_qsᵀ X of hold k to its row among those from `at` on."""
+    """Add H_qsᵀ X of hold k to its row of `out`; `at` is the first row of the hold."""
     row = out[at + AT_K]
     for i in range(len(by_qs)):
         for x in range(3):
@@ -172,7 +176,10 @@ def values_riding(k: int, by_qs: Array, X: Array, out: Array, at: int) -> None:
 
 @loop
 def values_at_hold(first: int, b: Array, orders: int, X: Array, out: Array, at: int) -> None:
-    """Write Vᵀ X of one hold, so many `orders` of it, shape `(9, k)`, to the rows from `at` on."""
+    """Write Vᵀ X of one hold, shape `(9, k)`, to the rows of `out` from `at` on.
+
+    Only the first `orders` of b, b', b'' are used.
+    """
     for order in range(orders):
         b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
         for x in range(3):
@@ -184,8 +191,11 @@ def values_at_hold(first: int, b: Array, orders: int, X: Array, out: Array, at: 
 
 @loop
 def site_residual(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array, f_y: Array, out: Array) -> None:
-    """Write y − y_free − C f_y into `out` (m, 9); of a tie x_a − x_b less the gap, `gaps` (t, 3) [m], between its
-    strands, and the balance of their forces."""
+    """Write y − y_free − C f_y into `out` (m, 9).
+
+    The residuals of x are different for the two strands of a tie. They are x_a − x_b minus the gap
+    between the strands, from `gaps` (t, 3) [m], and the sum of the two forces times the compliance.
+    """
     for i in range(len(C)):
         moved = 0.0
         for j in range(len(C)):
@@ -203,8 +213,12 @@ def site_residual(joints: Joints, C: Array, y_free: Array, gaps: Array, y: Array
 def stiffen_hold(
     scale: float, rows: Flags, b: Array, border: Border, holds: Array, k: int, K: Array, push: Array
 ) -> None:
-    """Add Φ_qᵀ Γ (… + Φ_s ds + Φ_y dy) of hold k to its E, add Φ_qᵀ Γ Φ_q over (P, T, T') to `K` (9, 9) and
-    Φ_qᵀ Γ Φ to `push` (9,). Γ is of the `scale` [N/m] of the thread's band on its control points."""
+    """Add the stiffness of the constraints of hold k to the thread: its terms in E, in `K` (9, 9)
+    and in `push` (9,).
+
+    E gets Φ_qᵀ Γ (Φ_s ds + Φ_y dy), `K` gets Φ_qᵀ Γ Φ_q over (P, T, T'), and `push` gets Φ_qᵀ Γ Φ.
+    The scale of Γ is the `scale` [N/m] of the thread's matrix over its control points.
+    """
     B, D, E, square = border.B[k], border.D[k], border.E[k], 0.0
     for i in range(4):
         square += b[0, i] ** 2 + b[1, i] ** 2
@@ -223,7 +237,7 @@ def stiffen_hold(
 
 @loop
 def is_given(border: Border, r: Array, k: int, row: int) -> bool:
-    """Whether a row of hold k says of its own unknown alone that it stays: a multiplier that is not in force."""
+    """Return whether a row of hold k only keeps its own unknown unchanged, as for an inactive multiplier."""
     given = r[k, row] == 0.0
     for z in range(NINE):
         given &= border.B[k, row, z] == 0.0
@@ -234,9 +248,13 @@ def is_given(border: Border, r: Array, k: int, row: int) -> bool:
 
 @loop
 def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int:
-    """Write the place of each number of the holds among those that are solved for into `at` (15m,), −1 for the others,
-    and return how many there are: s and the multipliers in force; of a strand of a tie its x; and for a number of any
-    other site the force on it, where that depends on the thread. The rest of dy follows from the forces."""
+    """Number the unknowns of the holds that are solved for, and return their count.
+
+    `at` (15m,) gets the number of each unknown, or −1 if it is not solved for. Solved for are s,
+    the active multipliers and, for a strand of a tie, its x. For another number of a site the
+    unknown is its force, if the force depends on the thread. The rest of dy follows from the
+    forces.
+    """
     for i in range(len(at)):
         k, j = i // BORDER, i % BORDER
         at[i] = -1
@@ -260,7 +278,7 @@ def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int
 
 @loop
 def is_strand(joints: Joints, k: int) -> bool:
-    """Whether hold k is a strand of a tie."""
+    """Return whether hold k is a strand of a tie."""
     found = False
     for tie in range(len(joints.strands)):
         found |= joints.strands[tie, 0] == k or joints.strands[tie, 1] == k
@@ -271,8 +289,10 @@ def is_strand(joints: Joints, k: int) -> bool:
 def solve_holds(
     border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, dz: Array
 ) -> bool:
-    """Solve the border once the thread is eliminated for `dz` (m, 15); arguments as for `holds_matrix`. False where the
-    matrix is singular."""
+    """Solve the border for `dz` (m, 15), with the thread eliminated. Returns False if the matrix is singular.
+
+    The other arguments are those of `holds_matrix`.
+    """
     at = np.empty(BORDER * len(r), np.int64)
     size = numbers_in_use(border, r, joints, at)
     M = np.zeros((size, size + 1))
@@ -285,8 +305,7 @@ def solve_holds(
 
 @owning
 def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, at: Indices, x: Array, dz: Array) -> None:
-    """Write the numbers of the holds that were solved for, `x` (k,), and dy = C (F dz + R Vᵀdq) − r_y into `dz` (m,
-    15)."""
+    """Write the solved unknowns of the holds, `x` (k,), and dy = C (F dz + R Vᵀdq) − r_y into `dz` (m, 15)."""
     force = np.zeros(C.shape[0])
     for k in range(len(r_y)):
         for j in range(BORDER):
@@ -310,9 +329,12 @@ def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, at: Ind
 def holds_matrix(
     border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, at: Indices, M: Array
 ) -> None:
-    """Write the equations of the numbers of the holds `at` (15m,) into `M` (k, k + 1), zero before, their right-hand
-    side last, once the thread is eliminated, Vᵀdq = w − G E dz, and the sites are, dy = C (F dz + R Vᵀdq) − r_y. The
-    first column of `G` (9m, 1 + 9m) is w."""
+    """Write the equations of the holds into `M` (k, k + 1), which is zero before; the last column
+    is the right-hand side.
+
+    `at` (15m,) are the numbers of the unknowns. The thread is eliminated by Vᵀdq = w − G E dz, and
+    the sites by dy = C (F dz + R Vᵀdq) − r_y. The first column of `G` (9m, 1 + 9m) is w.
+    """
     m, size = len(r), len(M)
     force = forces_on_sites(border, joints, at, size)
     sites = matrix_product(C, force, 0)
@@ -341,7 +363,7 @@ def holds_matrix(
 
 @owning
 def matrix_product(A: Array, X: Array, first: int) -> Array:
-    """Return A X of the columns of `A` from the `first` on, by the rows of `X` that are not zero."""
+    """Return A X, of the columns of `A` from `first` on and the rows of `X` that are not zero."""
     rows = 0
     there = np.zeros(len(X), np.int64)
     for i in range(len(X)):
@@ -361,7 +383,7 @@ def matrix_product(A: Array, X: Array, first: int) -> Array:
 
 @owning
 def forces_on_sites(border: Border, joints: Joints, at: Indices, size: int) -> Array:
-    """Return F dz + R Vᵀdq by the numbers in use, shape `(9m, size + 1)`, the last column zero."""
+    """Return F dz + R Vᵀdq over the unknowns in use, shape `(9m, size + 1)`, with a last column of zeros."""
     force = np.zeros((NINE * len(border.F), size + 1))
     for k in range(len(border.F)):
         strand = is_strand(joints, k)
@@ -377,8 +399,10 @@ def forces_on_sites(border: Border, joints: Joints, at: Indices, size: int) -> A
 
 @owning
 def pushes_on_thread(E: Array, sites: Array, at: Indices) -> Array:
-    """Return E dz by the numbers in use, shape `(9m, size + 1)`, with what does not depend on them last; `sites`
-    likewise are dy."""
+    """Return E dz over the unknowns in use, shape `(9m, size + 1)`; the last column is the constant part.
+
+    `sites` is dy in the same form.
+    """
     out = np.zeros(sites.shape)
     for k in range(len(E)):
         for i in range(NINE):
@@ -396,7 +420,10 @@ def pushes_on_thread(E: Array, sites: Array, at: Indices) -> Array:
 
 @loop
 def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Array, at: Indices, M: Array) -> None:
-    """Add B Vᵀdq + D dz = −r of hold k to its rows, from Vᵀdq, `thread`, and dy, `sites` (9m, size + 1)."""
+    """Add B Vᵀdq + D dz = −r of hold k to its rows.
+
+    `thread` is Vᵀdq and `sites` is dy, shape `(9m, size + 1)` each.
+    """
     last = M.shape[1] - 1
     for i in range(OWN):
         if at[BORDER * k + i] < 0:
@@ -418,7 +445,7 @@ def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Ar
 
 @loop
 def add_force_equations(border: Border, k: int, thread: Array, at: Indices, M: Array) -> None:
-    """Add f − R Vᵀdq = 0 of the forces on the site of hold k that depend on the thread."""
+    """Add f − R Vᵀdq = 0 for the forces on the site of hold k that depend on the thread."""
     last = M.shape[1] - 1
     for i in range(NINE):
         pushed, place = False, at[BORDER * k + OWN + i]
@@ -435,8 +462,11 @@ def add_force_equations(border: Border, k: int, thread: Array, at: Indices, M: A
 
 @loop
 def join_laws(joints: Joints, sigma: Array, r: Array, at: Indices, M: Array) -> None:
-    """Join the laws of holds that slide as one: the first equation says that their abscissae keep their sum, the second
-    is the difference of both; their residuals in `r` (m, 6) are joined already."""
+    """Join the laws of holds that slide as one.
+
+    The first equation is then that the sum of their abscissae is constant. The second is the
+    difference of both laws. Their residuals in `r` (m, 6) are already joined.
+    """
     last = M.shape[1] - 1
     for pair in range(len(joints.pairs)):
         first = joints.pairs[pair, 0]
@@ -453,8 +483,10 @@ def join_laws(joints: Joints, sigma: Array, r: Array, at: Indices, M: Array) -> 
 
 @loop
 def join_sites(joints: Joints, force: Array, r_y: Array, at: Indices, M: Array) -> None:
-    """Put the equations of ties in the place of those of their strands' x: both are at one place, and the forces on
-    them vanish together."""
+    """Replace the equations of the strands' x by those of their ties.
+
+    Both strands are at one place, and the sum of the forces on them is zero.
+    """
     last = M.shape[1] - 1
     for tie in range(len(joints.strands)):
         for x in range(3):
@@ -469,7 +501,10 @@ def join_sites(joints: Joints, force: Array, r_y: Array, at: Indices, M: Array) 
 
 @owning
 def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
-    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`; `X` (n + 3, 3, 1 + 9m). False where an entry is no number."""
+    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, from `X` (n + 3, 3, 1 + 9m).
+
+    Returns False if an entry is inf or nan.
+    """
     push = np.zeros(NINE * len(E))
     for k in range(len(E)):
         for i in range(NINE):
@@ -490,14 +525,14 @@ def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
 def linearise_all(
     law: Law, sigma: Array, rows: Flags, D: Array, rides: bool, drive: Array, lam: Array, y: Array, border: Border
 ) -> None:
-    """Linearise all holds into a `border` of zeros, with constraints in force `rows` (m, 5)."""
+    """Linearise all holds into a `border` of zeros, with the active constraints `rows` (m, 5)."""
     for k in range(len(lam)):
         linearise_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), rows[k], border)
 
 
 @loop
 def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Array, K: Array, push: Array) -> None:
-    """Stiffen the thread at every hold as `stiffen_hold` does: `K` (m, 9, 9) and `push` (m, 9), zero before."""
+    """Stiffen the thread at every hold as in `stiffen_hold`; `K` (m, 9, 9) and `push` (m, 9) are zero before."""
     for k in range(len(holds)):
         stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
 

@@ -1,9 +1,11 @@
 """One Newton direction of the condensed system: a banded thread with a small dense border.
 
-The thread's unknowns meet everything else only through P, T and T' at the holds, the nine columns of
-V = (b, b', b'') ⊗ I₃ each; so the thread enters the border by its own compliance G = Vᵀ A⁻¹ V, as the organ does by C.
+The thread's unknowns are coupled to the rest only through P, T and T' at the holds, the nine
+columns V = (b, b', b'') ⊗ I₃ of each. The thread therefore enters the border by its own compliance
+G = Vᵀ A⁻¹ V, as the organ does by C.
 
-Numbers of the border, per hold: s, λ (3), μ_u, μ_v, then y = (x, u, v), which follows from the forces on the site.
+The unknowns of the border, per hold, are s, λ (3), μ_u, μ_v, and y = (x, u, v), which follows from
+the forces on the site.
 """
 
 from collections.abc import Sequence
@@ -19,15 +21,15 @@ from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
 
 S, LAM, MU_V = 0, slice(1, 4), 5  # columns of s, of λ and of μ_v
-PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, and of the multipliers that go with them; of y
+PHI, Y = slice(1, 6), slice(6, 15)  # rows of Φ, which are the columns of its multipliers; columns of y
 OF_X = slice(0, 3)  # x among the nine numbers of y
 NO_JOINTS = Joints(np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp), 1.0)
-NO_SET = np.zeros(0)  # of stick and slip
-RIDING = 6  # row of Vᵀ that has H_qs where knots travel
+NO_SET = np.zeros(0)  # an active set of stick and slip without holds
+RIDING = 6  # row of Vᵀ that has H_qs if knots travel
 
 
 SINGULAR_THREAD = "the thread's matrix is singular"
-SINGULAR_HOLDS = "the holds' matrix is singular: two constraints say the same, or nothing holds the thread"
+SINGULAR_HOLDS = "the holds' matrix is singular: two constraints are equivalent, or nothing holds the thread"
 
 
 class SingularError(ArithmeticError):
@@ -41,8 +43,10 @@ def empty_border(m: int) -> Border:
 
 
 def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> Border:
-    """Linearise the law of sliding with the active set `sigma` (m,), the constraints in force `rows` (m, 5), and the
-    forces on thread and organ."""
+    """Linearise the law of sliding, the active constraints, and the forces on thread and organ.
+
+    `sigma` (m,) is the active set and `rows` (m, 5) are the active constraints.
+    """
     border = empty_border(len(lam))
     if thread.ridden is not None:
         border.S[:] = -thread.ridden.by_ss
@@ -52,14 +56,18 @@ def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, 
 
 @cache
 def column_pattern(c: int) -> tuple[Indices, Indices]:
-    """Return, of each b^(order)_local ⊗ I₃, its row of Vᵀ and its column counted from the first point's."""
+    """Return, for each entry of b^(order)_local ⊗ I₃, its row of Vᵀ and its column from the first
+    point's column on.
+    """
     order, local, axis = np.ogrid[:3, :4, :3]
     return 3 * order + axis, c * local + axis
 
 
 def columns(thread: Passage, n: int, c: int) -> Array:
-    """Return V = (b, b', b'') ⊗ I₃ of every hold over the `c` coordinates of `n` points, shape `(c n, 9m)`, Fortran
-    order; where knots travel H_qs in the place of b''."""
+    """Return V = (b, b', b'') ⊗ I₃ of every hold over `c` coordinates of `n` points, shape `(c n, 9m)`.
+
+    The array is in Fortran order. If knots travel, H_qs is in the place of b''.
+    """
     m = len(thread.first)
     V = np.zeros((m, NINE, c * n))
     row, column = column_pattern(c)
@@ -70,7 +78,7 @@ def columns(thread: Passage, n: int, c: int) -> Array:
 
 
 def values_at_holds(thread: Passage, X: Array) -> Array:
-    """Return Vᵀ X by the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
+    """Return Vᵀ X from the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
     m = len(thread.first)
     local = X[thread.first[:, None] + LOCAL, :3]
     values = (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(m, NINE, -1)
@@ -80,7 +88,10 @@ def values_at_holds(thread: Passage, X: Array) -> Array:
 
 
 def banded_solve(A: Array, b: Array) -> Array:
-    """Solve the banded system `A`, `b` (c n, k); both are overwritten. Raises `SingularError`."""
+    """Solve the banded system `A` with the right-hand sides `b` (c n, k); both are overwritten.
+
+    Raises `SingularError`.
+    """
     h = half_band_of(A)
     lu, pivots, info = dgbtrf(A, h, h, overwrite_ab=1)
     if info != 0:
@@ -90,8 +101,11 @@ def banded_solve(A: Array, b: Array) -> Array:
 
 
 def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array) -> Array:
-    """Return the solution of the border once the thread is eliminated, shape `(m, 15)`, as the kernel of that name
-    does; by LAPACK, which is faster where there are many holds. Raises `SingularError`."""
+    """Return the solution of the border with the thread eliminated, shape `(m, 15)`.
+
+    The result is that of the kernel with the same name; LAPACK is faster for many holds. Raises
+    `SingularError`.
+    """
     at, dz = np.empty(BORDER * len(r), dtype=np.int64), np.empty((len(r), BORDER))
     size = in_use(border, r, joints, at)
     M = np.zeros((size, size + 1))
@@ -112,15 +126,20 @@ def newton_directions(
     residuals: Sequence[tuple[Array, Array, Array]],
     joined: tuple[Joints, Array] = (NO_JOINTS, NO_SET),
 ) -> list[tuple[Array, Array]]:
-    """Solve for the Newton directions dq (n, c) and dz (m, 15) of several `residuals`, each of the thread (n, c), of
-    the holds (m, 6) and of y (m, 9).
+    """Return the Newton directions dq (n, c) and dz (m, 15) for several `residuals`.
 
-    `A` banded, overwritten, its rows and columns of `held` (the thread's prescribed unknowns) those of the
-    identity; `C` (9m, 9m) organ compliance; strands of ties, `joined` where the active set (m,) says so. Raises
-    `SingularError`.
+    - `A`: the banded matrix of the thread, which is overwritten.
+    - `held`: the prescribed unknowns of the thread; their rows and columns of A are those of the
+      identity.
+    - `C`: the compliance of the organ, shape `(9m, 9m)`.
+    - `residuals`: those of the thread (n, c), of the holds (m, 6) and of y (m, 9).
+    - `joined`: the joints of ties, and the active set (m,), which decides whether they slide as
+      one.
+
+    Raises `SingularError`.
     """
     (n, c), m, count = residuals[0][0].shape, len(residuals[0][1]), len(residuals)
-    pushed = np.flatnonzero(border.E.any(axis=2))  # a free hole pushes neither T nor T'
+    pushed = np.flatnonzero(border.E.any(axis=2))  # a hole without a direction exerts no force on T or T'
     right = np.empty((c * n, count + pushed.size), order="F")
     right[:, :count] = np.transpose([-r_q.ravel() for r_q, _, _ in residuals])
     right[:, count:] = columns(thread, n, c)[:, pushed]

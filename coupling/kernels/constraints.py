@@ -1,10 +1,11 @@
-"""Sliding point and sliding direction (eqs. 4, 8, 9) of all holds at once, by the formulas of `coupling.kernels.holes`.
-
-Per piercing the thread offers P, T = ∂P/∂s, T' and T'' at the abscissa s; the organ offers y = (x, u, v). Multipliers
-are λ (3) [N] and μ_u, μ_v [N m] in one array `lam`, shape `(p, 5)`. Constraints return rows over these few numbers
-and never see the global matrix:
+"""Sliding point and sliding direction (eqs. 4, 8, 9) of all holds at once, by the formulas of
+`coupling.kernels.holes`.
 
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
+
+At each piercing the thread gives P, T = ∂P/∂s, T' and T'' at the abscissa s, and the organ gives y
+= (x, u, v). The multipliers are λ (3) [N] and μ_u, μ_v [N m] in one array `lam`, shape `(p, 5)`.
+The constraints are functions of these few numbers only; they do not use the global matrix.
 """
 
 from dataclasses import dataclass
@@ -27,16 +28,17 @@ from thread.vectors import cross
 
 C1, C2 = numbers(3, 4)  # c₁, c₂ among the five numbers of Φ
 LOCAL = np.arange(ORDERS)
-LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points on a span, from the first point's on
+LOCAL_UNKNOWNS = 3 * LOCAL[:, None] + np.arange(3)  # of the four points of a span, counted from those of the first
 
 
 @dataclass(frozen=True)
 class Passage:
-    """The thread where it passes the holes.
+    """The thread at the holes.
 
-    `first` (p,) and `b` (p, 4, 4): the basis there; `D` (p, 4, 3): P [m], T [-], T' [1/m], T'' [1/m²]. `drive` (p,)
-    [N]: −∂Π/∂s of a thread whose knots ride with the holes, where D does not depend on s; None where knots stand still.
-    `ridden`: that and the other derivatives of Π by s, None where nobody asked for them.
+    `first` (p,) and `b` (p, 4, 4) are the basis there. `D` (p, 4, 3) has P [m], T [-], T' [1/m] and
+    T'' [1/m²]. `drive` (p,) [N] is −∂Π/∂s of a thread whose knots travel, for which D does not
+    depend on s; None if knots do not travel. `ridden` has all derivatives of Π by s; None if they
+    were not asked for.
     """
 
     first: Indices
@@ -52,7 +54,7 @@ class Passage:
 
     @property
     def T(self) -> Array:
-        """Its tangent ∂P/∂s, shape `(p, 3)` [-]."""
+        """Tangent ∂P/∂s of the thread, shape `(p, 3)` [-]."""
         return self.D[:, 1]
 
     @property
@@ -67,13 +69,16 @@ class Passage:
 
     @cached_property
     def _recent(self) -> "Recent[Meeting]":
-        """The last meetings at these holds."""
+        """The cache of the last meetings at these holds."""
         return Recent()
 
 
 def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden: Ridden | None = None) -> Passage:
-    """Evaluate a thread whose knots travel, on the `spline` of (P, S), at the knots of its holes: P and T there do not
-    depend on s (p,) [m]; a hold that has no knot is passed at s. `drive` (p,) [N] is −∂Π/∂s, None: not known, zero."""
+    """Evaluate a thread whose knots travel at the knots of its holes; P and T there do not depend on s.
+
+    `spline` is the one of (P, S), and `s` (p,) [m] are the abscissae. A hold without a knot is
+    evaluated at its s. `drive` (p,) [N] is −∂Π/∂s; None means unknown, and zero is taken.
+    """
     assert isinstance(spline, Placed)
     travel = spline.travel
     chi = spline.chi.breaks[travel.at]
@@ -90,17 +95,23 @@ def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden
 
 
 def passage(spline: Spline, q: Array, s: Array, home: Array | None = None) -> Passage:
-    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m], on the pieces of a cut thread
-    that hold the abscissae `home` where they are given."""
+    """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (p,) [m].
+
+    If `home` is given, each hold is on the piece of a cut thread that contains its abscissa in
+    `home`.
+    """
     first, b = spline.basis(s, home)
     D = np.ascontiguousarray((b @ q[first[:, None] + LOCAL])[..., :3])
     return Passage(first, b, D)
 
 
 class Meeting(NamedTuple):
-    """What thread and holes do to one another, over `m` holds: `phi` and `phi_s` (m, 5); forces conjugate to T,
-    `on_tangent` (m, 3) [N m], and to y, `on_site` (m, 9); the force `drive` (m,) [N] along the thread; and the force
-    `pressing` (m,) [N] on the hole."""
+    """Constraints and forces between thread and holes, over `m` holds.
+
+    `phi` and `phi_s` (m, 5) are Φ and ∂Φ/∂s. The forces `on_tangent` (m, 3) [N m] are conjugate to
+    T, and `on_site` (m, 9) to y. `drive` (m,) [N] is the force along the thread, and `pressing`
+    (m,) [N] the normal force on the hole.
+    """
 
     phi: Array
     phi_s: Array
@@ -112,7 +123,7 @@ class Meeting(NamedTuple):
 
 @loop
 def meet_all(D: Array, rides: bool, drive: Array, lam: Array, y: Array, per_channel: Array, out: Meeting) -> None:
-    """Evaluate thread and holes, into `out`."""
+    """Evaluate thread and holes into `out`."""
     for k in range(len(lam)):
         h = hold_at(D[k], rides, drive[k], lam[k], y[k])
         place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
@@ -132,8 +143,11 @@ meet = entry(meet_all)
 
 
 def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = None) -> Meeting:
-    """Evaluate thread and holes under the multipliers `lam` (m, 5) with the site variables `y` (m, 9) and channels of
-    length 1/`per_channel` (m,) [m], none by default. The last results are cached by the arrays asked for."""
+    """Evaluate thread and holes under the multipliers `lam` (m, 5) with the site variables `y` (m, 9).
+
+    The channels have the length 1/`per_channel` (m,) [m]; None means no channels. The last results
+    are cached by the argument arrays.
+    """
     m = len(lam)
 
     def make() -> Meeting:
@@ -145,7 +159,7 @@ def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = N
 
 
 def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, bool, Array, Array, Array]:
-    """Return the arrays that the kernels make a hold of, each in the order of C."""
+    """Return the arrays from which the kernels make a hold, each in C order."""
     rides = thread.drive is not None
     drive = np.zeros(len(thread.D)) if thread.drive is None else thread.drive
     D, drive, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, drive, lam, y))
@@ -158,29 +172,35 @@ def phi(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def phi_s(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return ∂Φ/∂s = (T, T'·u, T'·v), zero where knots ride with the holes, shape `(m, 5)`."""
+    """Return ∂Φ/∂s = (T, T'·u, T'·v), zero if knots travel, shape `(m, 5)`."""
     return meeting(thread, lam, y).phi_s
 
 
 def driving_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_sᵀλ, the force that pulls the thread along itself, shape `(m,)` [N]: λ·T + m·T' (eq. 6, with the
-    configurational force of the direction constraint, Bigoni et al. 2015), and −∂Π/∂s where knots ride."""
+    """Return the force that pulls the thread along itself, Φ_sᵀλ, or −∂Π/∂s if knots travel, shape `(m,)` [N].
+
+    Φ_sᵀλ is λ·T + m·T' (eq. 6, with the configurational force of the direction constraint, Bigoni
+    et al. 2015).
+    """
     return meeting(thread, lam, y).drive
 
 
 def pressing_force(thread: Passage, lam: Array, y: Array, per_channel: Array) -> Array:
-    """Return N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, the force that presses the thread on the hole, shape `(m,)` [N];
-    |λ_n| without a channel."""
+    """Return N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|, the force that presses the thread on the hole,
+    shape `(m,)` [N].
+
+    It is |λ_n| without a channel.
+    """
     return meeting(thread, lam, y, per_channel).pressing
 
 
 def tangent(thread: Passage) -> Array:
-    """Return the unit tangent t = T/|T| that friction acts along, shape `(m, 3)` [-]."""
+    """Return the unit tangent t = T/|T|, the direction of friction, shape `(m, 3)` [-]."""
     return np.asarray(thread.T / np.linalg.norm(thread.T, axis=1)[:, None])
 
 
 def thread_force(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return Φ_qᵀλ through the thread's numbers: the forces conjugate to P and T, shape `(m, 2, 3)` [N, N m]."""
+    """Return Φ_qᵀλ as the forces conjugate to P and T, shape `(m, 2, 3)` [N, N m]."""
     return np.stack([lam[:, :3], meeting(thread, lam, y).on_tangent], axis=1)
 
 
@@ -190,8 +210,11 @@ def site_force(thread: Passage, lam: Array, y: Array) -> Array:
 
 
 def couple_on_thread(thread: Passage, lam: Array, y: Array) -> Array:
-    """Return the reaction couple of the direction constraint on the thread, shape `(m, 3)` [N m]: the moment about P
-    of all that the hole does to the thread, zero for a free hole."""
+    """Return the reaction couple of the direction constraint on the thread, shape `(m, 3)` [N m].
+
+    The couple is the moment about P of all forces of the hole on the thread. It is zero for a hole
+    without a direction.
+    """
     return cross(thread.T, meeting(thread, lam, y).on_tangent)
 
 

@@ -15,8 +15,11 @@ TINY = 2.2250738585072014e-308
 
 
 class Joints(NamedTuple):
-    """How strands are joined in ties (`coupling.ties`): the holds `strands` (t, 2) in force; holds that slide as one,
-    `pairs` (k, 2), with their equations joined; a `compliance` [m/N] that makes a length of the balance of forces."""
+    """The joints of strands in ties (`coupling.ties`).
+
+    `strands` (t, 2) are the holds of the active ties. `pairs` (k, 2) are holds that slide as one,
+    with joined equations. The `compliance` [m/N] turns the balance of forces into a length.
+    """
 
     strands: Indices
     pairs: Indices
@@ -26,8 +29,8 @@ class Joints(NamedTuple):
 class Law(NamedTuple):
     """The law of sliding of `m` holds, as `coupling.step.sliding.Law`.
 
-    `own_static`, `own_kinetic` (m,) [N] and `own_slope` (m,) [-] are a friction law of one's own at the normal forces
-    of the iterate, zero without one.
+    `own_static`, `own_kinetic` (m,) [N] and `own_slope` (m,) [-] are the values of a user's law of
+    friction at the normal forces of the iterate, zero without such a law.
     """
 
     s_old: Array
@@ -51,9 +54,16 @@ class Law(NamedTuple):
 
 
 class Ruled(NamedTuple):
-    """The law of sliding over `m` holds: normal force `N` [N]; force along the thread `f` [N] and the tangent's length
-    `met` [-]; bounds `static` and `kinetic` [N]; f, the bound and the barb as a hold that sticks is `judged` (m, 3)
-    [N]; the `residual` (m, 1) [N, m]; and the active set that `fits` (m,)."""
+    """The evaluated law of sliding over `m` holds.
+
+    - `N` [N]: normal force.
+    - `f` [N]: force along the thread.
+    - `met` [-]: length of the tangent.
+    - `static` and `kinetic` [N]: bounds of friction.
+    - `judged` (m, 3) [N]: f, bound and barb for the decision whether a hold sticks.
+    - `residual` (m, 1) [N, m]: residual of the law.
+    - `fits` (m,): the active set that fits.
+    """
 
     N: Array
     f: Array
@@ -67,7 +77,7 @@ class Ruled(NamedTuple):
 
 @owning
 def empty_ruled(m: int) -> Ruled:
-    """Return room for the law of `m` holds."""
+    """Return zero arrays for the law of `m` holds."""
     return Ruled(
         np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 3)), np.zeros((m, 1)), np.zeros(m)
     )
@@ -94,13 +104,13 @@ def normal_force(h: Hold, per_channel: float) -> float:
 
 @loop
 def kinetic_bound(law: Law, k: int, h: Hold, sigma: float) -> float:
-    """Return F₀ + σ B + μ_k N, with a law of one's own more [N]."""
+    """Return F₀ + σ B + μ_k N, plus the bound of a user's law [N]."""
     return law.grip[k] + sigma * law.barb[k] + law.kinetic[k] * normal_force(h, law.per_channel[k]) + law.own_kinetic[k]
 
 
 @loop
 def static_bound(law: Law, k: int, h: Hold) -> float:
-    """Return F₀ + μ_s N, with a law of one's own more [N]; a barb adds σ B."""
+    """Return F₀ + μ_s N, plus the bound of a user's law [N]; the barb's σ B is not included."""
     return law.grip[k] + law.static[k] * normal_force(h, law.per_channel[k]) + law.own_static[k]
 
 
@@ -112,13 +122,16 @@ def net_drive(law: Law, k: int, h: Hold, s: float) -> float:
 
 @loop
 def stretch_met(law: Law, k: int, h: Hold) -> float:
-    """Return how long the thread is at a hole per rest length: |T|, where knots ride that of the strands beside it."""
+    """Return the length of the thread at a hole per rest length.
+
+    The length is |T|. If knots travel, it is that of the adjacent strands.
+    """
     return law.stretch[k] if h.rides else norm(h.T)
 
 
 @loop
 def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
-    """Return the left-hand side of the law: [N] where the thread slides, [m] where it is held."""
+    """Return the left-hand side of the law: [N] if the thread slides, [m] if it is held."""
     if sigma == 0.0:
         return s - law.s_held[k]
     drive = net_drive(law, k, h, s)
@@ -132,14 +145,17 @@ def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
 
 @loop
 def slides_as_one(law: Law, sigma: Array, pair: int) -> bool:
-    """Whether a pair of holds slides."""
+    """Return whether a pair of joined holds slides."""
     return sigma[law.joints.pairs[pair, 0]] != 0.0
 
 
 @loop
 def join_residuals(law: Law, sigma: Array, s: Array, out: Array) -> None:
-    """Join the residuals of the law, first column of `out` (m, …), where holds slide as one: the first equation says
-    that their abscissae keep their sum, the second is the difference of both."""
+    """Join the residuals of holds that slide as one, in the first column of `out` (m, …).
+
+    The first equation is then that the sum of their abscissae is constant. The second is the
+    difference of both laws.
+    """
     for pair in range(len(law.joints.pairs)):
         if slides_as_one(law, sigma, pair):
             one, other = law.joints.pairs[pair, 0], law.joints.pairs[pair, 1]
@@ -149,7 +165,7 @@ def join_residuals(law: Law, sigma: Array, s: Array, out: Array) -> None:
 
 @loop
 def is_length(law: Law, sigma: Array, k: int) -> bool:
-    """Whether the residual of the law is a length at a hold."""
+    """Return whether the residual of the law at a hold is a length."""
     length = sigma[k] == 0.0
     for pair in range(len(law.joints.pairs)):
         length |= slides_as_one(law, sigma, pair) and law.joints.pairs[pair, 0] == k
@@ -158,8 +174,11 @@ def is_length(law: Law, sigma: Array, k: int) -> bool:
 
 @loop
 def fit_sigma(law: Law, sigma: Array) -> None:
-    """Fit the active set to the holds, in place: an ideal hole slides, one that may not slide sticks, and holds that
-    slide as one do so against one another."""
+    """Fit the active set to the holds, in place.
+
+    A hole without friction slides, and a hole that cannot slide sticks. Holds that slide as one
+    slide in opposite directions.
+    """
     for k in range(len(sigma)):
         if not law.may_slide[k]:
             sigma[k] = 0.0
@@ -171,7 +190,9 @@ def fit_sigma(law: Law, sigma: Array) -> None:
 
 @loop
 def judge(law: Law, judged: Array, met: Array) -> None:
-    """Replace force, bound and barb, `judged` (m, 3), of holds that slide as one by those of their common equation."""
+    """Replace force, bound and barb, `judged` (m, 3), of holds that slide as one by those of their
+    common equation.
+    """
     for pair in range(len(law.joints.pairs)):
         one, other = law.joints.pairs[pair, 0], law.joints.pairs[pair, 1]
         size = 0.5 * (met[one] + met[other])
@@ -185,14 +206,17 @@ def judge(law: Law, judged: Array, met: Array) -> None:
 
 @loop
 def excess(judged: Array, sense: float) -> float:
-    """Return by how much force along the thread in a `sense` exceeds the bound, with the barb in that sense [N]."""
+    """Return the excess of the force along the thread in a `sense` over the bound with the barb [N]."""
     return sense * (judged[0] - judged[2]) - judged[1]
 
 
 @loop
 def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: float) -> float:
-    """Return σ after a solved iterate: a stuck point slips when its force exceeds the bound by the margin [N], and a
-    slipping one sticks when it moved against its own friction."""
+    """Return σ after a solved iterate.
+
+    A sticking hold slides if its force exceeds the bound by the margin [N]. A sliding hold sticks
+    if it moved in the direction of its own friction.
+    """
     if sigma != 0.0:
         return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
     sense = 1.0 if judged[0] > 0.0 else -1.0
@@ -211,7 +235,10 @@ def rule_hold(law: Law, k: int, sigma: float, h: Hold, s: float, out: Ruled) -> 
 
 @loop
 def rule_set(law: Law, sigma: Array, s: Array, margin: float, out: Ruled) -> None:
-    """Join the laws of holds that slide as one, and choose the active set that fits, once every hold is evaluated."""
+    """Join the laws of holds that slide as one, and choose the active set that fits.
+
+    Every hold has been evaluated before.
+    """
     join_residuals(law, sigma, s, out.residual)
     judge(law, out.judged, out.met)
     for k in range(len(sigma)):
@@ -221,7 +248,7 @@ def rule_set(law: Law, sigma: Array, s: Array, margin: float, out: Ruled) -> Non
 
 @loop
 def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
-    """Write the row of s: row 0 of `B` (6, 9) and of `D` (6, 15), both zero before."""
+    """Write the row of s: row 0 of `B` (6, 9) and of `D` (6, 15), which are both zero before."""
     if sigma == 0.0:
         D[LAW, S] = 1.0
         return
@@ -242,13 +269,16 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
 
 @loop
 def unit_or_zero(a: Vector) -> Vector:
-    """Return a/|a|, zero where a is."""
+    """Return a/|a|, or zero if a is zero."""
     return times(1.0 / max(norm(a), TINY), a)
 
 
 @loop
 def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -> None:
-    """Subtract the derivative of |T|(injected + σ(F₀ + μ_k N)); where knots ride the length is given."""
+    """Subtract the derivative of |T|(injected + σ(F₀ + μ_k N)).
+
+    If knots travel, the length in the place of |T| is constant.
+    """
     size = norm(h.T)
     t = times(1.0 / size, h.T)
     one, other = channel_forces(h, law.per_channel[k])
@@ -273,10 +303,10 @@ def rule_all(
     law: Law, sigma: Array, s: Array, margin: float, D: Array, rides: bool, drive: Array, lam: Array, y: Array,
     out: Ruled,
 ) -> None:  # fmt: skip
-    """Evaluate the law of sliding of all holds, into `out`."""
+    """Evaluate the law of sliding of all holds into `out`."""
     for k in range(len(s)):
         rule_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), s[k], out)
     rule_set(law, sigma, s, margin, out)
 
 
-rule, fit = entry(rule_all), entry(fit_sigma)  # as Python calls them
+rule, fit = entry(rule_all), entry(fit_sigma)  # for Python

@@ -1,9 +1,9 @@
-"""The constraints at one hold (eqs. 4, 8, 9), and the forces that come with them.
+"""The constraints at one hole (eqs. 4, 8, 9), and their forces.
 
     g = P(s) − x,   c₁ = T·u,   c₂ = T·v
 
-The forces λ on P and m = μ_u u + μ_v v on T are the slopes of λ·(P − x) + m·T by q, s and y. Where the knots ride with
-the holes P and T do not depend on s.
+The forces λ on P and m = μ_u u + μ_v v on T are the derivatives of λ·(P − x) + m·T by q, s and y.
+If knots travel with the holes, P and T do not depend on s.
 """
 
 from typing import NamedTuple
@@ -18,10 +18,12 @@ FIRST, AT_U, AT_V = numbers(0, 3, 6)
 class Hold(NamedTuple):
     """One hold at an iterate.
 
-    Of the thread P [m], T, K = T' [1/m] and J = T'' [1/m²]; λ [N], μ_u, μ_v [N m]; of the organ x [m], u, v. `m` =
-    μ_u u + μ_v v [N m], the force conjugate to T. ∂P/∂s at fixed q, `P_s`: T, or zero where the knots ride with the
-    holes (`rides`); then K and J are zero, too, and `drive` is −∂Π/∂s [N], of the potential of the thread
-    (`thread.kernels.travel`).
+    - Of the thread: P [m], T, K = T' [1/m] and J = T'' [1/m²].
+    - Multipliers: λ [N], and μ_u, μ_v [N m]; `m` = μ_u u + μ_v v [N m] is the force conjugate to T.
+    - Of the organ: x [m], u, v.
+    - `P_s`: ∂P/∂s at constant q. It is T, or zero if knots travel (`rides`).
+    - `drive`: −∂Π/∂s [N] of the thread's potential (`thread.kernels.travel`), if knots travel. K
+      and J are then zero too.
     """
 
     P: Vector
@@ -42,7 +44,7 @@ class Hold(NamedTuple):
 
 @loop
 def hold_at(D: Array, rides: bool, drive: float, lam: Array, y: Array) -> Hold:
-    """Return a hold from P to T'', `D` (4, 3), `lam` (5,) and `y` (9,)."""
+    """Return a hold from P to T'', `D` (4, 3), the multipliers `lam` (5,) and `y` (9,)."""
     T, u, v = vector(D[1], FIRST), vector(y, AT_U), vector(y, AT_V)
     P_s = T
     if rides:
@@ -73,7 +75,7 @@ def driving_force(h: Hold) -> float:
 
 @loop
 def site_force(h: Hold) -> tuple[Vector, Vector, Vector]:
-    """Return Φ_yᵀλ conjugate to x, u and v."""
+    """Return Φ_yᵀλ, conjugate to x, u and v."""
     return times(-1.0, h.lam), times(h.mu_u, h.T), times(h.mu_v, h.T)
 
 

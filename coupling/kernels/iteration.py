@@ -1,4 +1,4 @@
-"""Newton's iteration on one step, active set after active set (`coupling.step.newton`)."""
+"""Newton's iteration on one step, one active set after another (`coupling.step.newton`)."""
 
 from typing import Any, NamedTuple
 
@@ -54,18 +54,22 @@ from thread.kernels.travel import (
 )
 from thread.kernels.vectors import add_row, dot, sum_of
 
-SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # how one ends
-ROUND_OFF = 2e-14  # of EA: the axial force is a difference of numbers near 1, times EA; and of stiffness times place
-KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain is known to that
-LEFT = 0.1  # of a part of the thread between two holes: what one correction leaves of it
-HOW, TOTAL, SETS, OF_SET = range(4)  # in the numbers of a trail
+SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = range(6)  # ends of an iteration
+# Of EA, because the axial force is EA times a difference of numbers close to 1; and of a stiffness times a place.
+ROUND_OFF = 2e-14
+KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain has an error of ROUND_OFF
+LEFT = 0.1  # of the length between two holes: least part that one correction leaves
+HOW, TOTAL, SETS, OF_SET = range(4)  # entries of `Trail.made`
 TINY = 2.2250738585072014e-308
-Limits = tuple[float, float, float, float]  # of a force, a gap, a direction, and a force along the thread
+Limits = tuple[float, float, float, float]  # tolerances of a force, a gap, a direction and a force along the thread
 
 
 class Knots(NamedTuple):
-    """The spline: `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4),
-    `mass` (n, 4) [kg] the upper band of M."""
+    """The spline.
+
+    `breaks` (spans + 1,) [m], `first` (spans,), `polynomials` (spans, 4, 4), and the upper band of
+    M, `mass` (n, 4) [kg].
+    """
 
     breaks: Array
     first: Indices
@@ -74,12 +78,20 @@ class Knots(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What one step is solved under: `q_ref`, `load` (n, 3) and the unknowns `held` (n, 3) of the thread; `y_free` (m,
-    9), `C` (9m, 9m); constraints in force, `rows` (m, 5), and `directed` (m,); the piece of each hold: its outer
-    `spans` (m, 2) and where it is left, `piece` (m, 2) [m]; whether the constraints `stiffen` the thread's band; the
-    `gaps` (t, 3) [m] between the strands of ties; and what round-off moves the sites by, `rounded` (m, 9) [m, -]. Of a
-    thread whose knots travel, `ride`: then the earlier curves, two `fields` whose sum is in the place of `q_ref`, and
-    `load` is without the thread's weight."""
+    """The constant data of one step.
+
+    - `q_ref`, `load` (n, 3): reference of the inertia and load on the thread.
+    - `held` (n, 3): the prescribed unknowns of the thread.
+    - `y_free` (m, 9), `C` (9m, 9m): the organ's answer.
+    - `rows` (m, 5), `directed` (m,): the active constraints, and the holds that impose a direction.
+    - `spans` (m, 2), `piece` (m, 2) [m]: the first and last span of the piece of each hold, and the
+      abscissae at which the thread leaves the hold.
+    - `stiffen`: whether the stiffness of the constraints is added to the thread's band.
+    - `gaps` (t, 3) [m]: gaps between the strands of ties.
+    - `rounded` (m, 9) [m, -]: round-off of the sites.
+    - `ride`, `fields`: the travel of knots, and the two earlier curves. If knots travel, the sum of
+      these curves replaces `q_ref`, and `load` does not contain the thread's weight.
+    """
 
     q_ref: Array
     load: Array
@@ -99,10 +111,18 @@ class Given(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What counts as solved and how far a correction goes: `force` of the largest force, and besides what forces are
-    `rounded` by, (1,) [N], which is `along` times that for a force along a thread whose knots travel; the `least`
-    largest force [N]; `gap` [m], `direction`; `longest` move [m]; margin between two solved sets; `iterations` for one
-    set, how many `sets`, and how many `returns` to one of them; whether the thread `floats`."""
+    """The tolerances and limits of an iteration.
+
+    - `force`: relative to the largest force, plus the round-off `rounded` (1,) [N]. The round-off
+      is `along` times larger for a force along a thread whose knots travel.
+    - `least` [N]: lower bound of the largest force.
+    - `gap` [m], `direction`: tolerances of the constraints.
+    - `longest` [m]: largest move in a correction.
+    - `margin`: ratio of the margin of stick and slip to the tolerance of forces.
+    - `iterations`, `sets`, `returns`: limits of the corrections for one active set, of the sets,
+      and of the returns to one set.
+    - `floats`: whether the thread floats.
+    """
 
     force: float
     rounded: Array
@@ -130,16 +150,23 @@ class Unknowns(NamedTuple):
 
 
 class Trail(NamedTuple):
-    """How an iteration went: the active sets `seen` (sets, m), and the numbers `made` (4,): HOW it ended, corrections
-    in TOTAL, SETS solved and corrections OF the SET that is not."""
+    """The history of an iteration.
+
+    `seen` (sets, m) are the solved active sets. `made` (4,) has the end of the iteration (HOW), all
+    corrections (TOTAL), the number of solved SETS, and the corrections of the unsolved set
+    (OF_SET).
+    """
 
     seen: Array
     made: Indices
 
 
 class Passing(NamedTuple):
-    """The thread at its holes, as `coupling.kernels.constraints.Passage`: `D` (m, 4, 3) P to T'', `b` (m, 4, 4),
-    `first` (m,), `drive` (m,) [N], zero where knots stand still."""
+    """The thread at its holes, as `coupling.kernels.constraints.Passage`.
+
+    `D` (m, 4, 3) has P to T''; `b` (m, 4, 4), `first` (m,). `drive` (m,) [N] is zero if knots do
+    not travel.
+    """
 
     first: Indices
     b: Array
@@ -148,8 +175,9 @@ class Passing(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The residual at the iterate, as `coupling.step.newton.Residual` with its passage, as `Passing`, and the
-    `trail` that led there."""
+    """The residual at the iterate, as `coupling.step.newton.Residual`, with its passage, as
+    `Passing`, and the `trail` of the iteration.
+    """
 
     elastic: Array
     balance: Array
@@ -170,9 +198,12 @@ class Found(NamedTuple):
 
 
 def force_rounded(EA: float, by_place: float, span: float, place: float) -> float:
-    """Return the round-off of forces that cancel [N], of stiffnesses `EA` [N] and `by_place` [N/m] at the largest
-    `place` [m]. That of the axial force is of a strain, a difference of places over a `span` [m]: it has fewer digits
-    where the thread is many spans from the origin."""
+    """Return the round-off of forces that cancel [N].
+
+    The stiffnesses are `EA` [N] and `by_place` [N/m], and the largest `place` is in m. The strain
+    is a difference of places over a `span` [m], so that it has fewer digits if the thread is many
+    spans away from the origin.
+    """
     return ROUND_OFF * (EA * max(1.0, place / (KNOWN_SPANS * span)) + by_place * place)
 
 
@@ -196,7 +227,7 @@ def copy_into(a: Array, b: Array) -> None:
 
 @loop
 def span_of(breaks: Array, s: float, low: int, high: int) -> int:
-    """Return the index of the span from `low` to `high` that holds s, or is nearest to it."""
+    """Return the index of the span from `low` to `high` that contains s, or is nearest to it."""
     while low < high:
         middle = (low + high + 1) // 2
         if s < breaks[middle]:
@@ -224,8 +255,10 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
 
 @loop
 def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Found | Passing) -> None:
-    """Evaluate the thread at the knot of hold k, of a thread whose knots travel and are at `S` (n,) [m]: P and T do not
-    depend on s."""
+    """Evaluate the thread at the knot of hold k, with knots that travel and are at `S` (n,) [m].
+
+    P and T do not depend on s.
+    """
     first = ride.first[k]
     r.first[k], rate = first, on_span(ride.at[k, 1], S, first)
     for i in range(4):
@@ -256,7 +289,7 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
 
 @loop
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> float:
-    """Evaluate all residuals of a step; returns the largest force [N]."""
+    """Evaluate all residuals of a step. Returns the largest force [N]."""
     at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), len(z.s), given.ride
     clear_ridden(r.ridden)
     if ride.on:
@@ -291,7 +324,7 @@ def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r:
 
 @loop
 def balance_elastic(r: Found, load: Array) -> float:
-    """Begin the balance with elastic force less load; returns the largest of these [N]."""
+    """Start the balance with the elastic force minus the load. Returns the largest of these forces [N]."""
     largest = 0.0
     for i in range(len(load)):
         for x in range(3):
@@ -326,7 +359,7 @@ def evaluate_hold(law: Law, given: Given, z: Unknowns, k: int, h: Hold, r: Found
 
 @loop
 def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknowns, r: Found) -> bool:
-    """Whether every equation holds to its tolerance, forces to `force` [N]."""
+    """Return whether every equation holds to its tolerance; `force` [N] is the one of forces."""
     for i in range(len(r.balance)):
         for x in range(3):
             if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
@@ -340,8 +373,11 @@ def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknow
 def are_holds_solved(
     law: Law, sigma: Array, rows: Flags, limits: Limits, holds: Array, site: Array, rounded: Array
 ) -> bool:
-    """Whether the law of sliding, Φ and the equations of the sites hold to the `limits` of a force [N], a gap [m], a
-    direction [-] and a force along the thread [N], or the sites to what round-off moves them by, `rounded` (m, 9)."""
+    """Return whether the law of sliding, Φ and the equations of the sites hold to the `limits`.
+
+    The limits are those of a force [N], a gap [m], a direction [-] and a force along the thread
+    [N]. The limit of a site is at least its round-off, `rounded` (m, 9).
+    """
     force, gap, direction, along = limits
     for k in range(len(holds)):
         if not abs(holds[k, 0]) <= (gap if is_length(law, sigma, k) else along):
@@ -383,7 +419,7 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
 
 @loop
 def largest_entry(A: Array) -> float:
-    """Return the size of the largest entry of a block band."""
+    """Return the absolute value of the largest entry of a block band."""
     largest = 0.0
     for i in range(len(A)):
         for x in range(3):
@@ -394,8 +430,11 @@ def largest_entry(A: Array) -> float:
 
 @owning
 def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
-    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
-    without the constraints the thread could move or turn freely (statics)."""
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations.
+
+    The solution does not change. The matrix becomes regular even if the thread could move or turn
+    freely without the constraints (statics).
+    """
     scale = largest_entry(A)
     for k in range(len(r.holds)):
         K, push = np.zeros((NINE, NINE)), np.zeros(NINE)
@@ -405,7 +444,7 @@ def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -
 
 @loop
 def add_at_hold(A: Array, balance: Array, K: Array, push: Array, b: Array, first: int) -> None:
-    """Add a stiffness `K` (9, 9) and a force `push` (9,) of (P, T, T') at a hold to its four points."""
+    """Add a stiffness `K` (9, 9) and a force `push` (9,) of (P, T, T') at a hold to its four control points."""
     for j in range(4):
         for i in range(NINE):
             balance[first + j, i % 3] += b[i // 3, j] * push[i]
@@ -424,7 +463,7 @@ def add_at_hold(A: Array, balance: Array, K: Array, push: Array, b: Array, first
 def newton_direction(
     A: Array, border: Border, law: Law, sigma: Array, given: Given, r: Found, dq: Array, dz: Array
 ) -> int:
-    """Solve for the direction `dq` (n, 3), `dz` (m, 15); returns SOLVED or which matrix is singular."""
+    """Solve for the direction `dq` (n, 3), `dz` (m, 15). Returns SOLVED, or which matrix is singular."""
     n, m, rides = len(r.balance), len(r.holds), given.ride.on
     orders = 2 if rides else 3
     X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
@@ -454,8 +493,10 @@ def newton_direction(
 
 @loop
 def longest_way(dq: Array, lever: Array, floats: bool) -> float:
-    """Return the most that a move `dq` (n, c) of the control points moves the thread, less the mean of all where it
-    `floats` [m]."""
+    """Return the longest way of a control point under a move `dq` (n, c) [m].
+
+    If the thread `floats`, the mean move of all control points is subtracted.
+    """
     longest, n = 0.0, len(dq)
     for x in range(dq.shape[1]):
         mean = 0.0
@@ -469,16 +510,19 @@ def longest_way(dq: Array, lever: Array, floats: bool) -> float:
 
 @loop
 def allowed_share(longest: float, floats: bool, lever: Array, dq: Array) -> float:
-    """Return the part of a correction `dq` (n, c) that is applied: all of it, or what moves no control point further
-    than the `longest` way [m], of a thread that `floats` apart from the mean of all. A coordinate moves the thread by
-    its `lever` (c,) [-, m]."""
+    """Return the part of a correction `dq` (n, c) that is applied.
+
+    No control point moves further than `longest` [m]; if the thread `floats`, the mean move of all
+    does not count. A coordinate moves the thread by its `lever` (c,) [-, m].
+    """
     return min(1.0, longest / max(longest_way(dq, lever, floats), TINY))
 
 
 @loop
 def share_between_holes(ride: Ride, S: Array, dz: Array) -> float:
-    """Return the part of a correction in which no part of the thread between two holes falls below LEFT of its
-    length."""
+    """Return the part of a correction that leaves at least LEFT of the length of each part of the
+    thread between two holes.
+    """
     share, before = 1.0, 0.0
     for i in range(len(S)):
         moved = 0.0
@@ -492,7 +536,7 @@ def share_between_holes(ride: Ride, S: Array, dz: Array) -> float:
 
 @loop
 def add_correction(bounds: Bounds, lever: Array, ride: Ride, S: Array, z: Unknowns, dq: Array, dz: Array) -> None:
-    """Add the share of a correction that is allowed; `dq` and the first column of `dz` become what is added."""
+    """Add the allowed part of a correction; `dq` and the first column of `dz` become the applied changes."""
     share = allowed_share(bounds.longest, bounds.floats, lever, dq)
     if ride.on:
         share = min(share, share_between_holes(ride, S, dz))
@@ -513,8 +557,12 @@ def add_correction(bounds: Bounds, lever: Array, ride: Ride, S: Array, z: Unknow
 def solve_set(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
 ) -> tuple[int, float]:
-    """Iterate by Newton with the active set, the corrections counted in the trail; returns how that ended, and the
-    largest force [N] at the last iterate, where the residual is."""
+    """Iterate by Newton's method with the active set. Returns the end of the iteration and the
+    largest force [N].
+
+    The corrections are counted in the trail. The force is that of the last iterate, at which the
+    residual is.
+    """
     dq, dz = np.zeros((len(z.q), 3)), np.zeros((len(z.s), BORDER))
     lever, made = np.ones(3), r.trail.made
     while True:
@@ -555,8 +603,11 @@ def times_seen(seen: Array, count: int, sigma: Array) -> int:
 
 @owning
 def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen: Array, count: int) -> bool:
-    """Take the active set that the forces of a solved iterate ask for; False where the iterate has it. `seen` (k, m)
-    are the sets of the `count` iterates solved so far: where one comes back, the first hole that has to changes."""
+    """Take the active set that fits the forces of a solved iterate. Returns False if the iterate has this set.
+
+    `seen` (k, m) are the sets of the `count` iterates solved so far. If the fitting set is among
+    them, only the first differing hold is changed.
+    """
     m, first = len(z.s), -1
     out = empty_ruled(m)
     for k in range(m):
@@ -580,8 +631,12 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen:
 def solve_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
 ) -> tuple[int, float]:
-    """Iterate until every equation holds and stick and slip fit the answer; returns the corrections, −1 where that
-    was not reached, and the largest force [N] at the last iterate, where the residual is."""
+    """Iterate until every equation holds and stick and slip fit the solution. Returns the
+    corrections and the largest force [N].
+
+    The corrections are −1 if this was not reached. The force is that of the last iterate, at which
+    the residual is.
+    """
     (seen, made), scale = r.trail, 0.0
     for i in range(len(made)):
         made[i] = 0
@@ -604,8 +659,11 @@ def solve_step(
 
 
 def solve_of(digest: int) -> Any:
-    """Return the function that solves a step, kept on disk for kernels of this `digest`. It has an address, by which
-    the loops of whole steps call it, and so arguments of its own, unlike an `entry`."""
+    """Return the function that solves a step, cached on disk for kernels of this `digest`.
+
+    The loops of whole steps call the function by its address. Its arguments are therefore declared,
+    unlike those of an `entry`.
+    """
 
     @outermost
     def solve(
@@ -620,4 +678,4 @@ def solve_of(digest: int) -> Any:
 
 solve = solve_of(sources(__file__))
 share_between = entry(share_between_holes)
-share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # as Python calls them
+share, holds_solved = entry(allowed_share), entry(are_holds_solved)  # for Python

@@ -1,5 +1,6 @@
-"""Whole steps in compiled loops, many in a call: predicted, solved, looked at and audited.
+"""Whole steps in compiled loops, many in one call: predicted, solved, checked and audited.
 
-A package of its own, for `coupling.kernels.iteration`, which it calls by its address, is neither compiled into it nor
-anew where something changes here: `march` is compiled when `coupling.run.run.Run.steps` first asks for it.
+The steps call `coupling.kernels.iteration` by its address. In a package of their own they are
+compiled without it, and a change here does not cause it to be compiled again. `march` is compiled
+at the first call of `coupling.run.run.Run.steps`.
 """

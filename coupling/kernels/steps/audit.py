@@ -1,15 +1,22 @@
-"""The energy audit of a step: every joule of work goes somewhere, each place by its own formula.
+"""The energy audit of a step: every joule of work is booked in one place, each place by its own formula.
 
-Dot the thread's equation with Δq and the organ's with ΔU. With Φ = 0 at both ends of the step the constraints' work
-is what the driving force Φ_sᵀλ takes through the hole, −Φ_sᵀλ Δs, plus a remainder of second order in the step, which
-belongs to the integrator. Backward Euler dissipates ½Δvᵀ M Δv, and of the elastic energy ∂E(q⁺)·Δq − ΔE. Under BDF2,
-a⁺ ≠ Δv/Δt and Δq ≠ Δt v⁺, and the inertia takes a⁺ᵀMΔq − v⁺ᵀMΔv more, of either sign. All these works are those of the
-forces at the end of the step along it, a rectangle rule of first order; what separates it from the exact work stands
-with the integrator's share. After a step of BDF2 and after a load step the works from outside, of damping and of
-friction in steady sliding are those of the mean of the forces at both ends, the trapezoidal rule, and so the share of
-the integrator is of second order as the motion is. Friction counts so where the thread slides on, the same way and
-without ε: elsewhere its force jumps, and what the force at the end takes is never negative. Where a hand draws the
-thread through a hole, by a length or with a force, −Φ_sᵀλ Δs is its work, and external.
+The thread's equation is multiplied by Δq and the organ's by ΔU. With Φ = 0 at both ends of the
+step, the work of the constraints is −Φ_sᵀλ Δs, which the driving force Φ_sᵀλ takes through the
+hole, plus a remainder. The remainder is of second order in the step and belongs to the integrator.
+
+Backward Euler dissipates ½Δvᵀ M Δv, and ∂E(q⁺)·Δq − ΔE of the elastic energy. With BDF2, a⁺ ≠ Δv/Δt
+and Δq ≠ Δt v⁺; the inertia then takes a⁺ᵀMΔq − v⁺ᵀMΔv in addition, which can have either sign.
+
+All these works are by the forces at the end of the step, a rectangle rule of first order. The
+difference from the exact work is part of the integrator's share. After a step of BDF2 and after a
+load step, the works of external forces, of damping and of friction in steady sliding are by the
+mean of the forces at both ends (trapezoidal rule). The share of the integrator is then of second
+order, like the motion.
+
+This rule applies to friction only if the thread continues to slide in the same direction and ε is
+zero. Otherwise the friction force jumps, and the work of the force at the end is never negative. If
+a hand draws the thread through a hole, by a length or with a force, −Φ_sᵀλ Δs is the work of the
+hand and is external.
 """
 
 from typing import NamedTuple
@@ -21,22 +28,25 @@ from coupling.kernels.holes import driving_force, hold_at
 from coupling.kernels.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
 from thread.kernels.loops import entry, loop, owning
 
-# What a step of the thread turns over, in this order [J]: kinetic and elastic energy at its end; the works from
-# outside, of friction and of damping; what the integrator took, but for the change of the elastic energy; the remainder
-# of the constraints' work; and what the integrator took more than backward Euler would, by looking back over two steps
-# and by the mean of the forces at both ends.
+# Energy turnover of the thread in a step, in this order [J]: kinetic and elastic energy at its end; the works of
+# external forces, of friction and of damping; the loss by the integrator without the change of the elastic energy; the
+# remainder of the constraints' work; and the additional loss by the integrator compared with backward Euler, from the
+# two-step formula and from the mean of the forces at both ends.
 KINETIC, ELASTIC, EXTERNAL, FRICTION, VISCOUS, NUMERICAL, REMAINDER, TWO_STEP, BY_MEAN = range(9)
 TURNS = 9
-# What a step of the organ turns over, as in `coupling.interfaces.OrganEnergies`, and what of BODY_NUMERICAL is by the
-# mean of the forces at both ends [J].
+# Energy turnover of the organ in a step, as in `coupling.interfaces.OrganEnergies`, and the part of BODY_NUMERICAL that
+# is due to the mean of the forces at both ends [J].
 BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL, BODY_RUBBED, BODY_BY_MEAN = range(7)
 BODY = 7
 
 
 class Motion(NamedTuple):
-    """A state of thread and holds, as `coupling.system.State`; `f_y` (m, 9) are the forces on the sites. Of modes of
-    the organ `U`, `V`, `A` (n,) and what their check leaves open so far, or the largest forces, `drift` (1,). Where
-    knots travel −∂Π/∂s, `drive` (m,) [N]. All of them lie one after the other in `numbers`."""
+    """A state of thread and holds, as `coupling.system.State`.
+
+    `f_y` (m, 9) are the forces on the sites. `U`, `V`, `A` (n,) are the motion of the organ's
+    modes. `drift` (1,) is the residual of their check so far, or the largest forces so far. If
+    knots travel, `drive` (m,) [N] is −∂Π/∂s. All arrays are consecutive parts of `numbers`.
+    """
 
     q: Array
     v: Array
@@ -59,9 +69,15 @@ class Motion(NamedTuple):
 
 
 class Works(NamedTuple):
-    """What the audit reads of a step: `damping` [1/s]; factor `a` [1/s²] of its scheme and the reference q_a `at`
-    (n, c) of the inertia; whether it looks back over two (`two_step`), and if so by how much more the loads on both
-    ends are at its start, `more` (2, 3) [N]."""
+    """The data of a step for the audit.
+
+    - `damping` [1/s].
+    - `a` [1/s²]: factor of the time scheme.
+    - `at` (n, c): reference q_a of the inertia.
+    - `two_step`: whether the scheme uses the two earlier states.
+    - `more` (2, 3) [N]: excess of the loads on both ends at the start of the step over those at its
+      end.
+    """
 
     damping: float
     a: float
@@ -71,9 +87,14 @@ class Works(NamedTuple):
 
 
 class Holes(NamedTuple):
-    """What the audit reads of the holds, (m,) each: those that are `rough`, those where a hand has the thread, and
-    those where it `slides` by an inertia of its own: ε s̈ = `inertia` (s − `s_free`); `epsilon`, ε [kg]; and whether
-    the knots ride with the holes (`rides`)."""
+    """The data of the holds for the audit, shape `(m,)` each.
+
+    - `rough`: holds with friction.
+    - `by_hand`: holds at which a hand draws the thread.
+    - `slides`: holds that slide with their own inertia, ε s̈ = `inertia` (s − `s_free`).
+    - `epsilon`: ε [kg].
+    - `rides`: whether knots travel.
+    """
 
     rough: Flags
     by_hand: Flags
@@ -85,9 +106,13 @@ class Holes(NamedTuple):
 
 
 class OnThread(NamedTuple):
-    """What acts on the control points at the end of a step, (n, c) each [N]: forces that are `elastic`, of the `load`,
-    of all together, `balance`, which the holders bear where unknowns are `held`, and of the holes, `push` (n, 3); and
-    M Δq, `moved`, M Δv, `faster`, M v, `momentum`."""
+    """Forces on the control points at the end of a step, shape `(n, c)` each [N].
+
+    - `elastic`, `load`: elastic forces and loads.
+    - `balance`: the sum of all forces; at `held` unknowns it is the force of the holders.
+    - `push` (n, 3): forces of the holes.
+    - `moved`, `faster`, `momentum`: M Δq, M Δv and M v.
+    """
 
     elastic: Array
     load: Array
@@ -100,7 +125,7 @@ class OnThread(NamedTuple):
 
 
 class Met(NamedTuple):
-    """The thread at the holes, as it `was` at the start of a step and is `now` at its end."""
+    """The thread at the holes at the start of a step (`was`) and at its end (`now`)."""
 
     was: Passing
     now: Passing
@@ -131,7 +156,7 @@ def product(a: Array, b: Array) -> float:
 
 @loop
 def work_along(force: Array, old: Array, new: Array) -> float:
-    """Return the work of forces (n, c) on the way from one place to another [J]."""
+    """Return the work of forces (n, c) along the way from one place to another [J]."""
     work = 0.0
     for i in range(force.shape[0]):
         for x in range(force.shape[1]):
@@ -141,8 +166,10 @@ def work_along(force: Array, old: Array, new: Array) -> float:
 
 @loop
 def outside_work(on: OnThread, old: Array, new: Array) -> float:
-    """Return the work of the loads and of the holders of the ends, whose reactions are the balance at the prescribed
-    unknowns, from places `old` to `new` [J]."""
+    """Return the work of the loads and of the holders of the ends from places `old` to `new` [J].
+
+    The reactions of the holders are the balance at the prescribed unknowns.
+    """
     work = work_along(on.load, old, new)
     for i in range(old.shape[0]):
         for x in range(old.shape[1]):
@@ -153,7 +180,9 @@ def outside_work(on: OnThread, old: Array, new: Array) -> float:
 
 @loop
 def more_outside(works: Works, held: Flags, old: Motion, new: Motion) -> float:
-    """Return what the loads and holders at the start of a step would do along it more than those at its end [J]."""
+    """Return the excess of external work with the loads and holders of the start over that with
+    those of the end [J].
+    """
     work = 0.0
     for end in range(2):
         i = end * (len(old.q) - 1)
@@ -169,14 +198,17 @@ def more_outside(works: Works, held: Flags, old: Motion, new: Motion) -> float:
 def audit_sliding(
     works: Works, holes: Holes, old: Motion, new: Motion, k: int, drives: tuple[float, float], out: Array
 ) -> None:
-    """Add what sliding takes at hold k to `out`, under the driving forces Φ_sᵀλ at both ends of a step, `drives` [N]:
-    friction or the work of hands, ε's own dissipation and the remainder of the constraints' work; and after BDF2 by how
-    much more the mean of the driving forces takes."""
+    """Add the work of sliding at hold k to `out`.
+
+    It is friction or the work of hands, the dissipation of ε, and the remainder of the constraints'
+    work. After BDF2, the difference due to the mean of the driving forces is added. `drives` [N]
+    are the driving forces Φ_sᵀλ at both ends of the step.
+    """
     ds, drive, ideal = new.s[k] - old.s[k], drives[1], 0.0
     if holes.slides[k]:
         ideal = holes.inertia[k] * (new.s[k] - holes.s_free[k])
     out[NUMERICAL] += ideal * ds - 0.5 * holes.epsilon * (new.s_dot[k] ** 2 - old.s_dot[k] ** 2)
-    if not holes.rides:  # else Φ does not depend on s
+    if not holes.rides:  # if knots travel, Φ does not depend on s
         out[REMAINDER] -= drive * ds
     for j in range(9):
         out[REMAINDER] -= new.f_y[k, j] * (new.y[k, j] - old.y[k, j])
@@ -191,7 +223,7 @@ def audit_sliding(
 
 @loop
 def kinetic_energy(v: Array, momentum: Array, s_dot: Array, epsilon: float) -> float:
-    """Return ½ vᵀ M v of the thread, and ½ ε ṡ² of eq. 7 [J]."""
+    """Return ½ vᵀ M v of the thread plus ½ ε ṡ² of eq. 7 [J]."""
     energy = 0.5 * product(v, momentum)
     for k in range(len(s_dot)):
         energy += 0.5 * epsilon * s_dot[k] ** 2
@@ -200,7 +232,7 @@ def kinetic_energy(v: Array, momentum: Array, s_dot: Array, epsilon: float) -> f
 
 @loop
 def audit_inertia(works: Works, on: OnThread, old: Motion, new: Motion, out: Array) -> None:
-    """Add what damping takes and what the integrator takes of the inertia to `out`."""
+    """Add the losses by damping and by the integrator's inertia to `out`."""
     taken = works.damping * product(new.v, on.moved)
     out[NUMERICAL] += 0.5 * work_along(on.faster, old.v, new.v)
     if works.two_step:
@@ -213,8 +245,10 @@ def audit_inertia(works: Works, on: OnThread, old: Motion, new: Motion, out: Arr
 
 @loop
 def audit_step(works: Works, holes: Holes, on: OnThread, old: Motion, new: Motion, met: Met, out: Array) -> None:
-    """Add what a step of the thread turns over to `out` (9,) [J], in which the elastic energy of the thread itself at
-    its end stands already."""
+    """Add the energy turnover of the thread in a step to `out` (9,) [J].
+
+    The elastic energy at the end of the step is already in `out`.
+    """
     out[KINETIC] += kinetic_energy(new.v, on.momentum, new.s_dot, holes.epsilon)
     out[EXTERNAL] += outside_work(on, old.q, new.q)
     out[NUMERICAL] += work_along(on.elastic, old.q, new.q)
@@ -233,7 +267,9 @@ def audit_step(works: Works, holes: Holes, on: OnThread, old: Motion, new: Motio
 def audit_march(
     knots: Knots, given: Given, works: Works, holes: Holes, r: Found, old: Motion, new: Motion, met: Met, out: Array
 ) -> None:
-    """Write what a step of a thread of stretch and bending, which ended at a residual `r`, turns over into `out`."""
+    """Write the energy turnover of a thread with stretch and bending in a step to `out`; `r` is the
+    residual at its end.
+    """
     moved, faster, none = np.zeros(new.q.shape), np.zeros(new.q.shape), np.zeros(new.q.shape)
     momentum = np.zeros(new.q.shape)
     add_momentum(knots.mass, 1.0, new.q, old.q, moved)
@@ -245,8 +281,11 @@ def audit_march(
 
 @loop
 def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
-    """Write the energies after a step into `out` (9,), as `coupling.reports.audit.Energies`, from those before it
-    and what thread and organ, `body` (7,), turned over. The last of them is what the step took only to give back."""
+    """Write the energies after a step into `out` (9,), in the order of `coupling.reports.audit.Energies`.
+
+    They follow from the energies before the step and the turnover of thread and organ, `body` (7,).
+    The last one is the loan: energy taken by this step that the next step can return.
+    """
     kinetic, external = turns[KINETIC] + body[BODY_KINETIC], turns[EXTERNAL] + body[BODY_LOADS]
     viscous = turns[VISCOUS] + body[BODY_VISCOUS]
     friction, two_step = turns[FRICTION] + body[BODY_RUBBED], turns[TWO_STEP] + turns[BY_MEAN]
@@ -262,4 +301,4 @@ def book(turns: Array, body: Array, energies: Array, out: Array) -> None:
     out[8] = numerical - 2.0 * (two_step + body[BODY_BY_MEAN])
 
 
-audit, enter, kinetic = entry(audit_step), entry(book), entry(kinetic_energy)  # as Python calls them
+audit, enter, kinetic = entry(audit_step), entry(book), entry(kinetic_energy)  # for Python

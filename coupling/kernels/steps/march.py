@@ -1,10 +1,13 @@
-"""Whole steps, one after the other, as long as nothing out of the ordinary happens (`coupling.step.stepping`,
-`coupling.run.run`): each predicted, solved, concluded, looked at and audited.
+"""Whole steps, one after another, as long as nothing unusual happens (`coupling.step.stepping`,
+`coupling.run.run`).
 
-A step that does not converge, or in which anything happens that is more than the next step of a smooth motion, is not
-made: the arrays stay what they were at its start, and the numbers that are returned say why. One with an event that
-changes no constraint is made where it is the first, and is then the last: a hold slips or sticks, a strand becomes taut
-or slack, tissue tears. Its time is found in Python, from the states on both sides.
+Each step is predicted, solved, concluded, checked and audited. A step that does not converge, or
+that is more than the next step of a smooth motion, is not made. The arrays then have the values of
+its start, and the returned numbers give the reason.
+
+A step with an event that changes no constraint is made if it is the first, and it is then the last.
+In such an event a hold slips or sticks, a strand becomes taut or slack, or tissue tears. Python
+finds the time of the event from the states on both sides.
 """
 
 from typing import Any, NamedTuple
@@ -55,16 +58,19 @@ from thread.kernels.loops import loop, outermost, owning, sources
 from thread.kernels.travel import carry_points
 from thread.kernels.vectors import cross, dot, norm, vector
 
-# Why no further step is made.
+# Reasons why no further step is made.
 MADE, NOT_SOLVED, SQUEEZED, LEFT, CROSSED, TURNED, EVENT, UPHILL, TOO_NARROW = range(9)
-HAPPENED, REFIT = 9, 10  # a step with an event is made, and is the last; the packets no longer fit
-ENERGIES = 9  # numbers of `coupling.reports.audit.Energies` that steps change
+HAPPENED, REFIT = 9, 10  # a step with an event was made and is the last; the packets no longer fit
+ENERGIES = 9  # entries of `coupling.reports.audit.Energies` that change in steps
 solve_at = by_address(solve)
 
 
 class Ends(NamedTuple):
-    """What holds and pulls the two ends in each step, (steps, 2, 3) each: the `places` [m] and the `forces` [N] at its
-    end, and by how much `more` the forces are at its start."""
+    """Positions and loads of the two ends in each step, (steps, 2, 3) each.
+
+    The `places` [m] and `forces` [N] are those at the end of the step. `more` [N] is the excess of
+    the forces at its start.
+    """
 
     places: Array
     forces: Array
@@ -72,12 +78,21 @@ class Ends(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What does not change in steps: the `weight` (n, 3) [N]; abscissae of the thread, `along`; holds that are
-    `present`, those of them that have a place (`here`), those that may `slide`, those that are `rough`, and those where
-    a hand has the thread, (m,) each; the largest force that the tissue bears at each piercing, `strength` (p,) [N];
-    `damping` [1/s], ε [kg]; the largest stiffness against moving places, `by_place` [N/m]; the pressure that the thread
-    bears [N] over EA, `borne`; the `shares` of energies that a step may make; the `strands` between the holds; and when
-    the packets of a thread whose knots travel `fit`."""
+    """The constant data of all steps.
+
+    - `weight` (n, 3) [N]: weight of the thread.
+    - `along`: abscissae of the thread.
+    - `present`, `here`, `slide`, `rough`, `by_hand` (m,): holds that are present, that have an
+      active point constraint, that can slide, that have friction, and at which a hand draws the
+      thread.
+    - `strength` (p,) [N]: largest force that the tissue bears at each piercing.
+    - `damping` [1/s], `epsilon` [kg].
+    - `by_place` [N/m]: largest stiffness of a control point against displacement.
+    - `borne`: the pressure that the thread bears [N] over EA.
+    - `shares`: shares of energies that a step may create.
+    - `strands`: the strands between the holds.
+    - `fit`: conditions under which the packets of travelling knots fit.
+    """
 
     weight: Array
     along: Along
@@ -97,9 +112,16 @@ class Scene(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for what is made in a step and not kept: its unknowns and its `end`, which share their arrays, the residual
-    `found`; the holds `was` at its start and the tension there, `T` (m, 2), q_a `at` (n, 3) of its inertia, where modes
-    are `going`, what thread and organ turn over, `turns` (9,) and `body` (7,) [J], and the energies `after` it (9,)."""
+    """Arrays for one step.
+
+    - `z`, `end`: the unknowns and the state at the end, with shared arrays.
+    - `found`: the residual.
+    - `was`, `T` (m, 2): the holds and the tensions there at the start.
+    - `at` (n, 3): reference q_a of the inertia.
+    - `going`: the motion of modes without site forces.
+    - `turns` (9,), `body` (7,) [J]: energy turnover of thread and organ.
+    - `after` (9,): the energies after the step.
+    """
 
     z: Unknowns
     end: Motion
@@ -114,9 +136,13 @@ class Scratch(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of steps, (steps, …) each: the numbers of the state at the `ends` of them, `Motion.numbers`, the
-    `elastic` forces (n, 3) [N] on the thread there, its largest axial `strain` [-], and its passage `at` the holes; the
-    `energies` (10,)."""
+    """The stored results of steps, (steps, …) each.
+
+    - `ends`: the numbers of the states at their ends, `Motion.numbers`.
+    - `elastic` (n, 3) [N], `strain` [-], `at`: the elastic forces on the thread there, its largest
+      axial strain, and its passage through the holes.
+    - `energies` (10,).
+    """
 
     ends: Array
     elastic: Array
@@ -127,8 +153,10 @@ class Kept(NamedTuple):
 
 @loop
 def put_references(pace: Pace, scene: Scene, law: Law, given: Given, now: Motion, earlier: Motion, at: Array) -> float:
-    """Write the references of inertia and damping of a step, and the law's of sliding; returns the largest place of
-    the first [m]."""
+    """Write the references of the inertia, the damping and the law of sliding of a step.
+
+    Returns the largest place in the reference of the inertia [m].
+    """
     factor, largest = given.mass_factor, 0.0
     for i in range(len(now.q)):
         for x in range(3):
@@ -150,7 +178,7 @@ def put_references(pace: Pace, scene: Scene, law: Law, given: Given, now: Motion
 
 @loop
 def put_load(scene: Scene, given: Given, ends: Ends, step: int) -> None:
-    """Write weight and pulls at the end of a step."""
+    """Write the weight and the pulls at the end of a step."""
     last = len(given.load) - 1
     for i in range(len(given.load)):
         for x in range(3):
@@ -162,7 +190,7 @@ def put_load(scene: Scene, given: Given, ends: Ends, step: int) -> None:
 
 @loop
 def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unknowns) -> None:
-    """Write the first iterate: the thread goes on as it went, under the forces that it had."""
+    """Write the first iterate: the thread continues with its velocity, and the forces are unchanged."""
     n = len(z.q)
     for i in range(n):
         for x in range(3):
@@ -186,8 +214,11 @@ def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unk
 
 @owning
 def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earlier: Motion, new: Motion) -> None:
-    """Write what follows from the solved unknowns of a step: rates, forces in force, reactions, the sense in which the
-    thread passes its holes."""
+    """Write the results that follow from the solved unknowns of a step.
+
+    They are the rates, the active forces, the reactions, and the sense in which the thread passes
+    its holes.
+    """
     n = len(new.q)
     if given.ride.on:
         put_curve(given.fields[0], pace.now, now.q, 0.0, now.v)
@@ -221,7 +252,7 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
 
 @loop
 def what_happened(scene: Scene, given: Given, strain: Array, now: Motion, new: Motion) -> int:
-    """Return what is out of the ordinary in a solved step, MADE where nothing is."""
+    """Return what is unusual in a solved step; MADE if nothing is."""
     if is_pressed(scene.along, strain, scene.borne, new.s, scene.here):
         return SQUEEZED
     event = is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present)
@@ -238,7 +269,7 @@ def what_happened(scene: Scene, given: Given, strain: Array, now: Motion, new: M
 
 @loop
 def at_piercings(scene: Scene, now: Motion, new: Motion) -> int:
-    """Return whether one piercing came past another or the tissue no longer bears one, MADE where neither is."""
+    """Return CROSSED if one piercing passed another, EVENT if the tissue tears at one, else MADE."""
     torn = False
     for k in range(len(scene.strength)):
         for other in range(len(scene.strength)):
@@ -260,7 +291,7 @@ def copy_all(a: Array, b: Array) -> None:
 
 @loop
 def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
-    """Keep what is known of a step that is made."""
+    """Store the results of a step that is made."""
     copy_into(end.numbers, kept.ends[step])
     copy_all(r.elastic, kept.elastic[step])
     copy_into(energies, kept.energies[step])
@@ -280,7 +311,7 @@ def begin_step(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, organ: Organ, ends: Ends, step: int,
     now: Motion, earlier: Motion, room: Scratch,
 ) -> float:  # fmt: skip
-    """Write what a step is solved under. Returns the largest place [m], by which its forces are rounded."""
+    """Write the constant data of a step. Returns the largest place [m], for the round-off of its forces."""
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     largest = put_references(pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
@@ -301,7 +332,7 @@ def audit(
     curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, more: Array, now: Motion,
     room: Scratch,
 ) -> None:  # fmt: skip
-    """Write what a solved step of the thread turns over; `more` is as for `Works`."""
+    """Write the energy turnover of the thread in a solved step; `more` is as for `Works`."""
     r = room.found
     rides = given.ride.on
     works = Works(scene.damping, 0.0 if rides else pace.a, room.at, pace.two_step, more)
@@ -321,8 +352,10 @@ def end_step(
     curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, organ: Organ,
     ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array,
 ) -> int:  # fmt: skip
-    """Look at a solved step, and audit it; returns why it is not made, MADE where it is, EVENT where it is although
-    something happened."""
+    """Check a solved step and audit it. Returns why it is not made, or MADE, or EVENT.
+
+    With EVENT the step is made although something happened.
+    """
     copy_into(law.stretch, room.end.stretch)
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
@@ -339,7 +372,7 @@ def end_step(
 
 
 def march_of(digest: int) -> Any:
-    """Return the function that makes steps, kept on disk for the modules of this `digest`."""
+    """Return the function that makes steps, cached on disk for the modules of this `digest`."""
 
     @outermost
     def march(
@@ -347,11 +380,12 @@ def march_of(digest: int) -> Any:
         ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array, iterations: Indices, kept: Kept,
         solver: int,
     ) -> tuple[int, int]:  # fmt: skip
-        """Make as many steps as there is room for their `iterations` (steps,). Returns how many are made, and why there
-        are no more.
+        """Make as many steps as there are `iterations` (steps,). Returns the number of steps made
+        and why there are no more.
 
-        Steps change `now`, `earlier` and `energies` (10,), those of `coupling.reports.audit.Energies` in their order.
-        `solver` is the address of `coupling.kernels.iteration.solve`.
+        Steps change `now`, `earlier` and `energies` (10,), which are those of
+        `coupling.reports.audit.Energies` in their order. `solver` is the address of
+        `coupling.kernels.iteration.solve`.
         """
         assert digest
         span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)

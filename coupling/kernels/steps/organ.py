@@ -1,5 +1,8 @@
-"""The organ's part of a step: a linear one under loads that stay, without inertia or by modes that go on by themselves
-(`coupling.interfaces.Steady`, `coupling.interfaces.Modal`)."""
+"""The organ's part of a step, for a linear organ under constant loads.
+
+The organ has no inertia (`coupling.interfaces.Steady`), or moves in modes that are integrated
+independently (`coupling.interfaces.Modal`).
+"""
 
 from typing import NamedTuple
 
@@ -20,8 +23,11 @@ from thread.kernels.loops import loop
 
 
 class Pace(NamedTuple):
-    """The time scheme: step [s], factors `a` [1/s²] and `d` [1/s], weights of the positions `now` and `before`; whether
-    it looks back over two steps."""
+    """The time scheme.
+
+    The step `dt` [s], the factors `a` [1/s²] and `d` [1/s], the weights of the positions `now` and
+    `before`, and whether it uses two earlier states (`two_step`).
+    """
 
     dt: float
     a: float
@@ -32,11 +38,20 @@ class Pace(NamedTuple):
 
 
 class Organ(NamedTuple):
-    """An organ without inertia (`still`): its `elastic` energy under the loads alone [J], and how far they move the
-    sites, `sag` (m, 9). Or modes of stiffness one, of which the first r answer: masses `mu` and `load` (n,), `W`
-    (n, 9p), of the r `Y` (9p, r) and `y0` (9p,), of the others R, `missed` (k, n − r), and Rayleigh's `alpha` [1/s] and
-    `beta` [s]. Where all answer, `missed` is theirs, and what a step leaves of the equations of motion is below the
-    `accuracy` times the largest forces so far, and what is `rounded` [√J]."""
+    """An organ without inertia (`still`), or the modes of an organ.
+
+    - `elastic` [J], `sag` (m, 9): without inertia, the elastic energy under the loads alone, and
+      the displacement of the sites by the loads.
+    - `mu`, `load` (n,): masses and loads of modes of stiffness one, of which the first r move the
+      sites.
+    - `W` (n, 9p), `Y` (9p, r), `y0` (9p,): displacement of the modes by site forces; rows and
+      reference of the sites.
+    - `missed` (k, n − r): residual of the check per acceleration of the other modes. If all modes
+      move the sites, it is for all modes.
+    - `alpha` [1/s], `beta` [s]: Rayleigh's factors.
+    - `accuracy`, `rounded` [√J]: if all modes move the sites, the residual of the equations of
+      motion in a step is at most `accuracy` times the largest forces so far, plus `rounded`.
+    """
 
     still: bool
     elastic: float
@@ -54,7 +69,9 @@ class Organ(NamedTuple):
 
 
 class Going(NamedTuple):
-    """Where modes go without site forces, `free` (n,), and the references of their `inertia` and `damping`."""
+    """The motion of modes without site forces, `free` (n,), and the references of their `inertia`
+    and `damping`.
+    """
 
     free: Array
     inertia: Array
@@ -63,7 +80,7 @@ class Going(NamedTuple):
 
 @loop
 def go_free(pace: Pace, organ: Organ, given: Given, now: Motion, earlier: Motion, going: Going) -> None:
-    """Write where the modes go without site forces, and the sites with them."""
+    """Write the motion of the modes without site forces, and the sites that result from it."""
     for i in range(len(organ.mu)):
         U, mu = now.U[i], organ.mu[i]
         going.damping[i] = pace.now * U + pace.before * earlier.U[i]
@@ -81,8 +98,11 @@ def go_free(pace: Pace, organ: Organ, given: Given, now: Motion, earlier: Motion
 
 @loop
 def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> bool:
-    """Write the modes at the end of a step under its site forces, and what their check leaves open so far, or the
-    largest forces; returns whether they hold for the whole organ."""
+    """Write the modes at the end of a step under its site forces. Returns whether they are valid
+    for the whole organ.
+
+    `drift` becomes the residual of their check so far, or the largest forces so far.
+    """
     n, answering = len(organ.mu), organ.Y.shape[1]
     for i in range(n):
         U = going.free[i]
@@ -104,8 +124,11 @@ def bear(pace: Pace, organ: Organ, now: Motion, new: Motion, going: Going) -> bo
 
 @loop
 def holds_for_whole(organ: Organ, now: Motion, new: Motion) -> bool:
-    """Write the largest forces so far; returns whether modes that all answer leave little of the equations of motion of
-    the whole organ (`tissue.organs.krylov`)."""
+    """Write the largest forces so far. Returns whether the modes satisfy the equations of motion of
+    the whole organ.
+
+    All modes move the sites. The residual must be below the tolerance (`tissue.organs.krylov`).
+    """
     inertia, elastic, open_ = 0.0, 0.0, 0.0
     for i in range(len(organ.mu)):
         inertia += (organ.mu[i] * (new.A[i] + organ.alpha * new.V[i])) ** 2
@@ -121,7 +144,7 @@ def holds_for_whole(organ: Organ, now: Motion, new: Motion) -> bool:
 
 @loop
 def audit_organ(organ: Organ, two_step: bool, C: Array, now: Motion, new: Motion, out: Array) -> None:
-    """Write what a step of the organ turns over into `out` (7,)."""
+    """Write the energy turnover of the organ in a step into `out` (7,)."""
     for i in range(len(out)):
         out[i] = 0.0
     if organ.still:
@@ -132,7 +155,7 @@ def audit_organ(organ: Organ, two_step: bool, C: Array, now: Motion, new: Motion
 
 @loop
 def audit_still(organ: Organ, C: Array, now: Motion, new: Motion, out: Array) -> None:
-    """Add what an organ without inertia turns over."""
+    """Add the energy turnover of an organ without inertia."""
     out[BODY_ELASTIC], m = organ.elastic, len(new.f_y)
     for k in range(m):
         for i in range(9):
@@ -149,7 +172,10 @@ def audit_still(organ: Organ, C: Array, now: Motion, new: Motion, out: Array) ->
 
 @loop
 def audit_modes(organ: Organ, two_step: bool, now: Motion, new: Motion, out: Array) -> None:
-    """Add what the modes that answer turn over; damping after BDF2 by the mean of both ends."""
+    """Add the energy turnover of the modes that move the sites.
+
+    After BDF2 the work of damping is by the mean of both ends.
+    """
     for i in range(organ.Y.shape[1]):
         mu, U, V, dU, dV = organ.mu[i], new.U[i], new.V[i], new.U[i] - now.U[i], new.V[i] - now.V[i]
         drag = organ.alpha * mu + organ.beta

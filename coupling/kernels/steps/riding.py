@@ -1,5 +1,8 @@
-"""Steps of a thread whose knots travel with its holes: the earlier curves that its inertia is from, its velocity, how
-far its packets fit, and its part of the audit (`thread.kernels.travel`)."""
+"""Steps of a thread whose knots travel with its holes (`thread.kernels.travel`).
+
+This module has the earlier curves of its inertia, its velocity, the check of its packets, and its
+part of the audit.
+"""
 
 from typing import NamedTuple
 
@@ -44,12 +47,20 @@ from thread.kernels.vectors import cross, dot, norm
 
 
 class Fit(NamedTuple):
-    """When knots fit (`thread.packets.Travel`): the spans next to the holes that a step begins with are `first` (m,)
-    [m], wanted are `part` √(EI/T), at most `longest` [m], and they may be `coarse` and `fine` times that; the packets
-    of the strand of each span are `rigid` (spans,) [m], and between them it was `made` (spans,) [m] long, which may
-    have `grown` so many times; `between` and `limits` as of `Ride`. Control points in the middle of a `strand` (n,), −1
-    elsewhere, turn the thread by no more than `turned` [rad], and one of a strand that was made `bent` (strands,) by
-    `flat` at least. EI [N m²], the thread's `length` [m], and the `least` tension [N]."""
+    """The conditions under which knots fit (`thread.packets.Travel`).
+
+    - `first` (m,) [m]: spans next to the holes at the start of a step. The wanted spans are `part`
+      √(EI/T), at most `longest` [m]. Spans may be between `fine` and `coarse` times the wanted
+      ones.
+    - `rigid`, `made` (spans,) [m]: for the strand of each span, the length of its packets, and the
+      length between them when the knots were made. The latter may change by a factor of `grown`.
+    - `between` and `limits` as of `Ride`.
+    - `strand` (n,): the strand whose middle contains each control point, −1 elsewhere.
+    - `turned`, `flat` [rad]: the thread turns by at most `turned` at a control point in a middle.
+      In a strand whose knots were made for a bend, `bent` (strands,), one point turns it by at
+      least `flat`.
+    - `EI` [N m²], the thread's `length` [m], and the `least` tension [N].
+    """
 
     first: Array
     rigid: Array
@@ -72,14 +83,14 @@ class Fit(NamedTuple):
 
 @loop
 def place_field(field: Field, ride: Ride, s: Array) -> None:
-    """Write where the knots of an earlier curve are, with holes at `s` (m,) [m]."""
+    """Write the places of the knots of an earlier curve, with holes at `s` (m,) [m]."""
     place_knots(ride, s, field.S)
     put_breaks(field.polynomials, field.first, field.S, field.at, field.knots[1] - field.knots[0])
 
 
 @loop
 def put_breaks(polynomials: Array, first: Indices, S: Array, breaks: Array, width: float) -> None:
-    """Write the abscissae of the ends of spans that are all of a `width` in χ."""
+    """Write the abscissae of the ends of spans that all have the same `width` in χ."""
     last = len(first) - 1
     for e in range(len(first)):
         breaks[e] = on_span(polynomials[e, 0], S, first[e])
@@ -120,8 +131,11 @@ def pass_knots(ride: Ride, S: Array, q: Array, drive: Array, at: Passing) -> Non
 
 @loop
 def fits(fit: Fit, q: Array, T: Array, s: Array, present: Flags) -> bool:
-    """Whether knots fit the bends of a thread at `q` (n, 3) [m], and the tensions `T` (m, 2) [N] next to its holes at
-    `s` (m,) [m]."""
+    """Return whether knots fit the tensions next to the holes, the lengths of the strands, and the
+    bends of a thread.
+
+    The thread is at `q` (n, 3) [m] with tensions `T` (m, 2) [N] next to its holes at `s` (m,) [m].
+    """
     for k in range(len(s)):
         if present[k] and fit.first[k] > 0.0:
             layer = min(np.sqrt(fit.EI / max(T[k, 0], T[k, 1], fit.least)), fit.length)
@@ -138,7 +152,7 @@ def fits(fit: Fit, q: Array, T: Array, s: Array, present: Flags) -> bool:
 
 @loop
 def bends_as_made(fit: Fit, q: Array) -> bool:
-    """Whether the middles of strands bend about as they did when their knots were made."""
+    """Return whether the middles of strands bend about as much as when their knots were made."""
     at, largest, last = -1, 0.0, len(q) - 1
     for i in range(1, last + 1):
         strand = fit.strand[i] if i < last else -1
@@ -155,7 +169,7 @@ def bends_as_made(fit: Fit, q: Array) -> bool:
 
 @loop
 def turn_at(q: Array, i: int) -> float:
-    """Return the angle between the legs of the polygon of control points (n, 3) that meet in one of them [rad]."""
+    """Return the angle between the two legs of the polygon of control points (n, 3) at point i [rad]."""
     back = (q[i, 0] - q[i - 1, 0], q[i, 1] - q[i - 1, 1], q[i, 2] - q[i - 1, 2])
     forth = (q[i + 1, 0] - q[i, 0], q[i + 1, 1] - q[i, 1], q[i + 1, 2] - q[i, 2])
     return float(np.arctan2(norm(cross(back, forth)), dot(back, forth)))
@@ -163,8 +177,11 @@ def turn_at(q: Array, i: int) -> float:
 
 @owning
 def put_on(ride: Ride, field: Field, S: Array, mass: Array, out: Array) -> None:
-    """Write the control values (n, 3), on knots at `S` (n,) [m] with the upper band of the `mass` (n, 4) [kg], of an
-    earlier curve, by least squares weighted with the mass (`thread.riding.put_on`)."""
+    """Write the control values of an earlier curve on other knots, shape `(n, 3)`, by least squares.
+
+    The knots are at `S` (n,) [m]. The least squares are weighted with the mass, whose upper band is
+    `mass` (n, 4) [kg] (`thread.riding.put_on`).
+    """
     n = len(S)
     for i in range(n):
         for x in range(3):
@@ -199,7 +216,7 @@ def put_rates(ride: Ride, fields: tuple[Field, Field], d: float, r: Found, q: Ar
 
 @owning
 def solve_mass(mass: Array, X: Array) -> None:
-    """Replace `X` (n, 3) by M⁻¹X, M of the upper band `mass` (n, 4): L D Lᵀ."""
+    """Replace `X` (n, 3) by M⁻¹X, by L D Lᵀ of M with the upper band `mass` (n, 4)."""
     n, U = len(mass), mass.copy()
     for i in range(n):
         for k in range(1, min(REACH, n - 1 - i) + 1):
@@ -217,7 +234,7 @@ def solve_mass(mass: Array, X: Array) -> None:
 
 @owning
 def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, v: Array) -> float:
-    """Return the kinetic energy of the thread with its knots where those of the first field are [J]."""
+    """Return the kinetic energy of the thread with its knots at those of the first field [J]."""
     n, m = len(q), ride.b.shape[1]
     part = Ridden(fields[0].S, np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
     F, momentum, none = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -232,8 +249,11 @@ def audit_ride(
     curve: Curve, given: Given, works: Works, holes: Holes, r: Found, old: Motion, new: Motion, met: Met,
     out: Array,
 ) -> None:  # fmt: skip
-    """Write what a step of a thread whose knots travel turns over into `out`, as `coupling.reports.audit.turned_over`.
-    The first field is where the knots were at its start."""
+    """Write the energy turnover of a thread whose knots travel in a step into `out`.
+
+    The terms are those of `coupling.reports.audit.turned_over`. The first field has the knots at
+    the start of the step.
+    """
     ride, field, mass, n = given.ride, given.fields[0], r.ridden.mass, len(new.q)
     at_q, at_v, none = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     moved, faster, momentum, F = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
@@ -279,4 +299,4 @@ def audit_ride(
         out[NUMERICAL] += beyond
 
 
-knots_fit = entry(fits)  # as Python calls it
+knots_fit = entry(fits)  # for Python

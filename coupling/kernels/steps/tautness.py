@@ -1,18 +1,22 @@
-"""Which strands of the thread are taut: its parts from hold to hold, to an end, or to a cut.
+"""The taut strands of the thread. A strand is its part between two holes, or up to an end or a cut.
 
-A strand that is longer than its way sags under its weight, or bows as a column that has buckled, and swings. Once the
-slack is taken up its axial force T, the median over it, rises beyond what that bears:
+A strand that is longer than its way sags under its weight, or bows like a buckled column, and
+swings. When the slack is gone, its axial force T, the median over its points, exceeds these
+effects:
 
     becomes taut     T > EI (π/ℓ)² + w ℓ + F + SWINGING ρA v²
     becomes slack    T < ½ (w ℓ + F)
 
-with its length ℓ. EI (π/ℓ)² is Euler's load: beyond it √(EI/T), over which a thread bends at its ends, is shorter than
-ℓ/π, and tension rather than bending keeps the strand in its way. Under T = w ℓ, its weight, it sags by an eighth of its
-way, under half of that by a quarter. F stretches it by STRETCHED, for a limp one without weight. One that is longer
-than its way by e bears some ρA v² ℓ/e as it swings to and fro at the speed v, a root mean square. In between a strand
-stays what it was, so that one which swings does not change with every swing.
+Here ℓ is its length. EI (π/ℓ)² is Euler's load. Above this load √(EI/T), the length over which a
+thread bends at its ends, is shorter than ℓ/π; tension and not bending then keeps the strand in its
+way. Under T = w ℓ, its weight, it sags by an eighth of its way, and under half of that by a
+quarter.
 
-A strand with an end that nothing holds does not become taut: what drags it along is but its inertia.
+F stretches the strand by STRETCHED; it is the bound of a limp strand without weight. A strand
+longer than its way by e has about ρA v² ℓ/e as it swings at the root mean square speed v. Between
+the two bounds a strand keeps its state, so that a swinging strand does not change with every swing.
+
+A strand with a loose end does not become taut: only its inertia resists the pull.
 """
 
 from typing import NamedTuple
@@ -23,13 +27,19 @@ from coupling.arrays import Array, Flags
 from coupling.kernels.steps.tension import Along, put_bounds
 from thread.kernels.loops import entry, loop, owning
 
-SHORTEST = 2.220446049250313e-16  # of the thread's end: the least length of a strand
+SHORTEST = 2.220446049250313e-16  # of the abscissa of the thread's end: least length of a strand
 
 
 class Strands(NamedTuple):
-    """Which strands are `taut` (k + 1,), in the order of the thread; what Euler's load of a strand is times the square
-    of its length, `euler` [N m²], its `weight` per length [N/m], the force F that counts, `least` [N], and what of the
-    square of its speed does, `swing` [kg/m]; whether the thread's `start` and its `end` are loose."""
+    """The strands of a thread, for the check of tautness.
+
+    - `taut` (k + 1,): the taut strands, in the order of the thread.
+    - `euler` [N m²]: Euler's load of a strand times its length squared.
+    - `weight` [N/m]: weight per length.
+    - `least` [N]: the force F.
+    - `swing` [kg/m]: factor of the squared speed.
+    - `start`, `end`: whether the ends of the thread are loose.
+    """
 
     taut: Flags
     euler: float
@@ -41,9 +51,14 @@ class Strands(NamedTuple):
 
 
 class Looked(NamedTuple):
-    """What there is to see of k + 1 strands: the abscissae at which they end, `ends` (k + 1,) [m]; the tensions above
-    which they become taut, `enough`, and below which they become slack, `least` (k + 1,) [N]; and by how many more of
-    their points are beyond the one at which they change than are not, `ahead` (k + 1,)."""
+    """The data of k + 1 strands.
+
+    - `ends` (k + 1,) [m]: abscissae at which they end.
+    - `enough`, `least` (k + 1,) [N]: tensions above which they become taut, and below which they
+      become slack.
+    - `ahead` (k + 1,): number of their points beyond the bound of a change minus the number of the
+      other points.
+    """
 
     ends: Array
     enough: Array
@@ -53,10 +68,13 @@ class Looked(NamedTuple):
 
 @loop
 def look_at(strands: Strands, along: Along, s: Array, N: Array, v: Array, present: Flags, out: Looked) -> int:
-    """Write what there is to see of the strands of a thread with holds at `s` (m,) [m], the axial force N at
-    `along.axial`, and the velocities `v` (n, c) of its control points into `out`; returns how many there are. Where the
-    axial force jumps, at a hole, that of a spline swings about it: so a strand changes where most of its points are
-    beyond the bound. Where another number of strands was taut or not, none counts as taut."""
+    """Write the data of the strands of a thread into `out`. Returns the number of strands.
+
+    The holds are at `s` (m,) [m], N is the axial force at `along.axial`, and `v` (n, c) are the
+    velocities of the control points. At a hole the axial force jumps and that of a spline
+    oscillates about the jump; for this reason a strand changes only if most of its points are
+    beyond the bound. If the number of strands has changed, no strand counts as taut.
+    """
     count = put_bounds(along, s, present, out.ends)
     out.ends[count] = along.breaks[len(along.breaks) - 1]
     known, start, point, e, g = len(strands.taut) == count + 1, along.breaks[0], 0, 0, 0
@@ -85,7 +103,7 @@ def look_at(strands: Strands, along: Along, s: Array, N: Array, v: Array, presen
 
 @loop
 def is_at(cuts: Array, s: float) -> bool:
-    """Whether the thread is cut at an abscissa."""
+    """Return whether the thread is cut at an abscissa."""
     cut = False
     for c in range(len(cuts)):
         cut |= cuts[c] == s
@@ -94,8 +112,10 @@ def is_at(cuts: Array, s: float) -> bool:
 
 @owning
 def is_switched(strands: Strands, along: Along, s: Array, N: Array, v: Array, present: Flags) -> bool:
-    """Whether a strand is taut that was not, or the other way round, or there are more or fewer of them; the arguments
-    are those of `look_at`."""
+    """Return whether a strand became taut or slack, or the number of strands changed.
+
+    The arguments are those of `look_at`.
+    """
     most = len(s) + len(along.cuts) + 1
     out = Looked(np.empty(most), np.empty(most), np.empty(most), np.empty(most))
     count = look_at(strands, along, s, N, v, present, out)
@@ -105,4 +125,4 @@ def is_switched(strands: Strands, along: Along, s: Array, N: Array, v: Array, pr
     return switched
 
 
-look = entry(look_at)  # as Python calls it
+look = entry(look_at)  # for Python

@@ -1,4 +1,6 @@
-"""The tension of the strands next to the holes, how far the thread is stretched there, and where it is pressed."""
+"""The tensions of the strands next to the holes, the stretch of the thread there, and parts of it
+under compression.
+"""
 
 from typing import Any, NamedTuple
 
@@ -7,14 +9,17 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from thread.kernels.loops import entry, loop, owning
 
-AT_END = 1e-9  # of the thread's length: a hold nearer to an end than this is at that end
-INSIDE = 1e-6  # of a span: a point of the stretch at a knot of a hole lies so far within the span that it belongs to
+AT_END = 1e-9  # of the thread's length: a hold closer to an end than this is at that end
+INSIDE = 1e-6  # of a span: distance by which a stretch point at the knot of a hole is moved into its own span
 
 
 class Along(NamedTuple):
-    """Abscissae of a thread [m]: the `breaks` of its spans, (spans + 1,), its `cuts` (c,), where the axial force is
-    known, `axial` (k, a), and those of its control points, `greville` (n,); the weights `share` (k, a) by which an
-    axial force counts in the mean of its strand."""
+    """Abscissae of a thread [m].
+
+    The `breaks` of its spans (spans + 1,), its `cuts` (c,), the points of the axial force, `axial`
+    (k, a), and those of its control points, `greville` (n,). `share` (k, a) is the weight of each
+    axial force in the mean of its strand.
+    """
 
     breaks: Array
     cuts: Array
@@ -24,8 +29,11 @@ class Along(NamedTuple):
 
 
 def within(breaks: Array, s: Any) -> Any:
-    """Return whether abscissae `s` [m] part the thread: they are neither past its ends nor at them, where round-off
-    decides which. Python asks this of arrays, the loops of numbers."""
+    """Return whether holds at the abscissae `s` [m] divide the thread.
+
+    They do not if they are outside the thread or at its ends, where round-off would decide. Python
+    calls this function with arrays, and the loops with numbers.
+    """
     start, end = breaks[0], breaks[len(breaks) - 1]
     near = AT_END * (end - start)
     return (s > start + near) & (s < end - near)
@@ -36,8 +44,11 @@ is_within = loop(within)
 
 @loop
 def put_bounds(along: Along, s: Array, present: Flags, bounds: Array) -> int:
-    """Write the abscissae that part the thread, of its holds and its cuts, rising, into `bounds` (m + c,) [m]; returns
-    how many."""
+    """Write the abscissae of holds and cuts that divide the thread, in rising order, into `bounds`
+    (m + c,) [m].
+
+    Returns their number.
+    """
     count = len(along.cuts)
     for c in range(count):
         bounds[c] = along.cuts[c]
@@ -54,8 +65,12 @@ def put_bounds(along: Along, s: Array, present: Flags, bounds: Array) -> int:
 
 @owning
 def put_tensions(along: Along, s: Array, N: Array, present: Flags, T: Array) -> None:
-    """Write the mean axial forces in the parts of the thread before and after every hold at `s` (m,) [m] into `T`
-    (m, 2) [N], from those at `along.axial`: at the hole itself the axial force is not that of the pull."""
+    """Write the mean axial forces before and after every hold into `T` (m, 2) [N].
+
+    The holds are at `s` (m,) [m], and the axial forces N at `along.axial`. A mean is over the part
+    of the thread next to the hole, because the axial force at the hole itself is not that of the
+    pull.
+    """
     axial, bounds = along.axial, np.empty(len(s) + len(along.cuts))
     count = put_bounds(along, s, present, bounds)
     mean, points, part = np.zeros(count + 1), np.zeros(count + 1), 0
@@ -76,16 +91,19 @@ def put_tensions(along: Along, s: Array, N: Array, present: Flags, T: Array) -> 
 
 @loop
 def put_stretch(T: Array, EA: float, stretch: Array) -> None:
-    """Write 1 + T/EA of every hold, T [N] the mean of both tensions `T` (m, 2) next to it."""
+    """Write 1 + T/EA of every hold; T [N] is the mean of its two tensions in `T` (m, 2)."""
     for k in range(len(T)):
         stretch[k] = 1.0 + 0.5 * (T[k, 0] + T[k, 1]) / EA
 
 
 @owning
 def is_pressed(along: Along, strain: Array, borne: float, s: Array, here: Flags) -> bool:
-    """Whether more than half of the points of a part of the thread are pressed along themselves to a `strain` beyond
-    the one `borne` [-], the holds at `s` (m,) [m] that are `here` parting it. Spans that have a hold in them do not
-    count: where the axial force jumps, at a hole or an end that was moved, that of a spline swings about it."""
+    """Return whether a part of the thread is under compression at more than half of its points.
+
+    A point counts if its strain is below −`borne` [-]. The holds at `s` (m,) [m] that are `here`
+    divide the thread into parts. Points in spans that contain a hold do not count. At a hole, or at
+    an end that was moved, the axial force jumps and that of a spline oscillates about the jump.
+    """
     breaks, axial, bounds = along.breaks, along.axial, np.empty(len(s) + len(along.cuts))
     count = put_bounds(along, s, here, bounds)
     points, pressed, part, span = np.zeros(count + 1), np.zeros(count + 1), 0, 0
@@ -105,4 +123,4 @@ def is_pressed(along: Along, strain: Array, borne: float, s: Array, here: Flags)
     return squeezed
 
 
-tensions, pressed = entry(put_tensions), entry(is_pressed)  # as Python calls them
+tensions, pressed = entry(put_tensions), entry(is_pressed)  # for Python
