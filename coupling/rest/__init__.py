@@ -1,4 +1,4 @@
-"""Equilibria: the start along a path, load steps, and a branch that is followed by arc length."""
+"""Equilibria: the start along a path, load steps, and a branch followed by arc length."""
 
 from coupling.rest.laying import start
 

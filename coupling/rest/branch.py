@@ -1,13 +1,15 @@
-"""A branch of equilibria, followed by arc length where load steps fail.
+"""A branch of equilibria, followed by arc length if load steps fail.
 
-Beyond a limit point no equilibrium is near under more of the loads, but the branch goes on under less. There the share
-κ of the loads is an unknown as the others are. What takes the place of the loads that were given is a plane across the
-way so far, in which all corrections stay (Riks, Int. J. Solids Struct. 15, 1979, §3):
+Beyond a limit point there is no close equilibrium under more of the loads, but the branch continues
+under smaller loads. The share κ of the loads is therefore an additional unknown. The additional
+equation is a plane normal to the way so far, in which all corrections stay (Riks, Int. J. Solids
+Struct. 15, 1979, §3):
 
     n·(dq, ds, dκ) = 0,   (dq, ds) = a + b dκ
 
-with a Newton's correction under the loads as they are and b how that goes with κ, both of the same condensed system.
-Lengths count over that of the thread. The plane is a means: a solved point is an equilibrium under loads that it names.
+a is Newton's correction under constant loads, and b its derivative by κ, both of the same condensed
+system. Lengths are relative to the length of the thread. The plane is only a tool: a solved point
+is an equilibrium under its own share of the loads.
 """
 
 import logging
@@ -47,21 +49,25 @@ from coupling.system import State, System
 
 log = logging.getLogger(__name__)
 
-AHEAD = 1e-6  # of the loads, over which it is seen how a correction goes with them: half of the digits are left
-FIRST = 0.1  # of the way that is left, as it looks at the start
-LONGEST = 0.02  # of the thread's length and of the loads together: what a step goes along a branch at most
-SHORTEST = 2.0**-12  # of that
-LONGER, SHORTER = 1.5, 0.5  # the next step, after one that took few corrections, and after one that failed
+AHEAD = 1e-6  # of the loads: difference for the derivative of a correction by the loads; half of the digits are left
+FIRST = 0.1  # of the remaining way, estimated at the start: the first step
+LONGEST = 0.02  # of the thread's length and of the loads together: longest step along a branch
+SHORTEST = 2.0**-12  # of LONGEST: shortest step
+LONGER, SHORTER = 1.5, 0.5  # ratio of the next step to a step with few corrections, and to a failed step
 FEW = 8  # corrections
-NEAR = 2.0  # steps along the plane's normal: an equilibrium that is further away lies on another branch
-POINTS = 300
-ON_TIME = 1e-12  # of the loads
+NEAR = 2.0  # step lengths: an equilibrium further away is on another branch
+POINTS = 300  # equilibria along a branch, at most
+ON_TIME = 1e-12  # of the loads: tolerance of the share reached
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way in the space of the unknowns: `q` (n, c) [m, with twist rad] of the control points, `z` (m, 15) of the
-    holds as `coupling.kernels.bordered` numbers them, and `share` of the loads; `scale` [m] is the thread's length."""
+    """A way in the space of the unknowns.
+
+    `q` (n, c) [m, with twist rad] of the control points, `z` (m, 15) of the holds in the order of
+    `coupling.kernels.bordered`, and the `share` of the loads. `scale` [m] is the length of the
+    thread.
+    """
 
     q: Array
     z: Array
@@ -69,27 +75,30 @@ class Way:
     scale: float
 
     def along(self, other: "Way") -> float:
-        """Return the product of two ways: places, abscissae and share."""
+        """Return the scalar product of two ways, over places, abscissae and share."""
         places = np.sum(self.q[:, :3] * other.q[:, :3]) / len(self.q) + self.z[:, S] @ other.z[:, S]
         return float(places / self.scale**2 + self.share * other.share)
 
     @property
     def length(self) -> float:
-        """Its length [-]."""
+        """Length of the way [-]."""
         return float(np.sqrt(self.along(self)))
 
     def times(self, factor: float) -> "Way":
-        """Return a way that is longer or shorter."""
+        """Return the way times a factor."""
         return replace(self, q=factor * self.q, z=factor * self.z, share=factor * self.share)
 
     def plus(self, other: "Way") -> "Way":
-        """Return both ways, one after the other."""
+        """Return the sum of both ways."""
         return replace(self, q=self.q + other.q, z=self.z + other.z, share=self.share + other.share)
 
 
 @dataclass(frozen=True)
 class Branch(Generic[Body]):
-    """A branch of equilibria at one of them, `state`, of a load step over `duration` [s] that `began` at a state."""
+    """A branch of equilibria at one of its equilibria, `state`.
+
+    The load step takes the `duration` [s], and `began` is the state at its start.
+    """
 
     system: System[Body]
     state: State[Body]
@@ -98,16 +107,18 @@ class Branch(Generic[Body]):
 
     @property
     def share(self) -> float:
-        """Of the loads [-]."""
+        """Share of the loads [-]."""
         return self.state.time / self.duration
 
     def problem(self, share: float, answer: Answer[Body]) -> Problem[Body]:
-        """Return the problem of equilibrium under a share of the loads, from the last one."""
+        """Return the problem of equilibrium under a share of the loads, from the last equilibrium."""
         problem = static_problem(self.system, self.state, share, self.duration, answer, self.state, self.began)
         return replace(problem, start=self.state if self.system.bears else None)
 
     def under(self, problem: Problem[Body], z: Iterate, share: float) -> tuple[Problem[Body], Iterate]:
-        """Return a problem under another share of the loads, and its iterate with the ends where hands hold them."""
+        """Return a problem under another share of the loads, and its iterate with the ends at their
+        prescribed places.
+        """
         organ, answer = self.system.organ, problem.answer
         if isinstance(organ, Creeping) and not answer.linear:
             answer = organ.under(answer, self.duration, share)
@@ -118,8 +129,10 @@ class Branch(Generic[Body]):
         return there, replace(z, q=with_ends(z.q, self.system, there.time))
 
     def ways(self, problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Way, Way]:
-        """Return Newton's correction under the loads as they are, and how it goes with their share. Raises
-        `SingularError`."""
+        """Return Newton's correction under constant loads, and its derivative by the share of the loads.
+
+        Raises `SingularError`.
+        """
         scale = self.system.thread.spline.end - self.system.thread.spline.start
         here, share = direction(problem, z, r), problem.time / self.duration
         there, shifted = self.under(problem, z, share + AHEAD)
@@ -128,20 +141,21 @@ class Branch(Generic[Body]):
         return Way(*here, 0.0, scale), Way(b_q, b_z, 1.0, scale)
 
     def start(self) -> tuple[Problem[Body], Iterate]:
-        """Return the problem whose solution the last equilibrium is, and that."""
+        """Return the problem of the last equilibrium, and its solution."""
         answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, self.share)
         problem = self.problem(self.share, answer)
         return problem, guess(problem, self.state, self.state.sigma)
 
     def outset(self) -> Way:
-        """Return the way on which more of the loads leads, as it looks at the last equilibrium. Raises
-        `SingularError`."""
+        """Return the unit way towards more of the loads, estimated at the last equilibrium. Raises
+        `SingularError`.
+        """
         problem, z = self.start()
         way = self.ways(problem, z, evaluate(problem, z))[1]
         return way.times(1.0 / way.length)
 
     def onward(self, way: Way, length: float) -> Step[Body]:
-        """Go on along the branch by about a `length` of a unit `way`. Raises `StepError`, `InversionError`."""
+        """Continue along the branch by about a `length` of a unit `way`. Raises `StepError`, `InversionError`."""
 
         def correct(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:
             a, b = self.ways(problem, z, r)
@@ -157,12 +171,17 @@ class Branch(Generic[Body]):
         return self.concluded(replace(problem, along=correct), first)
 
     def arrived(self, step: Step[Body], share: float) -> Step[Body]:
-        """Return the step to the equilibrium under a `share` of the loads that a `step` along the branch has passed.
-        Raises `StepError`, `InversionError`."""
+        """Return the step to the equilibrium under a `share` of the loads that a `step` along the
+        branch has passed.
+
+        Raises `StepError`, `InversionError`.
+        """
         return self.concluded(*self.under(step.solution.problem, step.solution.iterate, share))
 
     def concluded(self, problem: Problem[Body], first: Iterate) -> Step[Body]:
-        """Solve, and return the step that this makes. Raises `StepError`, `InversionError`."""
+        """Solve a problem from the iterate `first`, and return the resulting step. Raises
+        `StepError`, `InversionError`.
+        """
         solution = let_lie(settle_stretch(solve(problem, first), solve))
         solution = replace(solution, problem=replace(solution.problem, along=None))
         new = equilibrium_state(self.state, solution)
@@ -178,19 +197,21 @@ class Branch(Generic[Body]):
 
 
 def reach(system: System[Body], state: State[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Go on to the part `share` of the loads by load steps, and from where these fail along the branch. Raises as
-    `coupling.rest.equilibrium.load_steps` does."""
+    """Reach the part `share` of the loads by load steps, and along the branch if these fail.
+
+    Raises the errors of `coupling.rest.equilibrium.load_steps`.
+    """
     taken: list[Step[Body]] = []
     try:
         for step in load_steps(system, state, share, duration):
             taken.append(step)
-    except OutError:  # no branch leads beyond
+    except OutError:  # no branch continues from there
         raise
     except (StepError, InversionError, SpentError) as error:
         last = taken[-1].new if taken else state
         if isinstance(system.organ, Floats) or share * duration <= last.time:
             raise
-        log.info("load steps end at %.4g of the loads; on along the branch by arc length", last.time / duration)
+        log.info("load steps fail at %.4g of the loads; the branch is followed by arc length", last.time / duration)
         try:
             taken += follow(Branch(system, last, duration, state), share)
         except CouplingError as lost:
@@ -200,7 +221,7 @@ def reach(system: System[Body], state: State[Body], share: float, duration: floa
 
 
 def with_branch(error: CouplingError, lost: CouplingError) -> CouplingError:
-    """Return the error of a load step with what became of the branch beyond it."""
+    """Return the error of a load step, with the failure of the branch beyond it added."""
     if not isinstance(lost, BranchError):
         return error
     if isinstance(error, SpentError):
@@ -209,8 +230,10 @@ def with_branch(error: CouplingError, lost: CouplingError) -> CouplingError:
 
 
 def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
-    """Follow a branch to the `share` of the loads. Raises `BranchError`, and `ConstraintError` where a hand draws the
-    thread out."""
+    """Follow a branch to the `share` of the loads.
+
+    Raises `BranchError`, and `ConstraintError` if a hand draws the thread out.
+    """
     taken: list[Step[Body]] = []
     left = iter(range(MOST_CORRECTIONS))
 
@@ -240,12 +263,15 @@ def walk(branch: Branch[Body], share: float) -> Iterator[Step[Body]]:
         way = way.times(1.0 / way.length)
         if branch.share <= 0.0:
             raise StepError(step.old.time, step.dt, "leads back to no loads at all")
-    raise StepError(step.old.time, step.dt, "does not lead to them")
+    raise StepError(step.old.time, step.dt, "does not reach them")
 
 
 def further(branch: Branch[Body], way: Way, length: float, share: float) -> tuple[Step[Body], float]:
-    """Return the next step along a branch, to the `share` of the loads where it passes that, and how long the one after
-    it may be. Raises `StepError`, `ConstraintError`."""
+    """Return the next step along a branch, and the allowed length of the step after it.
+
+    If the step passes the `share` of the loads, it ends there. Raises `StepError`,
+    `ConstraintError`.
+    """
     while length >= SHORTEST * LONGEST:
         try:
             step = near(branch, branch.onward(way, length), length)
@@ -256,14 +282,17 @@ def further(branch: Branch[Body], way: Way, length: float, share: float) -> tupl
         except (StepError, InversionError) as error:
             log.debug("a step of %.3g along the branch fails: %s", length, error)
             length *= SHORTER
-    raise StepError(branch.state.time, 0.0, "has no equilibrium near there")
+    raise StepError(branch.state.time, 0.0, "has no equilibrium close to the last one")
 
 
 def near(branch: Branch[Body], step: Step[Body], length: float) -> Step[Body]:
-    """Return a step along a branch. Raises `StepError` where it went much further than a `length`, or the thread left a
-    hole, and `ConstraintError` where a hand drew the thread out."""
+    """Return a step along a branch, if it is acceptable.
+
+    Raises `StepError` if it is much longer than `length` or the thread left a hole, and
+    `ConstraintError` if a hand drew the thread out.
+    """
     if branch.way_of(step).length > NEAR * length:
-        raise StepError(step.old.time, step.dt, "the equilibrium lies on another branch")
+        raise StepError(step.old.time, step.dt, "the equilibrium is on another branch")
     if refuse_impossible(branch.system, step).any():
         raise StepError(step.old.time, step.dt, "the thread runs out of a hole")
     return step

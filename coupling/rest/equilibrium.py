@@ -1,16 +1,19 @@
 """Static equilibrium under the final loads, reached in load steps.
 
-A thread goes downhill from where it is (`coupling.step.descent`). After each round of corrections its knots are made
-anew where they do not fit it any more, and Newton's method is tried from there. What moves at no cost, as a thread that
-slides freely in all its holes, or a piece of one that is cut, stays as near to where it is as the rest lets it.
+The thread goes downhill from its place (`coupling.step.descent`). After each round of corrections
+its knots are made anew if they no longer fit, and Newton's method is tried. A thread that slides
+freely in all its holes, or a piece that is cut off, can move without a change of energy. Such a
+thread stays as close to its place as the equilibrium allows.
 
-A nonlinear organ may have no equilibrium near: beyond a limit point it snaps. Where load steps halve to nothing, it
-creeps downhill from where it is, dragged back less and less, to the next equilibrium that holds.
+A nonlinear organ may have no close equilibrium: it snaps beyond a limit point. If load steps fail
+after repeated halving, the organ creeps downhill to the next equilibrium that is stable. A drag
+towards its last state decreases on the way.
 
-A body of the organ that nothing but thread and contact holds is dragged too (`tissue.organs.floating`): the equilibrium
-is found again from the last one until it is not any more.
+A body of the organ that only thread and contact hold has such a drag too
+(`tissue.organs.floating`). The equilibrium is solved again from the last one until the drag is
+zero.
 
-A thread that runs out of a hole on its way there has left it: the load step is taken again without that hole.
+A thread that runs out of a hole on the way has left the hole: the load step is repeated without it.
 """
 
 import logging
@@ -80,26 +83,26 @@ from tissue.errors import OrganError
 
 log = logging.getLogger(__name__)
 
-AT_REST = 1e-10  # part by which 1 + T/EA at rest differs from that which the equilibrium was solved with
-TENSIONS = 20  # equilibria with another 1 + T/EA at most
-PAIRINGS = 8  # equilibria of a load step at most, further ones, until lips that slide face what they faced before
-PAIRED = 1e-4  # of the thread's diameter: lips that slide no further face what they faced before
-MISPLACED = 1e-3  # of the thread's diameter: nearer to the surface, a strand lies on it
-DRIFTS = 30  # equilibria of a load step at most, further ones, until a body that floats has come to rest
-DRAGGED = 1e-10  # of the forces on it: what may still drag it
-ROUNDS = 40  # of corrections, on knots that fit where each begins; a thread that runs out of a hole takes 12
-MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times what one of the scene "pulley" takes
-DOWN = 2  # of them go downhill before one of Newton's method
-REFITS = 4  # equilibria at most, further ones, until the packets of knots that travel fit
-LONG_END = 10.0  # √(EI/F) of an end beyond which the tension in it is the dead load on it, to 1e-8
-BALANCED = 1e-6  # of the larger of two dead loads: nearer ones are equal
-DEEPEST = 4  # halves of halves of a load step
-SNAPS = 2  # of them, before tissue creeps to where it snaps
-FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # of an organ that creeps, over its stiffest node: softer than its softest mode
-EASIER, HARDER = 4.0, 10.0  # the pace falls by the one after a success, and rises by the other after a failure
-CREEPS = 60
-LIES = 4  # times at most that it is tied to where it has come to
-LYING = 1e-10  # of the stiffest span: what turns or slides freely, as pieces that are cut do, lies where it is
+AT_REST = 1e-10  # relative tolerance between 1 + T/EA of an equilibrium and that in its law of friction
+TENSIONS = 20  # equilibria with a changed 1 + T/EA, at most
+PAIRINGS = 8  # additional equilibria of a load step, at most, until the pairs of sliding lips no longer change
+PAIRED = 1e-4  # of the thread's diameter: slip below which the pairs of lips do not change
+MISPLACED = 1e-3  # of the thread's diameter: a strand closer to the surface lies on it
+DRIFTS = 30  # additional equilibria of a load step, at most, until a floating body is at rest
+DRAGGED = 1e-10  # of the forces on a floating body: allowed remaining drag
+ROUNDS = 40  # of corrections, each starting with knots that fit; a thread that runs out of a hole takes 12
+MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times the number for the scene "pulley"
+DOWN = 2  # rounds downhill before a round of Newton's method
+REFITS = 4  # additional equilibria, at most, until the packets of travelling knots fit
+LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
+BALANCED = 1e-6  # of the larger of two dead loads: loads with a smaller difference are equal
+DEEPEST = 4  # repeated halvings of a load step
+SNAPS = 2  # halvings before tissue creeps to the state to which it snaps
+FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # drag of a creeping organ, over its stiffest node; below its softest mode at last
+EASIER, HARDER = 4.0, 10.0  # the drag is divided by the first after a success, and multiplied by the second otherwise
+CREEPS = 60  # equilibria of a creeping organ, at most
+LIES = 4  # times that a thread is tied to the place that it has reached, at most
+LYING = 1e-10  # of the stiffest span: tie of a thread that turns or slides freely, such as a piece that is cut off
 
 
 def static_problem(
@@ -112,10 +115,13 @@ def static_problem(
     began: State[Body],
     lapse: float = 0.0,
 ) -> Problem[Body]:
-    """Return the problem of equilibrium at the part `share` of the loads. Friction in holes opposes the way from
-    `first`, and what is drawn through is counted from there; hands draw and ties hold as in a load step that `began` at
-    a state, with all of the force that they have at its end, and the thread rubs on the organ on its way from there. It
-    relaxes for `lapse` [s] from `first` on."""
+    """Return the problem of equilibrium at the part `share` of the loads.
+
+    Friction in holes opposes the way from `first`, and drawn lengths count from there. The thread
+    relaxes for `lapse` [s] from `first` on. The load step began at `began`. Which hands draw and
+    which ties hold is decided at its time; their forces are those at the end of the load step. The
+    thread rubs on the organ on the way from `began`.
+    """
     time = share * duration
     system = system.over(first, lapse)
     system = system if state.spline is None else system.on(state.spline)
@@ -144,8 +150,11 @@ def static_problem(
 
 
 def loose_points(system: System[Body], state: State[Body]) -> Flags:
-    """Return the control points of the pieces of a cut thread that nothing holds, shape `(n,)`: no load on them is
-    borne by anything. A thread in one piece has none, and what nothing holds of it has no equilibrium."""
+    """Return the control points of pieces of a cut thread without any holder, shape `(n,)`.
+
+    No load on such a piece has a reaction. A thread in one piece has no such points; it has no
+    equilibrium without a holder.
+    """
     spline = system.thread.spline
     if spline.pieces == 1:
         return np.zeros(spline.n, dtype=bool)
@@ -164,23 +173,29 @@ def settle(
     given: Answer[Body] | None = None,
     began: State[Body] | None = None,
 ) -> Step[Body]:
-    """Solve for equilibrium at the part `share` of the final loads; `given` is the organ's answer, None: that at rest;
-    `began`, the state at the start of the load step if the state is one on its way, which hands have not let go of yet.
-    Raises `EquilibriumError`."""
+    """Solve for equilibrium at the part `share` of the final loads.
+
+    `given` is the organ's answer; None means that at rest. If `state` is on the way of a load step,
+    `began` is the state at its start, at whose time hands are still active; None means `state`.
+    Raises `EquilibriumError`.
+    """
     began = state if began is None else began
     return stand_firm(go_downhill(system, state, share, duration, given, began))
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
-    """Return a step to an equilibrium in which the thread stays: the same or, where it would buckle, the one that it
-    goes aside to; the same where none is found."""
+    """Return a step to a stable equilibrium of the thread.
+
+    The step is unchanged if the thread is stable, or if no other equilibrium is found. A thread
+    that would buckle moves to a neighbouring equilibrium.
+    """
     problem, z = step.solution.problem, step.solution.iterate
     if not is_squeezed(step.solution) or would_stay(step.solution, step.new):
         return step
     try:
         solution = let_lie(settle_stretch(solve(problem, aside(problem, z), BOWING), find))
     except StepError as error:
-        log.debug("the thread would not stay, and goes nowhere else: %s", error)
+        log.debug("the thread is unstable, and no other equilibrium is found: %s", error)
         return step
     new = equilibrium_state(replace(step.old, frame=problem.frame), solution)
     found = Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
@@ -195,9 +210,12 @@ def go_downhill(
     given: Answer[Body] | None,
     began: State[Body],
 ) -> Step[Body]:
-    """Reach equilibrium by rounds of corrections that go downhill, every third of Newton's method from where they led,
-    which is the faster one along a valley; it comes first after a load step with a linear organ that nothing touches.
-    Friction opposes the way from `state`. Arguments as for `settle`."""
+    """Reach equilibrium by rounds of corrections downhill, with every third round by Newton's method.
+
+    Newton's method is faster along a valley. It is the first round after a load step if the organ
+    is linear and nothing touches it. Friction opposes the way from `state`. Arguments as for
+    `settle`.
+    """
     lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
     answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
     problem = static_problem(system, state, share, duration, answer, state, began, lapse)
@@ -224,9 +242,13 @@ def go_downhill(
 def further(
     system: System[Body], first: State[Body], old: State[Body], error: StepError
 ) -> tuple[State[Body], Answer[Body]]:
-    """Return the state that the corrections from an `old` one reached until the `error`, on knots that fit it, and the
-    organ's answer there; the load step began at `first`. Raises the error if the corrections were not spent,
-    `LeavingError` if the thread has run out of a hole, `TogetherError` if holes have met."""
+    """Return the state that the corrections reached before the `error`, on knots that fit it, and
+    the organ's answer there.
+
+    The load step began at `first`, and the corrections at `old`. Raises the error itself if the
+    corrections were not used up, `LeavingError` if the thread has run out of a hole, and
+    `TogetherError` if holes have met.
+    """
     if not isinstance(error, UnfinishedError):
         raise error
     new = put_where(old, error.reached)
@@ -236,8 +258,10 @@ def further(
 
 
 def find_rest(problem: Problem[Body], first: Iterate, near: bool) -> Solution[Body]:
-    """Find an equilibrium, with the thread's own stretch at its holes, by Newton's method where one may be `near`.
-    Raises `StepError`."""
+    """Find an equilibrium with the thread's own stretch at its holes.
+
+    Newton's method comes first if an equilibrium may be `near`. Raises `StepError`.
+    """
     found = solve(problem, first, downhill=0 if near else 1)
     return let_lie(settle_stretch(corrected(found), find))
 
@@ -245,8 +269,9 @@ def find_rest(problem: Problem[Body], first: Iterate, near: bool) -> Solution[Bo
 def settle_stretch(
     solution: Solution[Body], solve_again: Callable[[Problem[Body], Iterate], Solution[Body]]
 ) -> Solution[Body]:
-    """Solve again while the stretch 1 + T/EA by which friction goes is another at the end than the equilibrium was
-    solved with. Raises `StepError`."""
+    """Solve again until the stretch 1 + T/EA in the law of friction is that of the equilibrium.
+    Raises `StepError`.
+    """
     for _ in range(TENSIONS):
         problem, z = solution.problem, solution.iterate
         system = problem.system.on(solution.residual.configuration.thread.spline)
@@ -260,16 +285,19 @@ def settle_stretch(
 
 
 def corrected(solution: Solution[Body]) -> Solution[Body]:
-    """Return a solution with one correction made where it took none: forces may be just below the tolerance, far above
-    those that Newton's method leaves, and works and branches begin there. A correction along motions that cost nothing
-    is not made: round-off decides how far it goes. Raises `StepError`."""
+    """Return a solution with at least one correction.
+
+    Without a correction the forces can be just below the tolerance, far above those that Newton's
+    method leaves. Works and branches start from these forces. A correction along motions without a
+    change of energy is not made, because round-off determines its size. Raises `StepError`.
+    """
     if solution.iterations:
         return solution
     z = solution.iterate
     ask_before_correction()
     try:
         _, z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
-    except SingularError:  # the loads have come to a limit point, and it holds as it is
+    except SingularError:  # the loads are at a limit point, and the solution is valid as it is
         return solution
     if costs_nothing(solution.problem, force_tolerance(solution.problem, solution.residual), z.q - solution.iterate.q):
         return solution
@@ -278,14 +306,18 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
 
 
 def sense_of(problem: Problem[Body], now: State[Body]) -> Array:
-    """Return the sense of sliding of a thread that is `now` somewhere, shape `(m,)`; where it sticks but has come from
-    elsewhere, that of its way."""
+    """Return the sense of sliding of a thread in its state `now`, shape `(m,)`.
+
+    For a sticking hold that has moved, it is the sense of its way.
+    """
     return np.where(now.sigma == 0.0, np.sign(now.s - problem.law.s_old), now.sigma)
 
 
 def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `LeavingError` where a thread on its way has run out of a hole, over an end that nothing holds. One that is
-    held at that end may come back."""
+    """Raise `LeavingError` if the thread has run out of a hole over an end without a holder.
+
+    If the end is held, the thread may return.
+    """
     gone = emptied_holds(system, old, new)
     try:
         refuse_held_end(system, old, new, gone)
@@ -296,9 +328,12 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
-    """Solve again with a thread that may move at no cost tied to where it is now, by a tenth of the tie, until that
-    bears nothing: each time the part of the tie in the stiffness of the thread is left (the proximal point algorithm:
-    Rockafellar, SIAM J. Control Optim. 14, 1976). Raises `StepError`."""
+    """Solve again with a thread that can move without a change of energy, tied to its new place.
+
+    The tie is a tenth of the last one, and the solution is repeated until the tie bears no force.
+    Each time the error is multiplied by the ratio of the tie to the thread's stiffness (the
+    proximal point algorithm: Rockafellar, SIAM J. Control Optim. 14, 1976). Raises `StepError`.
+    """
     if not solution.problem.mass_factor:
         return solution
     for _ in range(LIES):
@@ -310,14 +345,18 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
         way = np.abs(problem.system.thread.momentum(again.iterate.q - z.q)[:, :3]).sum()
         if problem.mass_factor * way <= rounded_force(problem):
             break
-    last = corrected(replace(solution, iterations=0))  # what is left does work: a piece may have gone far
+    last = corrected(replace(solution, iterations=0))  # the remaining force does work: a piece may have moved far
     return replace(last, iterations=solution.iterations + last.iterations)
 
 
 def lying_tie(system: System[Body], state: State[Body]) -> float:
-    """Return the tie [1/s²] to where it lies of a thread that may move at no cost: one that is cut, or slides freely in
-    all its holes; zero of others. It makes their matrix regular, so it is a part of its largest entry, the stiffness of
-    the shortest span: what it bears is below what a solve leaves open."""
+    """Return the tie [1/s²] to its place of a thread that can move without a change of energy; zero
+    for other threads.
+
+    Such a thread is cut, or slides freely in all its holes. The tie makes the matrix regular. It is
+    a part of the largest entry of the matrix, the stiffness of the shortest span, so that its force
+    is below the tolerance of a solve.
+    """
     if not (system.thread.spline.cuts.size or slides_freely(system, state.present)):
         return 0.0
     thread = system.at(state).thread
@@ -326,12 +365,12 @@ def lying_tie(system: System[Body], state: State[Body]) -> float:
 
 
 def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
-    """Return the last equilibrium with the prescribed ends moved on, where Newton starts."""
+    """Return the last equilibrium with the prescribed ends moved: the start of Newton's method."""
     return replace(where_it_is(problem, state), sigma=sigma)
 
 
 def put_where(old: State[Body], solution: Solution[Body]) -> State[Body]:
-    """Return the state with the thread where an iterate has it, solved or not."""
+    """Return the state with the thread of an iterate, whether solved or not."""
     z, thread = solution.iterate, solution.problem.system.thread
     return replace(
         old,
@@ -348,7 +387,7 @@ def put_where(old: State[Body], solution: Solution[Body]) -> State[Body]:
 
 
 def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]:
-    """Return the state of an equilibrium: at rest. Raises `InversionError`."""
+    """Return the state of an equilibrium, at rest. Raises `InversionError`."""
     problem, residual = solution.problem, solution.residual
     new = replace(
         put_where(old, solution),
@@ -363,16 +402,17 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
 
 
 def refuse_unbalanced(system: System[Body], state: State[Body], duration: float) -> None:
-    """Raise `UnbalancedError` where two different dead loads, or one and a free end, draw on a thread that may slide
-    in all its holes, and these bear no such difference: without friction the tension is the same all along.
+    """Raise `UnbalancedError` for different dead loads on a thread that can slide in all its holes.
 
-    An end that is short compared with √(EI/F) may stand across its load and balance another one (the elastica arm
-    scale: Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014), and is let pass.
+    The thread is refused if its holes cannot bear the difference of the loads. A free end is a load
+    of zero. Without friction the tension is constant along the thread. An end that is short
+    compared with √(EI/F) can stand across its load and balance another one (the elastica arm scale:
+    Bosi, Misseroni, Dal Corso & Bigoni, Proc. R. Soc. A 470, 2014); it is not refused.
     """
     thread, here = system.thread, state.present
     if not may_slide_as_a_whole(system, here) or system.weight.any():
         return
-    if system.contact is not None and system.contact.friction:  # of strands, which may balance them
+    if system.contact is not None and system.contact.friction:  # friction of strands may balance the loads
         return
     load = np.array([np.linalg.norm(end.force(duration)) for end in system.ends])
     ends = np.array([state.s[here].min() - thread.spline.start, thread.spline.end - state.s[here].max()])
@@ -382,7 +422,7 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
         return
     slides = "slides freely in all its holes"
     if borne > load.min():
-        slides = f"may slide in all its holes, whose friction bears {borne:.4g} N at most against the smaller one"
+        slides = f"can slide in all its holes, whose friction bears at most {borne:.4g} N against the smaller load"
     cause = (
         f"the dead loads are unbalanced, {load[0]:.4g} N at the start and {load[1]:.4g} N at the end of a thread that "
         f"{slides}"
@@ -391,12 +431,14 @@ def refuse_unbalanced(system: System[Body], state: State[Body], duration: float)
 
 
 def largest_load(system: System[Body], state: State[Body], load: Array) -> float:
-    """Return the largest dead load [N] that the smaller of the two at the ends, `load` (2,) [N], may balance through
-    the holes of a thread that slides in them, however they turn it; infinite where that is not known.
+    """Return the largest dead load [N] that the smaller one can balance through the holes; infinite
+    if it is unknown.
 
-    A hole bears T₂ − T₁ ≤ F₀ + μ N, and is pressed on by both strands at most, N ≤ T₁ + T₂, in a channel ℓ by their
-    couples too, 2 √(EI T) each at most (a long elastica), which adds 2 (M₁ + M₂)/ℓ. A strand between two holes that is
-    short compared with √(EI/T) may press more.
+    `load` (2,) [N] are the loads at the ends of a thread that slides in the holes, at any angle.
+
+    A hole bears T₂ − T₁ ≤ F₀ + μ N. The strands press on it with N ≤ T₁ + T₂. In a channel ℓ their
+    couples, 2 √(EI T) each at most (a long elastica), add 2 (M₁ + M₂)/ℓ. A strand between two holes
+    that is short compared with √(EI/T) can press more.
     """
     EI, tension = system.thread.EI, float(load.min())
     order = np.argsort(state.s)[:: 1 if load[0] <= load[1] else -1]
@@ -417,46 +459,54 @@ def largest_load(system: System[Body], state: State[Body], load: Array) -> float
 
 
 def slides_freely(system: System[Body], present: Flags) -> bool:
-    """Tell whether a thread in one piece slides freely in all its holes, those that it is `present` in `(m,)`, and no
-    end of it is held: under equal loads at both ends it costs nothing to slide as a whole."""
+    """Return whether a thread in one piece slides freely in all its holes and no end of it is held.
+
+    `present` (m,) are its holes. Under equal loads at both ends such a thread slides as a whole
+    without a change of energy.
+    """
     return may_slide_as_a_whole(system, present) and not (system.rows.any(axis=1) & present & system.rough).any()
 
 
 def remedy_for(system: System[Body], state: State[Body]) -> str:
-    """Return what may help where no equilibrium is found."""
+    """Return the remedy in the message if no equilibrium is found."""
     return HOLD_IT if may_slide_as_a_whole(system, state.present) else OTHER_WAYS
 
 
 def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
-    """Tell whether nothing but friction holds a thread in one piece along itself, in the holes that it is `present` in
-    `(m,)`: no end, anchor, tie or hand."""
+    """Return whether only friction holds a thread in one piece along itself: no end, anchor, tie or hand.
+
+    `present` (m,) are its holes.
+    """
     holds = (system.rows.any(axis=1) & present & (~system.may_slide | system.by_hand)).any()
     held = any(end.position(0.0) is not None for end in system.ends)
     return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 
 
 def settle_or_snap(system: System[Body], state: State[Body], share: float, duration: float, snap: bool) -> Step[Body]:
-    """Solve for equilibrium as `settle` does; where there is none near, and the tissue may `snap`, or none that holds,
-    for that which a nonlinear organ creeps to. Raises `EquilibriumError`."""
+    """Solve for equilibrium as in `settle`, or let a nonlinear organ creep to the next equilibrium.
+
+    The organ creeps if there is no close equilibrium and the tissue may `snap`, or if the
+    equilibrium is unstable. Raises `EquilibriumError`.
+    """
     organ = system.organ
     try:
         step = settle(system, state, share, duration)
     except EquilibriumError:
         if not (snap and isinstance(organ, Creeping)):
             raise
-        log.info("no equilibrium is near at %.4g of the loads: the tissue creeps to the next one", share)
+        log.info("no equilibrium is close at %.4g of the loads: the tissue creeps to the next one", share)
         return creep(system, organ, state, share, duration)
     if not isinstance(organ, Creeping) or organ.holds(step.solution.problem.answer):
         return step
-    log.info("the equilibrium at %.4g of the loads does not hold: the tissue creeps to the next one", share)
+    log.info("the equilibrium at %.4g of the loads is unstable: the tissue creeps to the next one", share)
     try:
         return creep(system, organ, state, share, duration)
-    except EquilibriumError:  # the thread holds the tissue where it would not stay alone
+    except EquilibriumError:  # the thread stabilises the tissue, which is unstable alone
         return step
 
 
 def creep(system: System[Body], organ: Creeping, state: State[Body], share: float, duration: float) -> Step[Body]:
-    """Let the organ creep to the equilibrium that is downhill, at a pace that quickens. Raises `EquilibriumError`."""
+    """Let the organ creep downhill to an equilibrium, with a drag that decreases. Raises `EquilibriumError`."""
     now, pace, failed = state, FIRST_PACE, EquilibriumError(state.time, share * duration - state.time, "", "", share)
     for _ in range(CREEPS):
         try:
@@ -480,9 +530,11 @@ def load_steps(
     share: float,
     duration: float,
 ) -> Iterator[Step[Body]]:
-    """Go on to the part `share` of the loads, in parts where that fails, and yield the steps as they are made.
-    Without a `duration` all loads are those at t = 0, and begin with none. Raises as `go_on` does, and
-    `SpentError` after MOST_CORRECTIONS."""
+    """Go on to the part `share` of the loads, in smaller steps if necessary, and yield the steps.
+
+    If `duration` is zero, all loads are those at t = 0 and begin with zero. Raises the errors of
+    `go_on`, and `SpentError` after MOST_CORRECTIONS.
+    """
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -502,17 +554,19 @@ def go_on(
     begun: float,
     depth: int = 0,
 ) -> Iterator[Step[Body]]:
-    """Go on from the part `begun` of the loads to the part `share`, in halves of the increment where it fails, where
-    the thread flips through a hole or folds within a span, and where tissue at finite strain goes on as only another
-    branch does; yield the steps. Raises `StepError`, `InversionError`, `ConstraintError` where a hand has drawn the
-    thread out."""
+    """Go on from the part `begun` of the loads to the part `share`, and yield the steps.
+
+    The increment is halved if it fails, if the thread flips through a hole or folds within a span,
+    or if tissue at finite strain has jumped to another branch. Raises `StepError`,
+    `InversionError`, and `ConstraintError` if a hand has drawn the thread out.
+    """
     try:
         step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
     except (StepError, InversionError) as error:
-        if depth == DEEPEST or share <= begun:  # after a cut the loads stay what they are
+        if depth == DEEPEST or share <= begun:  # after a cut the loads do not change
             raise without_equilibrium(error, share) from error
         for part in (0.5 * (begun + share), share):
             for step in go_on(system, state, part, duration, begun, depth=depth + 1):
@@ -528,9 +582,12 @@ def go_on(
 
 
 def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[Body], Flags]:
-    """Return a load step that has been halved `depth` times, told whether its tissue snapped, and the holes that the
-    thread ran out of in it, shape `(holds,)`. Raises `StepError` where the loads are to be halved, `ConstraintError`
-    where a hand has drawn the thread out."""
+    """Return an accepted load step, and the holes that the thread left in it, shape `(holds,)`.
+
+    The step, which has been halved `depth` times, gets the mark whether its tissue snapped. Raises
+    `StepError` if the loads must be halved, and `ConstraintError` if a hand has drawn the thread
+    out.
+    """
     gone = refuse_impossible(system, step)
     if depth < DEEPEST:
         refuse_folding(step)
@@ -539,15 +596,17 @@ def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[B
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
-    """Return the step; where tissue at finite strain turned a hole at once as only another branch does, or came past a
-    barrier of energy, one that has snapped if the loads cannot be halved any more. Raises `StepError` where they
-    can."""
+    """Return the step, marked as snapped if the tissue jumped and the loads cannot be halved any more.
+
+    Tissue at finite strain jumps if it turns a hole too far in one step, as only another branch
+    does, or passes an energy barrier. Raises `StepError` if the loads can be halved.
+    """
     if step.snapped or not isinstance(system.organ, Creeping):
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
         if has_jumped(system.organ, step):
-            cause = "the tissue jumped past a barrier of energy: that is another branch"
+            cause = "the tissue jumped over an energy barrier to another branch"
             raise StepError(step.old.time, step.dt, cause)
         return step
     turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
@@ -555,28 +614,30 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
 
 
 def refuse_folding(step: Step[Body]) -> None:
-    """Raise `StepError` where a load step has folded the thread within a span: its end was pushed past the next points,
-    and Newton's method has left it there."""
+    """Raise `StepError` if a load step has folded the thread within a span.
+
+    Its end was then pushed past the next points, and Newton's method converged to this fold.
+    """
     spline, old, new = step.solution.problem.system.thread.spline, step.old, step.new
     was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
     if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
-        raise StepError(step.old.time, step.dt, "the thread turned back on itself within a span")
+        raise StepError(step.old.time, step.dt, "the thread folded back on itself within a span")
 
 
 def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
-    """Tell whether tissue at finite strain came past a barrier of energy in a step."""
+    """Return whether tissue at finite strain passed an energy barrier in a step."""
     return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
 def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:
-    """Return the error of a load step, which has no length in time to be told, but a `share` of the loads."""
+    """Return the error of a load step, with the `share` of the loads instead of a length in time."""
     if isinstance(error, InversionError | EquilibriumError):
         return error
     return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
 
 
 def refuse_loose(system: System[Body], state: State[Body], share: float, duration: float) -> None:
-    """Raise `OutError` where a thread in one piece has left its last hole and no end of it is held."""
+    """Raise `OutError` if a thread in one piece has left its last hole and no end of it is held."""
     held = any(end.position(0.0) is not None for end in system.ends)
     if not (held or state.present.any() or system.thread.spline.pieces > 1):
         cause = "the thread runs out of its last hole"
@@ -584,9 +645,13 @@ def refuse_loose(system: System[Body], state: State[Body], share: float, duratio
 
 
 def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Find the equilibrium again while the lips, which a step pairs as they were at its start, slide on its way, or
-    their gaps change where an organ at finite strain turns them, and while a body that nothing but thread and contact
-    holds is dragged; with friction they rub along the way from the start of the load step. Raises `StepError`."""
+    """Return the additional equilibria of a load step until its pairs and its floating bodies are at rest.
+
+    A step pairs the lips as at its start. The equilibrium is solved again if the lips slide on the
+    way, if their gaps change because an organ at finite strain turns them, or if a body that only
+    thread and contact hold is dragged. With friction the lips rub along the way from the start of
+    the load step. Raises `StepError`.
+    """
     out = [step]
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
         len(out) <= DRIFTS and is_dragged(system, out[-1])
@@ -595,15 +660,16 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old))
     if is_dragged(system, out[-1]):
-        cause = "a body of the organ that no clamp holds drifts on, since neither thread nor contact stops it"
+        cause = "a body of the organ that no clamp holds drifts on: neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"
         raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share, remedy)
     return out[1:]
 
 
 def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> bool:
-    """Tell whether lips that press on one another, or the thread and the organ, face something else after a step than
-    in it."""
+    """Return whether the facing pairs after a step differ from those in it, of pressed lips, or of
+    thread and organ.
+    """
     if misplaced(system, step.new, origin) > MISPLACED * system.thread.section.diameter:
         return True
     seen = slice(2, 3) if step.solution.problem.answer.linear else slice(0, 3, 2)
@@ -613,6 +679,6 @@ def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> boo
 
 
 def is_dragged(system: System[Body], step: Step[Body]) -> bool:
-    """Tell whether a body of the organ that nothing but thread and contact holds has not come to rest in a step."""
+    """Return whether a body that only thread and contact hold has not come to rest in a step."""
     organ = system.organ
     return isinstance(organ, Floats) and organ.dragged(step.new.organ) > DRAGGED

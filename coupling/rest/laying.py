@@ -1,8 +1,9 @@
-"""A consistent start: Φ = 0, the thread as near a given path as that allows, nothing strained but by its length.
+"""A consistent start: Φ = 0, the thread as close to a given path as possible, and no strain except
+that of its length.
 
-The thread is laid as an equilibrium: nearly inextensible, on an elastic bed along the path, with some bending
-stiffness that rounds what the bed would kink, the abscissae held. The bed has the form of the inertia term of a step,
-so the same Newton serves.
+The laid thread is an equilibrium. It is nearly inextensible and lies on an elastic bed along the
+path. Some bending stiffness rounds the kinks that the bed would cause, and the abscissae are held.
+The bed has the form of the inertia term of a step, so that the same Newton solver applies.
 """
 
 import logging
@@ -31,22 +32,24 @@ from tissue.organs.meshed import SiteAnswer
 
 log = logging.getLogger(__name__)
 
-BED_SPANS = 2.0  # the bed lets go of the path over this many spans next to a hole that imposes another direction
-# Axial stiffness EA h²/EI of the laid thread, soft on the path at first. Then the bed is moved under it, so that what
-# strain the path's corners left is let go into its bends and not locked by the bed, and the thread made stiffer.
+BED_SPANS = 2.0  # spans next to a hole with another direction over which the thread departs from the path
+# Axial stiffness EA h²/EI of the laid thread. The thread is soft on the path at first. The bed is then moved to the
+# thread and the thread is made stiffer: the strain from the corners of the path goes into its bends.
 ON_PATH = 1e2
 SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
-UNSTRAINED = 1e-6
-# Stiffness of each attempt at first, and the stages after it: where the path bends back within a few spans, a thread
-# that is softer at first comes round the bend.
+UNSTRAINED = 1e-6  # a thread with a smaller strain counts as unstrained
+# First stiffness of each attempt, and the stages after it. If the path bends back within a few spans, a thread that
+# is softer at first follows the bend.
 ATTEMPTS = (ON_PATH, SETTLING), (0.1 * ON_PATH, (3e1, 1e2, 3e2, *SETTLING))
-STRAINED = 0.02  # a thread that is laid under more strain than this is laid anew, more gently
-FEED_SPANS = 4.0  # a loose abscissa gives way by this many spans at the axial strain 1
+STRAINED = 0.02  # a thread laid with a larger strain is laid again, softer at first
+FEED_SPANS = 4.0  # spans by which a loose abscissa moves at the axial strain 1
 
 
 @dataclass(frozen=True)
 class Cord:
-    """Section of the thread while it is laid, without twist: unit bending stiffness, nearly inextensible."""
+    """The section of the thread while it is laid: without twist, with unit bending stiffness,
+    nearly inextensible.
+    """
 
     EA: float
     EI: float = 1.0
@@ -57,8 +60,10 @@ class Cord:
 
 
 def project_path(thread: Thread, path: Array) -> Array:
-    """Project values `path` (spans, g, 3) at the points of the thread's mass rule on control points (n, 3), by least
-    squares."""
+    """Return the control points (n, 3) of a path by least squares.
+
+    `path` (spans, g, 3) are its points at the points of the thread's mass rule.
+    """
     rule = gauss_rule(thread.spline, path.shape[1])
     load = thread.vector(np.einsum("eg,egi,ega->eia", rule.w, rule.b[:, :, 0], path))
     M = thread.mass_matrix.toarray()
@@ -66,8 +71,10 @@ def project_path(thread: Thread, path: Array) -> Array:
 
 
 def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
-    """Return the thread over the path's own arc length (`stretch` times its rest length), with the section of a cord
-    whose EA is `axial` EI/h², h the mean span."""
+    """Return the thread over the path's arc length, with the section of a cord of EA = `axial` EI/h².
+
+    The arc length is `stretch` times the rest length, and h is the mean span.
+    """
     spline = stretched(thread.spline, stretch)
     span = (spline.end - spline.start) / (len(spline.breaks) - 1)
     cord = Cord(EA=axial / span**2, diameter=span)
@@ -76,7 +83,7 @@ def laid_thread(thread: Thread, stretch: float, axial: float) -> Thread:
 
 
 def stretched(spline: Spline, by: float) -> Spline:
-    """Return a spline whose abscissae are so many times as far from one another."""
+    """Return a spline whose abscissae are multiplied by a factor."""
     if not isinstance(spline, Placed):
         return Spline(spline.knots * by)
     travel = replace(spline.travel, a=spline.travel.a * by, limits=spline.travel.limits * by)
@@ -85,8 +92,11 @@ def stretched(spline: Spline, by: float) -> Spline:
 
 @dataclass(frozen=True)
 class Laying(Generic[Body]):
-    """Where the thread is to lie: the `answer` of an organ that is held, the `path` (spans, g, 3) [m] at its mass rule,
-    and `stretch`, the path's length over the thread's rest length."""
+    """The data for laying a thread.
+
+    The `answer` of an organ that is held, the `path` (spans, g, 3) [m] at the mass rule, and
+    `stretch`, the length of the path over the thread's rest length.
+    """
 
     answer: SiteAnswer[Body]
     path: Array
@@ -94,9 +104,10 @@ class Laying(Generic[Body]):
 
 
 def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Array]:
-    """Lay the thread: its control points (n, 3) [m] and abscissae (m,) [m]. Raises `StepError`.
+    """Lay the thread, and return its control points (n, 3) [m] and abscissae (m,) [m].
 
-    Where it cannot be laid, or lies folded within a span or strained, it is laid softer at first.
+    If the thread cannot be laid, or is folded within a span or strained, it is laid again, softer
+    at first. Raises `StepError`.
     """
     laid: list[tuple[Array, Array, float]] = []
     errors: list[StepError] = []
@@ -117,11 +128,12 @@ def lay(system: System[Body], laying: Laying[Body], s: Array) -> tuple[Array, Ar
 def lay_or_slide(
     system: System[Body], laying: Laying[Body], s: Array, axial: float, stages: Sequence[float]
 ) -> tuple[Array, Array, float]:
-    """Lay the thread, at first of the stiffness `axial`, then of those of the `stages`; returns q, s and its largest
-    strain. Raises `StepError`.
+    """Lay the thread with the first stiffness `axial`, then those of the `stages`; return q, s and
+    its largest strain.
 
-    Where no unstrained thread fits with the abscissae `s` (a hole may impose a direction that needs more length), it
-    slides in its holes until one does; what is strained then is held so by its ends and anchors.
+    A hole may impose a direction that needs more length. If no unstrained thread fits with the
+    abscissae `s`, the thread slides in its holes until one fits. A remaining strain is then imposed
+    by its ends and anchors. Raises `StepError`.
     """
     held = lay_on_bed(system, laying, s, np.zeros(system.holds, dtype=bool), axial, stages)
     if held[2] < UNSTRAINED or not system.may_slide.any():
@@ -138,8 +150,11 @@ def lay_on_bed(
     axial: float,
     stages: Sequence[float],
 ) -> tuple[Array, Array, float]:
-    """Lay the thread with the holds `loose` sliding, of the stiffness `axial` at first and then, stage after stage, as
-    stiff as it can be; returns q, s and its largest strain."""
+    """Lay the thread with the holds `loose` sliding, and return q, s and its largest strain.
+
+    The thread has the stiffness `axial` at first and is then made stiffer, stage by stage, as far
+    as a solution is found.
+    """
     m, abscissae = system.holds, s * laying.stretch
     first = laid_thread(system.thread, laying.stretch, axial)
     on_path = project_path(first, laying.path)
@@ -159,18 +174,19 @@ def lay_on_bed(
 
 
 def with_laid_thread(system: System[Body], laying: Laying[Body], axial: float) -> System[Body]:
-    """Return the system with the laid thread in place of its own."""
+    """Return the system with the laid thread in the place of its own."""
     return replace(system, thread=laid_thread(system.thread, laying.stretch, axial), epsilon=0.0)
 
 
 def bed_problem(
     system: System[Body], on_path: Array, answer: SiteAnswer[Body], s: Array, loose: Flags
 ) -> Problem[Body]:
-    """Return the problem of a thread on an elastic bed along `on_path` (n, 3), its abscissae held but for those that
-    are `loose`. Springs hold these back, so that they go the way the thread pulls them and not to some balance
-    beyond.
+    """Return the problem of a thread on an elastic bed along `on_path` (n, 3), with all abscissae
+    held except the `loose` ones.
 
-    The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ = BED_SPANS h with k the bed's stiffness, EI = 1.
+    Springs resist the motion of loose abscissae. They move in the direction of the thread's pull
+    and not to a distant balance. The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ =
+    BED_SPANS h with the bed's stiffness k and EI = 1.
     """
     thread, m = system.thread, system.holds
     span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
@@ -191,20 +207,20 @@ def bed_problem(
 
 
 def resting_organ(system: System[Body]) -> Body:
-    """Return the organ's state at the start, its lips held apart where the organ's own weight would make them cross."""
+    """Return the organ's state at the start, with its lips held apart if its own weight would make them cross."""
     organ = system.organ
     state = organ.start()
     if organ.lips(state)[0].min(initial=0.0) >= 0.0:
         return state
-    # An organ with inertia starts undeformed, and never comes here.
+    # An organ with inertia starts undeformed and never reaches this line.
     answer, f_y = organ.answer(Equilibrium(np.inf), [state], 0.0), np.zeros(organ.y0.size)
     return answer.accept(f_y, solve_contact(system, f_y, answer))
 
 
 def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[Body]:
-    """Return the state at t = 0, at rest: `s` (p,) [m] abscissae of the piercings, `path` and `stretch` as for
-    `Laying`.
+    """Return the state at t = 0, at rest.
 
+    `s` (p,) [m] are the abscissae of the piercings; `path` and `stretch` are as for `Laying`.
     Piercings that begin later do not hold the thread yet.
     """
     log.info("laying the thread along its path")
@@ -216,7 +232,7 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))
     frame = thread.untwisted_frame(q)
     points = thread.points(q, frame)
-    holding = np.where(system.held_flags, thread.gradient(points), 0.0)  # the organ's sites bear nothing yet
+    holding = np.where(system.held_flags, thread.gradient(points), 0.0)  # the organ's sites bear no force yet
     return State(
         time=0.0,
         q=q,

@@ -220,7 +220,7 @@ def test_what_two_rough_holes_bear_is_told_before_the_first_step(force: float, r
     state = laid(system, [0.3 * LENGTH, 0.7 * LENGTH], line(ORIGIN, X))
     if not refused:
         return equilibrium.refuse_unbalanced(system, state, 1.0)
-    with pytest.raises(EquilibriumError, match=r"whose friction bears 2\.75 N at most against the smaller one"):
+    with pytest.raises(EquilibriumError, match=r"whose friction bears at most 2\.75 N against the smaller load"):
         equilibrium.refuse_unbalanced(system, state, 1.0)
 
 
