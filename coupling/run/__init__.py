@@ -1,4 +1,4 @@
-"""A run: steps one after the other, with their audit, events and schedule."""
+"""A run: one step after another, with audit, events and schedule."""
 
 from coupling.run.run import Run, begin
 

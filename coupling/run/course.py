@@ -1,4 +1,4 @@
-"""The arrays of whole steps in compiled loops (`coupling.kernels.steps`), from those of the first one."""
+"""The arrays for whole steps in compiled loops (`coupling.kernels.steps`), made from those of the first step."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -43,14 +43,17 @@ from thread.placed import Placed
 from thread.riding import plain
 from thread.spline import ORDERS
 
-KEPT = "march.march_of."  # begins the names of the loops' files on disk
+KEPT = "march.march_of."  # first part of the file names of the loops on disk
 Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """An organ as the loops go on with it from a state: its `answer` to the first step, what they read of it, `organ`,
-    its motion, `now` and `earlier`, and `state`, which makes the organ's own state of such a motion."""
+    """An organ for the loops, from a state on.
+
+    `answer` is the one for the first step, and `organ` its data for the loops. `now` and `earlier`
+    are its motion. `state` makes the organ's own state from such a motion.
+    """
 
     answer: Answer[Any]
     organ: Organ
@@ -60,8 +63,11 @@ class Body:
 
 
 def body_of(system: System[Any], scheme: Scheme, state: State[Any], times: Sequence[float]) -> Body | None:
-    """Return the organ of a system in steps of a scheme from a state; None where the loops do not go on with it, or its
-    loads change until the last of the `times` [s]."""
+    """Return the organ of a system for steps of a scheme from a state.
+
+    None if the loops do not cover the organ, or if its loads change until the last of the `times`
+    [s].
+    """
     organ, before = system.organ, state.before or state
     if isinstance(organ, Steady):
         loads = organ.steady_loads(state.organ, times)
@@ -87,10 +93,10 @@ def body_of(system: System[Any], scheme: Scheme, state: State[Any], times: Seque
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """Arrays that steps of a scheme share as long as the same holds are present, and room for results.
+    """Arrays that steps share as long as the same holds are present, and arrays for results.
 
-    The references and loads among them are those of the step that is made; `solver` is the address of the compiled
-    step for arrays like these.
+    The references and loads in these arrays are those of the present step. `solver` is the address
+    of the compiled step for arrays like these.
     """
 
     tables: Tables
@@ -110,10 +116,11 @@ FIXTURES: Recent[Fixture] = Recent()
 def fixture_of(
     system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
 ) -> Fixture:
-    """Return the fixture of steps from a state with the organ's `answer` to the first: one of the last that were made
-    where it fits, as it does from step to step. `motion` is that state as arrays, `taut` (k + 1,) its strands.
+    """Return the fixture of steps from a state with the organ's `answer` to the first step.
 
-    The organ is no part of what is remembered: it may be large. Its answer is written into the fixture's arrays.
+    It is a cached one if one of the last fixtures fits; from step to step it does. `motion` is the
+    state as arrays, and `taut` (k + 1,) are its taut strands. The organ is not part of the cache,
+    because it may be large. Its answer is written into the arrays of the fixture.
     """
     loose = loose_ends(system, state).tobytes()
     of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
@@ -159,14 +166,17 @@ def make_fixture(
 
 
 def with_own(arrays: Arrays, *names: str) -> Arrays:
-    """Return a tuple of arrays in which those of these `names` are copies, which may be written to."""
+    """Return a tuple of arrays in which the arrays with these `names` are writable copies."""
     return arrays._replace(**{name: getattr(arrays, name).copy() for name in names})
 
 
 class Course:
-    """Steps of a scheme from a state, as far as they are `made`: the `energies`, `iterations` and largest axial
-    `strains` of each, and whether there was an event in the only one, `happened`. `taut` (k + 1,): which strands are at
-    its start; `remembers`: whether a state is to remember the one before it."""
+    """Steps of a scheme from a state, of which `made` have been made.
+
+    It has the `energies`, `iterations` and largest axial `strains` of each step. `happened` is True
+    if there is only one step and it has an event. `taut` (k + 1,) are the taut strands at the
+    start. If `remembers`, a state keeps the one before it.
+    """
 
     def __init__(
         self, system: System[Any], scheme: Scheme, state: State[Any], body: Body, taut: Flags, remembers: bool
@@ -176,8 +186,10 @@ class Course:
         self._fixture = fixture_of(system, scheme, state, body.answer, self._now, taut)
 
     def make_steps(self, energies: Sequence[float], times: Sequence[float], ends: tuple[Array, ...]) -> None:
-        """Make as many steps to the `times` [s] as go smoothly between the `ends` that
-        `coupling.run.march.tabled_ends` gives."""
+        """Make steps to the `times` [s] as long as they are smooth.
+
+        `ends` is the result of `coupling.run.march.tabled_ends`.
+        """
         given, iterations, kept = self._fixture, np.zeros(len(times), np.int64), room_to_keep(self._now, len(times))
         self.made, why = run_march(
             given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
@@ -190,7 +202,7 @@ class Course:
         self._ends = motion_on(kept.ends[: self.made], self._now[:-1])
 
     def states(self, first: int = 0) -> list[State[Any]]:
-        """Return the states at the ends of the steps from the `first` on."""
+        """Return the states at the ends of the steps from step `first` on."""
         each = [self._state(step) for step in range(max(first - 1, 0), self.made)]
         each = each if first else [forgetful(self._like), *each]
         if not self._remembers:
@@ -221,7 +233,7 @@ class Course:
         )
 
     def seen(self) -> Seen:
-        """Return what there is to see of the thread at the ends of all steps."""
+        """Return the data of the thread at the ends of all steps, for observations."""
         at, ends = self._kept.at, self._ends
         first = at.first[: self.made].ravel()
         b, D = (x[: self.made].reshape(-1, *x.shape[2:]) for x in (at.b, at.D))
@@ -233,19 +245,20 @@ class Course:
 
 @cache
 def is_ready() -> bool:
-    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked, or
-    Numba is switched off."""
+    """Return whether the compiled loops were on disk at the first call, newer than all their
+    modules; True if Numba is disabled.
+    """
     return tables.is_kept(march.march, KEPT, march.__file__)
 
 
 def run_march(*given: object) -> tuple[int, int]:
-    """Make steps in the loops; where these are to be compiled first, say so, and how long it took."""
+    """Make steps in the loops. If the loops must be compiled first, log this and the time that it takes."""
     with tables.telling(march.march, is_ready(), "steps made at once"):
         return cast(tuple[int, int], march.march(*given))
 
 
 def over_holds(x: Array, holds: int) -> Array:
-    """Return numbers of the sites (9p,) over all holds, zero for those off the organ, shape `(m, 9)`."""
+    """Return numbers of the sites (9p,) over all holds, zero for holds off the organ, shape `(m, 9)`."""
     out = np.zeros((holds, NINE))
     out[: x.size // NINE] = x.reshape(-1, NINE)
     return out
@@ -258,8 +271,11 @@ def pace_of(scheme: Scheme) -> Pace:
 
 
 def scene_of(problem: Problem[Any], present: Flags, strands: Strands, create: float) -> Scene:
-    """Return what does not change in steps of which a problem is the first, with the holds that are `present` (m,),
-    the thread's `strands`, and the share of the energy there is that a step may `create`."""
+    """Return the constant data of steps whose first problem is given.
+
+    `present` (m,) are the present holds, and `strands` those of the thread. `create` is the share
+    of the available energy that a step may create.
+    """
     system, thread, factor = problem.system, problem.system.thread, problem.mass_factor
     strength = np.array([piercing.strength for piercing in system.piercings], dtype=float) * system.bearing_areas
     by_place = thread.largest_bending + factor * thread.largest_mass
@@ -284,7 +300,7 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands, create: fl
 
 
 def motion_of(state: State[Any], body: ModalMotion) -> Motion:
-    """Return copies of what a state has of thread and holds, with the motion of its organ."""
+    """Return copies of the arrays of thread and holds of a state, with the motion of its organ."""
     names = state.q, state.v, state.N, state.s, state.s_dot, state.lam, state.y, state.sigma, state.sense
     U, V, A, f_y, drift = body
     stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
@@ -294,14 +310,14 @@ def motion_of(state: State[Any], body: ModalMotion) -> Motion:
 
 
 def motion_on(numbers: Array, like: Sequence[Array]) -> Motion:
-    """Return the `numbers` (…, size) of motions as arrays shaped `(…, *shape)`, `like` those of one."""
+    """Return the `numbers` (…, size) of motions as arrays with the shapes (…, *shape) of the arrays `like`."""
     parts = np.split(numbers, np.cumsum([x.size for x in like[:-1]]), axis=-1)
     shapes = [(*numbers.shape[:-1], *x.shape) for x in like]
     return Motion._make([*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)), numbers])
 
 
 def empty_room(motion: Motion, points: int) -> Scratch:
-    """Return room for what is made in steps of a motion, with so many `points` of the bending on a span."""
+    """Return the arrays for steps of a motion; `points` is the number of bending points per span."""
     end, m = motion_on(np.zeros_like(motion.numbers), motion[:-1]), len(motion.s)
     z = Unknowns(end.q, end.N, end.s, end.lam, end.y, end.sigma)
     return Scratch(
@@ -319,7 +335,7 @@ def empty_room(motion: Motion, points: int) -> Scratch:
 
 
 def room_to_keep(motion: Motion, steps: int) -> Kept:
-    """Return room for what is known of so many steps of a motion."""
+    """Return the arrays for the stored results of `steps` steps of a motion."""
     return Kept(
         ends=np.empty((steps, motion.numbers.size)),
         elastic=np.empty((steps, *motion.q.shape)),
@@ -330,5 +346,5 @@ def room_to_keep(motion: Motion, steps: int) -> Kept:
 
 
 def empty_passing(*m: int) -> Passing:
-    """Return room for the thread at the holes of an array of that shape."""
+    """Return zero arrays for the thread at holes in an array of shape `m`."""
     return Passing(np.zeros(m, np.int64), np.zeros((*m, ORDERS, ORDERS)), np.zeros((*m, ORDERS, 3)), np.zeros(m))

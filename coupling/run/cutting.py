@@ -1,13 +1,15 @@
-"""A thread that is cut during a run: at its place the spline gets a knot of multiplicity four, and nothing goes across.
+"""A cut of the thread during a run: the spline gets a knot of multiplicity four, and no function crosses it.
 
-Curve, angle of the section and velocity are the same functions on the other knots (`thread.cutting.cut`), so that
-momentum and energy stay what they are; the tension that was there drives the new ends apart in the steps that follow,
-which remember nothing of those before. At rest they find another equilibrium at once (`coupling.run.run.Run.load`).
-What springs store more or less, which are spread anew on both pieces, is the loss in the event.
+Curve, angle of the section and velocity are the same functions on the new knots
+(`thread.cutting.cut`), so that momentum and energy do not change. The tension at the cut drives the
+new ends apart in the next steps, which have no memory of the earlier ones. At rest the pieces find
+another equilibrium at once (`coupling.run.run.Run.load`). Springs are distributed anew on both
+pieces; the change of their energy is the loss in the event.
 
-Where knots travel, the pieces get knots of their own: the strand that is cut becomes two. Nothing is transferred, since
-the inertia of the steps that follow is from the curve as it was, read at the material points of the pieces; the shape
-that they begin with is put on the new knots, and what that changes of the energies is the loss in the event.
+If knots travel, the pieces get their own knots: the strand that is cut becomes two. Nothing is
+transferred, because the inertia of the next steps is computed from the old curve at the material
+points of the pieces. Their first shape is put on the new knots; the change of energies is the loss
+in the event.
 """
 
 from dataclasses import dataclass, replace
@@ -27,16 +29,16 @@ from thread.errors import ThreadError
 
 @dataclass(frozen=True)
 class Cut:
-    """A cut at the abscissa `s` [m], at the first end of a step not before `time` [s]."""
+    """A cut at the abscissa `s` [m], at the first end of a step that is not before `time` [s]."""
 
     s: float
     time: float
 
 
 def cut_thread(system: System[Body], state: State[Body], s: float) -> tuple[System[Body], State[Body], Event]:
-    """Cut the thread at `s` [m], or at a knot next to it; returns system and state with the event.
+    """Cut the thread at `s` [m], or at a close knot; return system and state with the event.
 
-    Raises `CouplingError` where the thread cannot be cut there.
+    Raises `CouplingError` if the thread cannot be cut there.
     """
     thread, state = system.thread, forgetful(state)
     if thread.travels:
@@ -62,10 +64,10 @@ def momentum(system: System[Body], state: State[Body]) -> Array:
 
 
 def cut_strand(system: System[Body], state: State[Body], s: float) -> tuple[System[Body], State[Body], Event]:
-    """Cut a thread whose knots travel at `s` [m], as `cut_thread` does."""
+    """Cut a thread whose knots travel at `s` [m], as in `cut_thread`."""
     spline, near = system.thread.spline, system.thread.section.diameter
     if not spline.start < s < spline.end or np.abs(spline.piece_ends - s).min() < near:
-        cause = f"nearer than its diameter, {near:.3g} m, the thread ends, or is cut; cut where it is whole"
+        cause = f"an end or a cut of the thread is closer than its diameter, {near:.3g} m; cut it elsewhere"
         raise CouplingError(f"cut at {s:.6g} m: {cause}")
     try:
         travel = due(system, state, bent_over(system, state), [s])

@@ -1,13 +1,16 @@
-"""What happens to piercings: they begin and end at their times, the thread leaves them, slips or sticks in them; and to
-the strands between them, which become taut and slack (`coupling.run.tautness`).
+"""Events of piercings, ties and strands.
 
-Surfaces in contact slip where all of their pairs that press do, and stick again where the first of them sticks; so does
-a thread along a tract, by the balls of it.
+Piercings begin and end at their times. The thread leaves them, slips or sticks in them. Strands
+between them become taut and slack (`coupling.run.tautness`). Surfaces in contact slip if all of
+their pressed pairs slip, and stick again when the first pair sticks. The same holds for a thread
+along a tract, with the tract's balls instead of pairs.
 
-A piercing begins (`coupling.run.impact`) and ends between two steps: at the first end of a step that reaches its time
-(`coupling.run.run`). A hole is left, a strand slips or sticks, becomes taut or slack, and tissue tears within the
-step in which that was found (`coupling.run.location`); one that turns back in a step sticks and slips in it. All
-other events bear the time of its end. An end of a piercing changes neither positions nor velocities.
+A piercing begins (`coupling.run.impact`) and ends between two steps: at the first end of a step
+that is not before its time (`coupling.run.run`). The times of four kinds of events are found within
+a step (`coupling.run.location`): a hole is left, a hold slips or sticks, a strand becomes taut or
+slack, tissue tears. A hold that reverses its motion in a step sticks and slips in it. All other
+events have the time of the end of the step. The end of a piercing changes neither positions nor
+velocities.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,14 +50,18 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class Event:
-    """One event.
+    """One event, at its `time` [s] and abscissa `s` [m], for a strand that of its middle.
 
-    `time` [s]; `piercing`, tie, tract, strand or surfaces in contact by name, empty for a halved step, tissue that
-    snaps, a branch that was followed and a cut; `s` [m], of a strand its middle.
-    Of a piercing that begins: `gap` [m] and `angle` [rad] that were closed, `work` [J] done in closing them, `loss` [J]
-    of kinetic energy and `impulse` (3,) [N s] of the hole on the thread; of a tie that closes: `gap`. Of a cut:
-    `control_points` after it, `loss` and `impulse`, what it cost of the thread's energy and momentum. `work` − `loss`
-    is what the event changed of kinetic plus elastic energy.
+    - `piercing`: name of the piercing, tie, tract, strand or surfaces in contact. It is empty for a
+      halved step, a snap of tissue, a branch that was followed, and a cut.
+    - `gap` [m], `angle` [rad], `work` [J]: for a piercing that begins, the closed gap and angle,
+      and the work for it; `gap` also for a tie that closes.
+    - `loss` [J], `impulse` (3,) [N s]: for a piercing that begins, the loss of kinetic energy and
+      the impulse of the hole on the thread. For a cut, the change of the thread's energy and
+      momentum.
+    - `control_points`: their number after a cut.
+
+    `work` − `loss` is the change of kinetic plus elastic energy in the event.
     """
 
     time: float
@@ -75,8 +82,11 @@ class Event:
 
 
 class Events(Sequence[Event]):
-    """Events in their order, which are found when somebody first asks for them: their times take solutions of their
-    own, and a host program that steps a run does not wait for these."""
+    """Events in their order, found at the first access.
+
+    The times of events need additional solutions, and a host program that only makes steps does not
+    wait for them.
+    """
 
     def __init__(self, find: Callable[[], Sequence[Event]]) -> None:
         self._find = find
@@ -95,8 +105,11 @@ class Events(Sequence[Event]):
 def find_events(
     system: System[Body], old: State[Body], taken: Sequence[Step[Body]], taut: Flags
 ) -> tuple[list[Event], Flags]:
-    """Find the events in the steps taken from `old`, in the order of their times, and which strands are taut after them
-    `(k + 1,)`, of which those `taut` were before."""
+    """Return the events in the steps `taken` from `old`, in the order of their times, and the taut
+    strands after them.
+
+    The strands have shape `(k + 1,)`; `taut` are those before the steps.
+    """
     states, out = [old, *(step.new for step in taken)], list[Event]()
     for (before, after), step in zip(pairwise(states), taken, strict=True):
         times = locate(before, step)
@@ -110,8 +123,11 @@ def find_events(
 
 
 def changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
-    """Find the holes left, the stitches that began to slip or to stick, and those that the tissue no longer bears,
-    between two states, with the `times` of what the holds did."""
+    """Return the events at holes between two states: holes that were left, that slip or stick, and
+    tissue that tears.
+
+    `times` are those at which the holds changed.
+    """
     out = []
     for k, piercing in enumerate(system.piercings):
         if old.present[k] and not new.present[k]:
@@ -131,7 +147,9 @@ def changes(system: System[Body], old: State[Body], new: State[Body], times: Tim
 
 
 def switches(old: State[Body], new: State[Body], times: Times, k: int, name: str) -> list[Event]:
-    """Return that hold `k`, of a `name`, sticks, slips, or does both in this order where it turned back."""
+    """Return the events that hold `k`, with this `name`, sticks or slips; both in this order if it
+    reversed its motion.
+    """
     if old.sigma[k] == new.sigma[k]:
         return []
     sticks = [Event(float(times.sticks[k]), "sticks", name, float(new.s[k]))] if old.sigma[k] else []
@@ -139,7 +157,7 @@ def switches(old: State[Body], new: State[Body], times: Times, k: int, name: str
 
 
 def tie_changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
-    """Find the ties that came undone, or began to slip or to stick, between two states."""
+    """Return the events of ties between two states: they untie, slip or stick."""
     out = []
     for tie, (k, _) in zip(system.ties, system.strands, strict=True):
         if old.present[k] and not new.present[k]:
@@ -150,8 +168,9 @@ def tie_changes(system: System[Body], old: State[Body], new: State[Body], times:
 
 
 def tract_changes(system: System[Body], old: State[Body], new: State[Body], times: Times) -> list[Event]:
-    """Find the tracts along which the thread began to slip as a whole, or sticks again somewhere, between two
-    states."""
+    """Return the events of tracts between two states: the thread slips along the whole tract, or
+    sticks again at a ball.
+    """
     out = []
     for name in dict.fromkeys(piercing.tract for piercing in system.piercings if piercing.tract):
         balls = np.flatnonzero([piercing.tract == name for piercing in system.piercings])
@@ -168,8 +187,12 @@ def tract_changes(system: System[Body], old: State[Body], new: State[Body], time
 def strand_changes(
     system: System[Body], old: State[Body], new: State[Body], taut: Flags, times: Times
 ) -> tuple[list[Event], Flags]:
-    """Find the strands that became taut or slack between two states, and return with them which are taut at the second,
-    `(k + 1,)`, of which those `taut` were at the first. What lies along a tract is not told."""
+    """Return the events of strands that became taut or slack between two states, and the taut
+    strands at the second.
+
+    The strands have shape `(k + 1,)`; `taut` are those at the first state. Strands along a tract
+    have no events.
+    """
     taut = kept_taut(system, old, new, taut)
     now = still_taut(system, new, taut)
     changed = np.flatnonzero(now != taut).tolist()
@@ -187,15 +210,16 @@ def strand_changes(
 
 
 def kept_taut(system: System[Body], old: State[Body], new: State[Body], taut: Flags) -> Flags:
-    """Return which strands of a state are taut if none changed since the one before, in which those `taut` were."""
+    """Return the taut strands of a state if none changed since the state before, where they were `taut`."""
     if np.array_equal(old.present, new.present) and len(taut) == strand_count(system, new):
         return taut
     return carried_over(system, taut, old, system, new)
 
 
 def surface_changes(system: System[Body], old: State[Body], new: State[Body]) -> list[Event]:
-    """Find the surfaces in contact that began to slip as a whole, or have pairs that stick again, between two
-    states."""
+    """Return the events of surfaces in contact between two states: they slip as a whole, or some of
+    their pairs stick again.
+    """
     if not isinstance(system.organ, Rubs):
         return []
     before, now = (system.organ.slipping_surfaces(state.organ) for state in (old, new))

@@ -1,13 +1,14 @@
-"""A piercing begins, in two strokes, both between two steps.
+"""The beginning of a piercing, in two stages, both between two steps.
 
-1. *The thread is drawn in.* Where it passes nearest to the hole it may be off by a gap and an angle. Both are closed as
-   a step of backward Euler would close them, with every velocity held: inertia / Δt² and stiffness of thread and organ
-   share the way. What had been in balance with the inertia stays so, hence without a gap nothing moves. The work
-   is that of whoever draws the thread in, and counts as external work.
-2. *An inelastic impulse.* The velocities jump by M⁻¹Φ_qᵀj on the thread and M_o⁻¹YᵀΦ_yᵀj on the organ, such that the
-   hole and the thread in it move together from then on: equal and opposite, so that momentum is kept. The kinetic
-   energy lost is ½Δvᵀ M Δv ≥ 0, and counts as numerical dissipation. There is no friction in the impulse, nor
-   contact: lips that it drives together are stopped by the next step.
+1. *The thread is drawn in.* At its closest point to the hole the thread can be off by a gap and an
+angle. Both are closed as in a step of backward Euler with every velocity held: the inertia / Δt²
+and the stiffness of thread and organ determine the way. Forces in balance with the inertia stay in
+balance, so that nothing moves without a gap. The work is that of the hand that draws the thread in,
+and counts as external work. 2. *An inelastic impulse.* The velocities jump by M⁻¹Φ_qᵀj on the
+thread and M_o⁻¹YᵀΦ_yᵀj on the organ, so that the hole and the thread in it have the same velocity
+after it. The impulses are equal and opposite, so that momentum is conserved. The lost kinetic
+energy is ½Δvᵀ M Δv ≥ 0 and counts as numerical dissipation. The impulse has no friction and no
+contact: lips that it drives together are stopped by the next step.
 """
 
 from dataclasses import replace
@@ -35,18 +36,20 @@ from coupling.step.stepping import accept_organ, riding, sense, tie_gaps
 from coupling.system import State, System, forgetful
 from thread.vectors import dot
 
-NEAR = 10.0  # diameters: a thread that passes a hole no nearer than this is not drawn in
-STEEPEST = 0.5  # cosine of the angle between thread and directed hole (60°) beyond which it is not turned in
-SAMPLES = 8  # places on each span at which the search for the nearest one begins
-QUICKER = 4  # times a quarter of a step's time in which a thread is drawn into a hole
+NEAR = 10.0  # diameters: a thread further away from a hole is not drawn in
+STEEPEST = 0.5  # cosine of the largest angle (60°) between a thread that is drawn in and a directed hole
+SAMPLES = 8  # points on each span for the start of the search for the closest point
+QUICKER = 4  # times that the time in which a thread is drawn into a hole is divided by four, at most
 CORRECTIONS = 50  # of that search, at most
 
 
 def begin_piercing(
     system: System[Body], state: State[Body], k: int, dt: float, given: float
 ) -> tuple[State[Body], Event]:
-    """Put the thread into hole `k`: the state with it, and the event that says what it took. Raises `FormingError`,
-    `ConstraintError`."""
+    """Put the thread into hole `k`; return the state with it, and the event with its gap, work and loss.
+
+    Raises `FormingError`, `ConstraintError`.
+    """
     name, y = system.piercings[k].name, state.y[k]
     s = abscissa(system, state, k, given)
     placed = replace(state, s=np.where(np.arange(system.holds) == k, s, state.s))
@@ -67,21 +70,23 @@ def begin_piercing(
 
 
 def abscissa(system: System[Body], state: State[Body], k: int, given: float) -> float:
-    """Return where the thread enters hole `k` [m]: as given, else nearest to the hole; between its neighbours on the
-    thread."""
+    """Return the abscissa at which the thread enters hole `k` [m]: the given one, or that closest to the hole.
+
+    It lies between the neighbours of the hole on the thread.
+    """
     low, high = neighbours(system, state, k)
     if np.isnan(given):
         return nearest_abscissa(system, state, state.y[k, :3], low, high)
     spline = system.thread.spline
     held_end = not system.piercings[k].slides and given in (spline.start, spline.end)
     if not (low < given < high or held_end):
-        cause = f"s = {given} m does not lie between its neighbours on the thread, at {low:.6g} and {high:.6g} m"
+        cause = f"s = {given} m is not between its neighbours on the thread, at {low:.6g} and {high:.6g} m"
         raise FormingError(state.time, system.piercings[k].name, f"{cause}; correct s or the order of the piercings")
     return given
 
 
 def neighbours(system: System[Body], state: State[Body], k: int) -> tuple[float, float]:
-    """Return the abscissae of the piercings present before and after the k-th, or the thread's ends [m]."""
+    """Return the abscissae of the present piercings before and after the k-th, or of the thread's ends [m]."""
     spline, p = system.thread.spline, len(system.piercings)
     here = state.present[:p]
     low, high = state.s[:k][here[:k]], state.s[k + 1 : p][here[k + 1 :]]
@@ -89,9 +94,10 @@ def neighbours(system: System[Body], state: State[Body], k: int) -> tuple[float,
 
 
 def nearest_abscissa(system: System[Body], state: State[Body], x: Array, low: float, high: float) -> float:
-    """Find the abscissa of the thread's nearest place to the point `x` (3,), between `low` and `high` [m].
+    """Return the abscissa of the thread's closest point to the point `x` (3,), between `low` and `high` [m].
 
-    The nearest of many samples, then Newton on ½|P − x|², kept between the samples before and after it.
+    Newton's method on ½|P − x|² starts from the closest of many samples. It stays between the
+    samples before and after it.
     """
     spline = system.thread.spline
     count = SAMPLES * (len(spline.breaks) - 1)
@@ -109,8 +115,9 @@ def nearest_abscissa(system: System[Body], state: State[Body], x: Array, low: fl
 
 
 def misdirection(system: System[Body], at: Passage, y: Array, k: int) -> float:
-    """Return the angle between the thread and the axis of hole `k`, whichever way it passes [rad]; 0 where none is
-    imposed."""
+    """Return the angle between the thread and the axis of hole `k`, in either sense [rad]; 0 for a
+    hole without direction.
+    """
     if not system.piercings[k].directed:
         return 0.0
     normal, T = np.cross(y[3:6], y[6:]), at.T[k]
@@ -118,18 +125,18 @@ def misdirection(system: System[Body], at: Passage, y: Array, k: int) -> float:
 
 
 def refuse_far(system: System[Body], time: float, name: str, gap: float, angle: float) -> None:
-    """Raise `FormingError` where the thread is too far from the hole or too steep to it."""
+    """Raise `FormingError` if the thread is too far from the hole, or too oblique to it."""
     allowed = NEAR * system.thread.section.diameter
     if not gap <= allowed:
         cause = f"the thread passes {gap:.3g} m away from the hole, allowed are {allowed:.3g} m ({NEAR:g} diameters)"
-        raise FormingError(time, name, f"{cause}; lead the thread to the hole, or let it begin later")
+        raise FormingError(time, name, f"{cause}; lead the thread to the hole, or let the piercing begin later")
     if np.cos(angle) < STEEPEST:
         cause = f"the thread makes an angle of {np.degrees(angle):.0f}° with the hole's direction, allowed are 60°"
-        raise FormingError(time, name, f"{cause}; lead it in more directly, or set direction to free")
+        raise FormingError(time, name, f"{cause}; lead the thread in more directly, or set direction to free")
 
 
 def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> State[Body]:
-    """Return the state with hole `k` in force, not yet closed."""
+    """Return the state with hole `k` active but not yet closed."""
     this = np.arange(system.holds) == k
     return replace(
         forgetful(state),
@@ -141,8 +148,11 @@ def with_hole(system: System[Body], state: State[Body], at: Passage, k: int) -> 
 
 
 def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> State[Body]:
-    """Draw the thread into hole `k`: the state with Φ = 0 there, at the hole's abscissa; velocities are kept. Where
-    the thread would buckle on its way, it is drawn in within a shorter time, by its inertia. Raises `FormingError`."""
+    """Draw the thread into hole `k`; return the state with Φ = 0 there, at the abscissa of the hole.
+
+    Velocities do not change. If the thread would buckle on its way, it is drawn in within a shorter
+    time, by its inertia. Raises `FormingError`.
+    """
     for shorter in range(QUICKER + 1):
         problem = closing_problem(system, state, k, BackwardEuler(dt / 4**shorter))
         sigma = np.where(problem.law.may_slide, state.sigma, 0.0)
@@ -158,16 +168,15 @@ def draw_in(system: System[Body], state: State[Body], k: int, dt: float) -> Stat
     z, organ = solution.iterate, accept_organ(solution)
     lam = np.where(problem.rows, z.lam, 0.0)
     frame = system.thread.transport_frame(state.frame, z.q)
-    here = {**riding(solution.residual), "drive": state.drive}  # that of the motion, and not of being drawn in
+    here = {**riding(solution.residual), "drive": state.drive}  # the drive of the motion, not of this problem
     return replace(state, q=z.q, N=z.N, s=z.s, lam=lam, y=z.y, organ=organ, frame=frame, solved=None, **here)
 
 
 def closing_problem(system: System[Body], state: State[Body], k: int, scheme: BackwardEuler) -> Problem[Body]:
-    """Return the problem of a step that moves nothing but what hole `k` asks: all forces of the state are loads on
-    it.
+    """Return the problem of a step that only closes hole `k`: all forces of the state are loads on it.
 
-    The hole's own abscissa is held, the others follow their laws, but are held too where knots travel; lips do not
-    cross.
+    The abscissa of the hole is held. The other abscissae follow their laws, or are held if knots
+    travel. Lips do not cross.
     """
     thread = system.thread
     at = system.passage_of(state)
@@ -177,7 +186,7 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
     sites = slice(len(system.piercings))
     y, f_y = state.y[sites].ravel(), site_force(at, state.lam, state.y)[sites].ravel()
     others = state.present & (np.arange(system.holds) != k)
-    others &= not thread.travels  # whose balance along them is that of the inertia too: they are held
+    others &= not thread.travels  # with travelling knots their balance contains the inertia: they are held
     return Problem(
         system=system,
         time=state.time,
@@ -195,11 +204,11 @@ def closing_problem(system: System[Body], state: State[Body], k: int, scheme: Ba
 
 
 def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], tuple[float, float, float]]:
-    """Apply the impulse that makes thread and organ move together in hole `k`; returns the state after it, and the
-    impulse [N s].
+    """Apply the impulse after which thread and organ move together in hole `k`; return the state
+    after it and the impulse [N s].
 
-    Minimises ½Δvᵀ M Δv of thread and organ under dΦ/dt = 0 in the hole, unchanged in the others. An organ without mass
-    takes no impulse: its holes go with the thread.
+    The impulse minimises ½Δvᵀ M Δv of thread and organ under dΦ/dt = 0 in the hole, with dΦ/dt
+    unchanged in the others. An organ without mass takes no impulse: its holes move with the thread.
     """
     answer = system.organ.impulse(state.organ)
     if answer is None:
@@ -222,7 +231,9 @@ def strike(system: System[Body], state: State[Body], k: int) -> tuple[State[Body
 
 
 def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot: Array) -> Array:
-    """Return dΦ/dt of a thread that does not slide where the sites go with `y_dot` (9p,), shape `(m, 5)` [m/s, 1/s]."""
+    """Return dΦ/dt of a thread that does not slide, with the velocities `y_dot` (9p,) of the sites,
+    shape `(m, 5)` [m/s, 1/s].
+    """
     moving = passage(system.thread.spline, state.v, state.s)
     dy = all_holds(system, y_dot)
     dy[len(system.piercings) :] = 0.0
@@ -234,7 +245,9 @@ def constraint_rate(system: System[Body], state: State[Body], at: Passage, y_dot
 
 
 def impact_border(system: System[Body], state: State[Body], at: Passage, slides: Flags) -> Border:
-    """Linearise the holds for an impulse: the thread slides freely where `slides`, else not at all."""
+    """Linearise the holds for an impulse: the thread slides freely where `slides` is True, and
+    sticks elsewhere.
+    """
     none = np.zeros((system.holds, 5))
     law = replace(
         law_of(system, state.s, state.present, system.epsilon, state.s), rough=np.zeros(system.holds, dtype=bool)

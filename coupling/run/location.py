@@ -1,18 +1,21 @@
-"""When within a step its events happened: where what decides on each passes zero.
+"""The times of events within a step: the zero of the quantity that decides on each event.
 
-A step sees its ends alone. Between them what decides is interpolated, with an error of second order in the step:
+A step only has the states at its ends. Between them the quantity is interpolated, with an error of
+second order in the step:
 
-    slips      σ f − (F₀ + μ_s N), from the start of the step to what would be its end if the hole still held
-    sticks     ds/dt, from the start to what would be the end if the hole went on sliding as it did
-    leaves     s less the end of the thread, a cubic by s and ds/dt at both ends of the step in which it passes that
-    tears      the bearing pressure less the strength
+    slips      σ f − (F₀ + μ_s N), from the start of the step to the end of a step in which the hole still holds
+    sticks     ds/dt, from the start to the end of a step in which the hole continues to slide
+    leaves     s minus the end of the thread, a cubic by s and ds/dt at both ends of the step that passes it
+    tears      bearing pressure minus strength
 
-What would be the end is the step solved again as if nothing switched: with the hole held, or under the friction of the
-old sense. One that turns back in a step stops in between and slips from there, its force rising from one bound to the
-other. The motion itself is not cut there: a switch acts over the whole of its step, and of what is not smooth an
-integrator is of first order (`coupling.integrators`).
+The hypothetical end is found by a solution of the step without a switch: with the hole held, or
+under the friction of the old sense. A hold that reverses its motion in a step stops in between and
+slips from then on, while its force rises from one bound to the other. The motion itself is not
+divided at this time: a switch acts over its whole step. An integrator is of first order there
+anyway (`coupling.integrators`).
 
-What happens at rest has no time within a load step, and what comes to no solution bears the time of the step's end.
+Events at rest have no time within a load step. An event without a solution has the time of the end
+of the step.
 """
 
 from dataclasses import dataclass, replace
@@ -34,8 +37,11 @@ from coupling.system import State, System
 
 @dataclass(frozen=True)
 class Times:
-    """When the holds of a step began to slip, to stick, and were left, shape `(m,)` each [s]; the end of the step where
-    they did not or where that is not known. `start` and `end` [s] are those of the step."""
+    """The times at which the holds of a step began to slip, to stick, and were left, shape `(m,)` each [s].
+
+    The time is that of the end of the step if this did not happen or is unknown. `start` and `end`
+    [s] are those of the step.
+    """
 
     start: float
     end: float
@@ -44,19 +50,23 @@ class Times:
     leaves: Array
 
     def between(self, before: Array, after: Array) -> Array:
-        """Return when what goes evenly from values `before` the step to those `after` it rises through zero [s]."""
+        """Return the times at which quantities rise through zero, linearly from `before` the step
+        to `after` it [s].
+        """
         return np.asarray(self.start + (self.end - self.start) * share_until_zero(before, after))
 
 
 def times_at_end(old: State[Body], new: State[Body]) -> Times:
-    """Return the times of what is told by the ends of a step alone: its end."""
+    """Return the times of a step if only its ends are known: its end."""
     end = np.full(len(new.s), new.time)
     return Times(old.time, new.time, end, end, end)
 
 
 def locate(old: State[Body], step: Step[Body]) -> Times:
-    """Return the times at which the holds of a step in time switched; `old` is the state that it began with, with the
-    holes still in force that were left in it."""
+    """Return the times at which the holds of a step in time switched.
+
+    `old` is the state at its start, in which the holes that were left in it are still active.
+    """
     times = times_at_end(old, step.new)
     problem = step.solution.problem
     if problem.stiffen:
@@ -74,8 +84,11 @@ def locate(old: State[Body], step: Step[Body]) -> Times:
 
 
 def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Array) -> Array:
-    """Return when the holds that `started` to slip in a step did, shape `(m,)` [s], which stuck `since` then (m,) [s]:
-    those that slid before under the bound on the other side."""
+    """Return the times at which the holds that `started` to slip in a step did so, shape `(m,)` [s].
+
+    They stuck from the times `since` (m,) [s] on. A hold that slid before rises from the bound on
+    the other side.
+    """
     law, end = step.solution.problem.law, np.full(len(started), step.new.time)
     held = tried(step, replace(law, may_slide=law.may_slide & ~started))
     if held is None:
@@ -91,8 +104,11 @@ def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Ar
 
 
 def sticking_times(old: State[Body], step: Step[Body], stopped: Flags) -> Array:
-    """Return when the holds that `stopped` sliding as they did in a step did, shape `(m,)` [s]: in the step before
-    where they slid back at its end already, but not over the whole of it."""
+    """Return the times at which the holds that `stopped` sliding in a step did so, shape `(m,)` [s].
+
+    If the hold already moved back at the end of the step before, but not over the whole of that
+    step, the time lies in that step.
+    """
     end, before = np.full(len(stopped), step.new.time), old.before
     slid = tried(step, rubbed_on(step, stopped, old.sigma))
     if slid is None:
@@ -108,15 +124,18 @@ def sticking_times(old: State[Body], step: Step[Body], stopped: Flags) -> Array:
 
 
 def rubbed_on(step: Step[Body], stopped: Flags, sigma: Array) -> Law:
-    """Return the law of a step in which the holds that `stopped` slide on under the friction of the sense `sigma` (m,)
-    that they had, as large as what presses at its end makes it."""
+    """Return the law of a step in which the holds that `stopped` continue to slide.
+
+    Their friction has the sense `sigma` (m,) that they had, and the size by the normal force at the
+    end of the step.
+    """
     law, z = step.solution.problem.law, step.solution.iterate
     friction = sigma * ruled(law, z.sigma, step.solution.residual.passage, z.s, z.lam, z.y).kinetic
     return replace(law, rough=law.rough & ~stopped, injected=law.injected + np.where(stopped, friction, 0.0))
 
 
 def tried(step: Step[Body], law: Law) -> Solution[Body] | None:
-    """Return the solution of a step under another law of sliding, None where there is none."""
+    """Return the solution of a step under another law of sliding; None if there is none."""
     try:
         return solve(replace(step.solution.problem, law=law), step.solution.iterate)
     except StepError:
@@ -124,7 +143,7 @@ def tried(step: Step[Body], law: Law) -> Solution[Body] | None:
 
 
 def leaving_times(old: State[Body], step: Step[Body]) -> Array:
-    """Return when the holes that the thread left in a step were left, shape `(m,)` [s]."""
+    """Return the times at which the holes that the thread left in a step were left, shape `(m,)` [s]."""
     out = np.full(len(old.s), step.new.time)
     for beyond in step.beyond:
         for k in np.flatnonzero(beyond.present & old.present & ~step.new.present):
@@ -133,23 +152,30 @@ def leaving_times(old: State[Body], step: Step[Body]) -> Array:
 
 
 def end_passed(old: State[Body], beyond: State[Body], k: int, end: float) -> float:
-    """Return when the abscissa of hold `k` passed the `end` [m] of the thread, between a state and one `beyond` it; the
-    end of the step where it comes back before that."""
+    """Return the time at which the abscissa of hold `k` passed the `end` [m] of the thread.
+
+    It lies between a state and a state `beyond` the end. It is the time of `beyond` if the cubic
+    does not reach the end.
+    """
     course = CubicHermiteSpline([old.time, beyond.time], [old.s[k], beyond.s[k]], [old.s_dot[k], beyond.s_dot[k]])
     passed = course.solve(end, extrapolate=False)
     return float(passed.min(initial=beyond.time))
 
 
 def nearer_end(system: System[Body], s: float) -> float:
-    """Return the end of its piece of thread by which a hole at `s` was left [m]."""
+    """Return the end of its piece of thread over which a hole at `s` was left [m]."""
     spline = system.thread.spline
     start, end = spline.piece_ends[spline.piece_of(s) + np.arange(2)]
     return float(start if s - start < end - s else end)
 
 
 def share_until_zero(before: Array, after: Array) -> Array:
-    """Return the part of a way at which what goes evenly from values `before` it to those `after` it, `(m,)` each,
-    rises through zero: 0 where it has already, 1 where it does not, or from −∞."""
+    """Return the part of a way at which quantities rise through zero, linearly from `before` to
+    `after` it, `(m,)` each.
+
+    It is 0 if a quantity starts at or above zero. It is 1 if it does not rise to zero, or rises
+    from −∞.
+    """
     rise = np.subtract(after, before, out=np.full(np.shape(before), np.inf), where=np.isfinite(before))
     whole, rises = np.where(before < 0.0, 1.0, 0.0), (rise > 0.0) & np.isfinite(rise)
     return np.clip(np.divide(-before, rise, out=whole, where=rises), 0.0, 1.0)

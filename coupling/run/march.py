@@ -1,10 +1,10 @@
-"""Whole steps in compiled loops (`coupling.kernels.steps`), many in a call: what they cover and what they leave.
+"""Whole steps in compiled loops (`coupling.kernels.steps`), many in one call: the covered cases and the others.
 
-A step that goes on smoothly from the one before is predicted, solved, concluded, looked at and audited in the loops,
-and the next one after it. What is out of the ordinary is left to `coupling.step.stepping.advance`, which gives the
-same step the same numbers but for round-off: a step that does not converge, a thread that is pressed along itself, a
-hole that is left or passed or whose frame turns through itself, stick that becomes slip, a strand that becomes taut
-or slack, and a step uphill.
+A step that continues the motion smoothly is predicted, solved, concluded, checked and audited in
+the loops, and then the next one. Unusual steps are left to `coupling.step.stepping.advance`, which
+gives the same numbers for the same step, except for round-off. Unusual are: a step that does not
+converge, a thread under compression, a hole that is left, passed by another, or whose frame flips,
+a change from stick to slip, a strand that becomes taut or slack, and a step uphill.
 """
 
 from collections.abc import Sequence
@@ -30,9 +30,12 @@ if TYPE_CHECKING:
 
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
-    """Return the scheme of steps from a state that the loops cover, None where they do not: the thread and the holes
-    that `coupling.step.solver.covers`, without ties and without hands on holes, in one piece where knots stand still,
-    by backward Euler or BDF2."""
+    """Return the scheme of steps from a state that the loops cover; None if they do not.
+
+    They cover the thread and the holes of `coupling.step.solver.covers`, without ties and without
+    hands at holes, by backward Euler or BDF2. If knots do not travel, the thread must be in one
+    piece.
+    """
     if (
         not system.compiled
         or system.ties
@@ -48,7 +51,10 @@ def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Ta
 
 
 def is_on_one_travel(system: System[Body], state: State[Body], take: Take[Body]) -> bool:
-    """Whether a state, and the one that a step looks back at, are on the knots of the system, or moved with them."""
+    """Return whether the states of a step are on the knots of the system, or on knots with the same travel.
+
+    The states are the present one and the earlier one that the step uses.
+    """
     spline = system.thread.spline
     if not isinstance(spline, Placed):
         return True
@@ -68,11 +74,11 @@ def march(
     take: Take[Body],
     taut: Flags | None = None,
 ) -> "Course | None":
-    """Make steps of `dt` [s] from a state, whose ends bear the `times` [s], as long as each goes on smoothly; None
-    where the first does not, or the loops do not cover it. `taut` (k + 1,) says which strands
-    are, None that those are whose tension alone says so.
+    """Make smooth steps of `dt` [s] from a state, whose ends are at the `times` [s].
 
-    The organ is linear, under loads that stay what they are, and without inertia or one that goes on by modes.
+    None if the first step is not smooth, or if the loops do not cover it. `taut` (k + 1,) are the
+    taut strands; None means the strands that are taut by their tension alone. The organ is linear,
+    under constant loads, and without inertia or in modes.
     """
     scheme = covered_scheme(system, state, dt, take)
     if scheme is None:
@@ -81,20 +87,22 @@ def march(
 
     remembers = take is bdf2_step
     if remembers and state.dt_before != dt:
-        times = times[:1]  # the next one looks back at another step
+        times = times[:1]  # the next step uses an earlier step of another size
     body = body_of(system, scheme, state, times)
     if body is None:
         return None
     course = Course(system, scheme, state, body, taut_strands(system, state) if taut is None else taut, remembers)
     course.make_steps(list(vars(energies).values()), times, tabled_ends(system, state.time, times, dt))
-    for _ in range(int(course.iterations.sum())):  # the loops do not ask themselves, and each correction counts
+    for _ in range(int(course.iterations.sum())):  # each correction counts, and the loops do not ask
         ask_before_correction()
     return course if course.made else None
 
 
 def step_between(system: System[Body], old: State[Body], new: State[Body], dt: float, take: Take[Body]) -> Step[Body]:
-    """Return the step of `dt` [s] that the loops made from a state to another one, with its solution, which they do not
-    keep."""
+    """Return the step of `dt` [s] that the loops made between two states, with its solution.
+
+    The loops do not store solutions.
+    """
     scheme = BackwardEuler(dt) if take is try_step else scheme_of(old, dt)
     problem = dynamic_problem(system, old, dt, organ_answer(system, scheme, old), scheme)
     law = problem.law if new.stretch is None else replace(problem.law, stretch=new.stretch)
@@ -104,23 +112,30 @@ def step_between(system: System[Body], old: State[Body], new: State[Body], dt: f
 
 
 def solution_at(system: System[Body], state: State[Body]) -> Solution[Body]:
-    """Return a solution at a state that the loops came to, which keep none, to ask the thread's own motions: of a step
-    from there, of any length, since neither its inertia nor its loads count in these."""
+    """Return a solution at a state reached by the loops, for the check of the thread's own motions.
+
+    The loops do not store solutions. The solution is that of a step from this state, of any length,
+    because neither its inertia nor its loads matter in the check.
+    """
     scheme = BackwardEuler(1.0)
     problem = dynamic_problem(system, state, scheme.dt, organ_answer(system, scheme, state), scheme)
     return solved(problem, state)
 
 
 def solved(problem: Problem[Body], state: State[Body]) -> Solution[Body]:
-    """Return the solution of a problem that a state is."""
+    """Return the solution of a problem at a state that solves it."""
     z = Iterate(state.q, state.N, state.s, state.lam, state.y, state.sigma)
     return Solution(problem, z, evaluate(problem, z), 0)
 
 
 def tabled_ends(system: System[Body], start: float, times: Sequence[float], dt: float) -> tuple[np.ndarray, ...]:
-    """Return what holds and pulls the ends in steps of `dt` [s] from `start` [s] on whose ends bear the `times` [s]:
-    places [m] and forces [N] at their ends, and by how much more the forces are at their starts, `(steps, 2, 3)`
-    each; places of ends that are free are zero."""
+    """Return the positions and loads of the ends in steps of `dt` [s] from `start` [s] on, `(steps,
+    2, 3)` each.
+
+    The ends of the steps are at the `times` [s]. The arrays are the places [m] and forces [N] at
+    the ends of the steps, and the excess of the forces at their starts. Places of ends that are
+    free are zero.
+    """
     begun = np.array([start, *times[:-1]])
     places, forces, more = np.zeros((3, len(times), 2, 3))
     for side, end in enumerate(system.ends):

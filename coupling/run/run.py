@@ -1,12 +1,11 @@
-"""A run: steps one after the other, each with its audit and events, on knots that fit the thread.
+"""A run: one step after another, each with its audit and events, on knots that fit the thread.
 
     run = begin(system, state)
     while run.state.time < duration:
         run = run.step(dt)
 
-A step goes through four stages: the packets of knots that fit the state it begins with, where knots travel; the step
-itself, in halves where it fails; its audit and the events in it; the cuts, and the piercings that begin or end, with
-it.
+A step has four stages: packets of knots that fit its start, if knots travel; the step itself, in
+halves if it fails; its audit and events; then the cuts, and the piercings that begin or end.
 """
 
 import logging
@@ -44,24 +43,30 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-AT_ONCE = 500  # steps at most, for nobody can call them off in between
+AT_ONCE = 500  # steps in one call of the loops, at most: they cannot be cancelled in between
 
 
 @dataclass(frozen=True)
 class Run(Generic[Body]):
-    """Where a run is: all that its next steps depend on, and how it came there.
+    """The state of a run: all data for its next steps, and the results of the last step.
 
-    `system` is the one whose knots the thread has; `cuts`, those made in it at their times; `s_begun` (holds,) [m] the
-    abscissae that slip is measured from, where each piercing began; `number`, the steps made; `take`, how one is made,
-    and `halvings`, how often one that fails is halved; `tolerance` [m], how far one may be off before it is halved
-    (`coupling.step.stepping.local_error`); `downhill`, whether one that makes energy has failed (`coupling.run.watch`);
-    `given` (p,) [m], the abscissae of piercings that begin, NaN where the thread's nearest place is taken; `tie_works`
-    (t,) [J], of the hands on each tie so far; `taut` (k + 1,), which strands of the thread are, between its k holds and
-    cuts (`coupling.run.tautness`).
-    `fresh` is a thread under no tension yet that packets could go by. Of the last step: the steps `taken` (several if
-    it was halved, none if it was made in whole by compiled loops), the Newton iterations of those made `at_once`, and
-    the `events`.
-    `seen`: what the loops saw of the thread at its end.
+    - `system`: with the knots of the present thread.
+    - `s_begun` (holds,) [m]: reference abscissae of the slip, at the beginning of each piercing.
+    - `take`: makes a step; `halvings`: halvings of a failed step, at most.
+    - `given` (p,) [m]: abscissae of piercings that begin; nan means the thread's closest point.
+    - `tie_works` (t,) [J]: work of the hands on each tie so far.
+    - `taut` (k + 1,): taut strands of the thread, between its k holds and cuts
+      (`coupling.run.tautness`).
+    - `tolerance` [m]: largest error of a step that is not halved
+      (`coupling.step.stepping.local_error`).
+    - `downhill`: whether a step that creates energy has failed (`coupling.run.watch`).
+    - `cuts`: cuts of the thread at their times.
+    - `number`: number of steps made.
+    - `fresh`: whether the thread has no tension yet for packets to fit.
+    - `at_once`: Newton iterations of the steps made by compiled loops.
+    - `taken`: of the last step, several if it was halved, none if the loops made it.
+    - `events`: of the last step.
+    - `seen`: the thread at its end as observed by the loops.
     """
 
     system: System[Body]
@@ -85,21 +90,21 @@ class Run(Generic[Body]):
 
     @cached_property
     def configuration(self) -> Configuration:
-        """The thread as it is now: at the end of the last step, unless a cut, a tie or a piercing came after it."""
+        """The thread now: at the end of the last step, unless a cut, a tie or a piercing came after it."""
         if self.taken and self.taken[-1].new is self.state:
             return self.taken[-1].end
         return configuration_of(self.system, self.state)
 
     @cached_property
     def piercings(self) -> tuple[PiercingObservation, ...]:
-        """All piercings as they are now, slip measured from where each began."""
+        """All piercings now, with slip measured from the beginning of each."""
         if self.seen is not None and self.seen.state is self.state:
             return self.seen.piercings
         return observe(self.system, replace(self.state, s=self.s_begun), self.state, self.configuration)
 
     @cached_property
     def sight(self) -> Sight[Body]:
-        """What is seen of the thread as it is now; the largest gap is that of all steps `taken`."""
+        """The observed thread now; the largest gap is that of all steps `taken`."""
         if self.seen is not None and self.seen.state is self.state:
             return self.seen
         ends = [(step.solution.problem.system, step.new, step.end.at) for step in self.taken]
@@ -110,26 +115,29 @@ class Run(Generic[Body]):
 
     @cached_property
     def ties(self) -> tuple[TieObservation, ...]:
-        """All ties as they are now."""
+        """All ties now."""
         return observe_ties(self.system, self.state, self.tie_works)
 
     @property
     def iterations(self) -> int:
-        """Newton iterations of the last step, or of all that `steps` made."""
+        """Newton iterations of the last step, or of all steps made by `steps`."""
         return self.at_once + sum(step.solution.iterations for step in self.taken)
 
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
-        """Go `dt` [s] further; the end bears the `time` [s] given, to keep round-off from adding up.
+        """Return the run `dt` [s] later; its time is the given `time` [s], so that round-off does
+        not accumulate.
 
-        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError` for what is no time
-        to go.
+        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError`
+        for a dt that is not positive and finite.
         """
         refuse_no_time(dt)
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
         return first._gone(dt, self.state.time + dt if time is None else time)._scheduled(self.state.time, dt)
 
     def _gone(self, dt: float, time: float) -> "Run[Body]":
-        """Return the run `dt` [s] further, at the `time` [s], before what is scheduled. Raises as `step` does."""
+        """Return the run `dt` [s] later, at the `time` [s], before scheduled changes. Raises the
+        errors of `step`.
+        """
         run = self if self.fresh else self._fitted()
         watch = Watch([run.energies], run.downhill, run is not self, dt / 2 ** min(CURVED, run.halvings))
         depth = HALVINGS - run.halvings
@@ -138,9 +146,13 @@ class Run(Generic[Body]):
         return replace(run._after(taken, watch.energies[-1]), fresh=False)
 
     def steps(self, dt: float, count: int) -> "Run[Body]":
-        """Make so many steps of `dt` [s], each as `step` makes it, but as many at once in compiled loops as go on
-        smoothly (`coupling.run.march`), where the system asks for these: no solution of such a step is kept. The events
-        and iterations are those of all. Raises as `step` does; who wants the steps before that one asks for fewer."""
+        """Return the run after `count` steps of `dt` [s].
+
+        The steps are those of `step`, but as many smooth steps as possible are made in one call of
+        compiled loops (`coupling.run.march`) if the system asks for them. The solutions of these
+        steps are not stored. The events and iterations are those of all steps. Raises the errors of
+        `step`; the steps before the failed one are then lost.
+        """
         refuse_no_time(dt)
         run, last, parts, iterations = self, self.number + count, list[Sequence[Event]](), 0
         while run.number < last:
@@ -153,14 +165,18 @@ class Run(Generic[Body]):
         return replace(run, events=Events(lambda: list(chain(*parts))), at_once=iterations - of_last)
 
     def each_of_steps(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
-        """Make steps of `dt` [s] whose ends bear the `times` [s], and return the run after each: as many as go on
-        smoothly in compiled loops, as for `steps`, else the first alone. Raises as `step` does."""
+        """Return the run after each step of `dt` [s] whose end is at one of the `times` [s].
+
+        As many smooth steps as possible are made in compiled loops, as in `steps`; otherwise only
+        the first step is made. Raises the errors of `step`.
+        """
         refuse_no_time(dt)
         return self._each_smoothly(dt, times) or [self.step(dt, times[0])]
 
     def _smoothly(self, dt: float, times: Sequence[float]) -> "Run[Body] | None":
-        """Return the run after as many of the steps of `dt` [s] to the `times` [s] as the loops make at once, None
-        where that is none."""
+        """Return the run after the steps of `dt` [s] to the `times` [s] that the loops make at
+        once; None if they make none.
+        """
         course = self._course(dt, times)
         if course is None:
             return None
@@ -169,7 +185,7 @@ class Run(Generic[Body]):
         return self._switched(run, dt) if course.happened else run
 
     def _each_smoothly(self, dt: float, times: Sequence[float]) -> "list[Run[Body]]":
-        """Return the runs after each of those steps, none where the loops make none."""
+        """Return the runs after each of the steps that the loops make; empty if they make none."""
         course = self._course(dt, times)
         if course is None:
             return []
@@ -180,15 +196,16 @@ class Run(Generic[Body]):
         return [self._switched(runs[0], dt)] if course.happened else runs
 
     def _course(self, dt: float, times: Sequence[float]) -> "Course | None":
-        """Return the steps of `dt` [s] to the `times` [s] that the loops make before anything is scheduled, None if
-        they make none."""
+        """Return the steps of `dt` [s] to the `times` [s] that the loops make before scheduled
+        changes; None if they make none.
+        """
         before = self._before_due(dt, times)
         return march(self.system, self.state, self.energies, dt, before, self.take, self.taut) if before else None
 
     def _marched(
         self, made: int, state: State[Body], energies: Sequence[float], iterations: int, seen: Sight[Body] | None = None
     ) -> "Run[Body]":
-        """Return the run after so many steps `made` by the loops, which lead to a `state` with its `energies` [J]."""
+        """Return the run after `made` steps of the loops, which lead to a `state` with its `energies` [J]."""
         return replace(
             self,
             number=self.number + made,
@@ -203,8 +220,10 @@ class Run(Generic[Body]):
         )
 
     def _switched(self, new: "Run[Body]", dt: float) -> "Run[Body]":
-        """Return the run after a step of `dt` [s] of the loops, `new`, with the events in it: that holds slip or stick,
-        strands become taut or slack, tissue tears."""
+        """Return the run after a step of `dt` [s] of the loops, `new`, with its events.
+
+        In these events holds slip or stick, strands become taut or slack, or tissue tears.
+        """
         taut = still_taut(self.system, new.state, kept_taut(self.system, self.state, new.state, self.taut))
         return replace(new, taut=taut, events=Events(lambda: self._events_until(new.state, dt)))
 
@@ -214,8 +233,10 @@ class Run(Generic[Body]):
         return find_events(self.system, self.state, [step], self.taut)[0]
 
     def _before_due(self, dt: float, times: Sequence[float]) -> Sequence[float]:
-        """Return those of the `times` [s] that steps of `dt` [s] go to before anything is scheduled; none where
-        something is looked at between steps that the loops know nothing of: the error of a step."""
+        """Return the `times` [s] of steps of `dt` [s] before scheduled changes.
+
+        It is empty if the steps need a check that the loops do not have: the error of a step.
+        """
         if not self.downhill or self.tolerance < np.inf or not know_holes(self.system, self.state):
             return []
         holds = zip(self.system.piercings, self.state.present, strict=False)
@@ -225,10 +246,11 @@ class Run(Generic[Body]):
         return [time for time in times if time < next_one]
 
     def load(self, share: float, duration: float) -> "Run[Body]":
-        """Go on to the equilibrium under the part `share` of the loads at `duration` [s].
+        """Return the run at the equilibrium under the part `share` of the loads at `duration` [s].
 
-        A thread that is cut at its end finds another equilibrium under the same loads, with friction from there. Raises
-        `StepError`, before the first load step where dead loads are unbalanced, `InversionError`, `ConstraintError`.
+        A thread that is cut at the end finds another equilibrium under the same loads, with
+        friction from the first one. Raises `StepError` (for unbalanced dead loads before the first
+        load step), `InversionError`, `ConstraintError`.
         """
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
         if first.fresh:
@@ -242,12 +264,12 @@ class Run(Generic[Body]):
         return run._audited(reach(run.system, run.state, share, duration))
 
     def rested(self) -> "Run[Body]":
-        """Return the run before its first step from the equilibrium under the loads that act at its time: slack
-        is taken up before the clock starts.
+        """Return the run before its first step, from the equilibrium under the loads at its time.
 
-        Nothing moves, rough holes stick under the forces that were found, and slip counts from there. What was
-        released on the way is no part of the audit; holes that were left are events. Raises
-        `RestError` where no rest is found.
+        Slack is thus removed before the run starts. Nothing moves, holes with friction stick under
+        the forces of the equilibrium, and slip counts from there. Energy released on the way is not
+        part of the audit; holes that were left are events. Raises `RestError` if no equilibrium is
+        found.
         """
         log.info("looking for the rest that the run starts from")
         first = replace(self, at_once=0, taken=(), events=())
@@ -255,7 +277,7 @@ class Run(Generic[Body]):
             refuse_unbalanced(first.system, first.state, first.state.time)
             run = first._settled(1.0, first.state.time)
             near = run._fitted()
-            if near is not run:  # slack that was taken up leaves strands of another length
+            if near is not run:  # without slack the strands have other lengths
                 run = near._settled(1.0, near.state.time)
         except (CouplingError, FactorError) as error:
             raise RestError(str(error)) from error
@@ -274,13 +296,15 @@ class Run(Generic[Body]):
         )
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
-        """Return the run at the equilibrium under a part of the loads. Raises as `load` does."""
+        """Return the run at the equilibrium under a part of the loads. Raises the errors of `load`."""
         return self._audited(reach(self.system, self.state, share, duration))
 
     @property
     def fallen(self) -> float | None:
-        """How far the loads fell on a branch that the last load step followed, as a part of their clock [s]; None where
-        it followed none."""
+        """Largest decrease of the loads along a branch in the last load step, on their time scale [s].
+
+        None if the step followed no branch.
+        """
         times = [time for step in self.taken if step.along for time in (step.old.time, step.new.time)]
         return float(np.max(np.maximum.accumulate(times) - times)) if times else None
 
@@ -306,15 +330,17 @@ class Run(Generic[Body]):
         )
 
     def _fitted(self) -> "Run[Body]":
-        """Return the run on packets that fit its state; itself where they do, and where knots stand still."""
+        """Return the run on packets that fit its state; itself if they fit or if knots do not travel."""
         system, state = fitted(self.system, self.state)
         if state is self.state:
             return self
-        loss = stored(self.system, self.state) - stored(system, state)  # no event: a new mesh costs no transfer
+        loss = stored(self.system, self.state) - stored(
+            system, state
+        )  # without an event, because nothing is transferred
         return replace(self, system=system, state=state, energies=booked(system, self.energies, state, loss=loss))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":
-        """Return the run after the cuts, and the piercings that end or begin, later than `earlier` [s]."""
+        """Return the run after the cuts, and after the piercings that end or begin, later than `earlier` [s]."""
         run = replace(self, number=self.number + 1, fresh=False).cut_when_due(earlier, dt).tied_when_due(earlier, dt)
         state, due = schedule_piercings(run.system, earlier, run.state, dt, run.given)
         if due:
@@ -329,18 +355,19 @@ class Run(Generic[Body]):
         return run._with_packets(self)._carried_from(self)
 
     def _with_packets(self, earlier: "Run[Body]") -> "Run[Body]":
-        """Return the run with packets for its holes, where these are others than in an earlier one."""
+        """Return the run with packets for its holes, if they differ from those of an `earlier` run."""
         return self if np.array_equal(self.state.present, earlier.state.present) else self._fitted()
 
     def _carried_from(self, earlier: "Run[Body]") -> "Run[Body]":
-        """Return the run with the strands taut that were so in one that is no earlier in time, and has other holds or
-        cuts."""
+        """Return the run with the taut strands of an `earlier` run, which has other holes or cuts."""
         if self.state is earlier.state:
             return self
         return replace(self, taut=carried_over(earlier.system, earlier.taut, earlier.state, self.system, self.state))
 
     def cut_when_due(self, earlier: float, dt: float) -> "Run[Body]":
-        """Return the run with the thread cut where that is due later than `earlier` [s]. Raises `CouplingError`."""
+        """Return the run with the cuts of the thread that are due later than `earlier` [s]. Raises
+        `CouplingError`.
+        """
         run = self
         for cut in self.cuts:
             if is_due(cut.time, earlier, self.state.time, dt):
@@ -352,8 +379,11 @@ class Run(Generic[Body]):
         return run
 
     def held_together(self) -> "Run[Body]":
-        """Return the run with the strands of every tie held where they are nearest to one another: at rest hands hold
-        them until they draw, since a slack thread would straighten and part them. Raises `FormingError`."""
+        """Return the run with the strands of every tie held at their closest points.
+
+        At rest hands hold the strands until they draw, because a slack thread would straighten and
+        part them. Raises `FormingError`.
+        """
         state, open_ties = self.state, ~self.state.present[self.system.strands[:, 0]]
         events = list(self.events)
         for k in np.flatnonzero(open_ties):
@@ -362,7 +392,9 @@ class Run(Generic[Body]):
         return replace(self, state=state, events=tuple(events))._with_packets(self)._carried_from(self)
 
     def tied_when_due(self, earlier: float, dt: float) -> "Run[Body]":
-        """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises `FormingError`."""
+        """Return the run with the ties that begin or are locked later than `earlier` [s]. Raises
+        `FormingError`.
+        """
         state, due = self.state, []
         for k, tie in enumerate(self.system.ties):
             begun = state.present[self.system.strands[k, 0]]
@@ -378,10 +410,12 @@ class Run(Generic[Body]):
 
 
 def refuse_no_time(dt: float) -> None:
-    """Refuse a step that does not go on: backwards in time the damping of the scheme makes energy. Raises
-    `CouplingError`."""
+    """Refuse a step that is not positive and finite. Raises `CouplingError`.
+
+    Backwards in time the damping of the scheme would create energy.
+    """
     if not 0.0 < dt < np.inf:
-        raise CouplingError(f"dt = {dt} s; allowed are finite numbers above 0; give how long the step is")
+        raise CouplingError(f"dt = {dt} s; allowed are finite numbers above 0; give the length of the step")
 
 
 def begin(
@@ -420,11 +454,11 @@ def begin(
 def schedule_piercings(
     system: System[Body], earlier: float, state: State[Body], dt: float, given: Array
 ) -> tuple[State[Body], list[Event]]:
-    """Begin and end every piercing whose time lies after `earlier` [s] and not after the state's time; returns the
-    state and the events.
+    """Begin and end every piercing whose time is after `earlier` [s] and not after that of the
+    state; return state and events.
 
-    `dt` [s] is the step; `given` (p,) [m] the abscissae of piercings that begin, NaN where the thread's nearest place
-    is taken. Raises `FormingError`, `ConstraintError`.
+    `dt` [s] is the step. `given` (p,) [m] are the abscissae of piercings that begin; nan means the
+    thread's closest point. Raises `FormingError`, `ConstraintError`.
     """
     out = []
     for k, piercing in enumerate(system.piercings):
@@ -439,13 +473,12 @@ def schedule_piercings(
 
 
 def is_due(time: float, earlier: float, now: float, dt: float) -> bool:
-    """Whether a time lies after `earlier` and not after `now` [s]."""
+    """Return whether a time is after `earlier` and not after `now` [s]."""
     return earlier < time - ON_TIME * dt <= now
 
 
 def book_events(system: System[Body], energies: Energies, state: State[Body], events: list[Event]) -> Energies:
-    """Book events in the audit: what was done to draw the thread in is external work, the impulse's loss
-    numerical."""
+    """Return the audit with events booked: their work is external, and their loss is numerical."""
     if not events:
         return energies
     return booked(system, energies, state, sum(event.work for event in events), sum(event.loss for event in events))
@@ -454,7 +487,9 @@ def book_events(system: System[Body], energies: Energies, state: State[Body], ev
 def booked(
     system: System[Body], energies: Energies, state: State[Body], work: float = 0.0, loss: float = 0.0
 ) -> Energies:
-    """Book what a state stores in the audit, after external `work` [J] and a numerical `loss` [J]."""
+    """Return the audit with the stored energies of a state, after external `work` [J] and a
+    numerical `loss` [J].
+    """
     now = initial_energies(system.at(state), state)
     return replace(
         energies,

@@ -1,5 +1,4 @@
-"""Which strands of the thread are taut, their names, and what was known of them before
-(`coupling.kernels.steps.tautness`)."""
+"""The taut strands of the thread, their names, and their earlier states (`coupling.kernels.steps.tautness`)."""
 
 from itertools import pairwise
 
@@ -14,11 +13,11 @@ from coupling.system import State, System
 from thread.ends import Free
 
 STRETCHED = 1e-6  # [-]: forty nanometres of a strand of 40 mm
-SWINGING = 10.0  # ℓ/e down to which a slack strand that swings is none that is taut [-]
+SWINGING = 10.0  # smallest ℓ/e [-] at which a swinging slack strand is not counted as taut
 
 
 def strands_of(system: System[Body], state: State[Body], taut: Flags) -> Strands:
-    """Return the strands of a state, of which those `taut` (k + 1,) are."""
+    """Return the strands of a state, of which those in `taut` (k + 1,) are taut."""
     thread, (start, end) = system.thread, loose_ends(system, state).tolist()
     return Strands(
         taut=np.ascontiguousarray(taut),
@@ -32,7 +31,7 @@ def strands_of(system: System[Body], state: State[Body], taut: Flags) -> Strands
 
 
 def look_at(system: System[Body], state: State[Body], taut: Flags) -> Looked:
-    """Return what there is to see of the strands of a state, of which those `taut` (k + 1,) were so before."""
+    """Return the data of the strands of a state, of which those in `taut` (k + 1,) were taut before."""
     system = system.at(state)
     along, count = along_of(system), strand_count(system, state)
     out = Looked(*np.empty((4, count)))
@@ -43,18 +42,23 @@ def look_at(system: System[Body], state: State[Body], taut: Flags) -> Looked:
 
 
 def taut_strands(system: System[Body], state: State[Body]) -> Flags:
-    """Return which strands of a state are taut by their tension alone, in the order of the thread, shape `(k + 1,)`."""
+    """Return which strands of a state are taut by their tension alone, in the order of the thread,
+    shape `(k + 1,)`.
+    """
     return still_taut(system, state, np.zeros(strand_count(system, state), dtype=bool))
 
 
 def still_taut(system: System[Body], state: State[Body], taut: Flags) -> Flags:
-    """Return which strands of a state are taut, `(k + 1,)`, of which those `taut` were before."""
+    """Return which strands of a state are taut, `(k + 1,)`; `taut` were so before."""
     return np.asarray(taut ^ (look_at(system, state, taut).ahead > 0.0))
 
 
 def tension_over(system: System[Body], state: State[Body], s: float, taut: bool) -> float:
-    """Return by how much the tension of the strand at `s` [m] is beyond where it becomes `taut`, or slack [N]: the
-    median over its points."""
+    """Return the excess of the tension of the strand at `s` [m] over the bound at which it becomes
+    `taut`, or slack [N].
+
+    The tension is the median over the points of the strand.
+    """
     looked = look_at(system, state, np.zeros(0, dtype=bool))
     bounds = looked.ends[:-1]
     k = int(np.searchsorted(bounds, s))
@@ -64,8 +68,9 @@ def tension_over(system: System[Body], state: State[Body], s: float, taut: bool)
 
 
 def loose_ends(system: System[Body], state: State[Body]) -> Flags:
-    """Return which ends of the thread nothing holds or pulls, no anchor at them either, and that carry no mass, shape
-    `(2,)`."""
+    """Return which ends of the thread are loose, shape `(2,)`: not held, pulled or anchored, and
+    without a mass.
+    """
     spline, masses = system.thread.spline, system.thread.point_masses
     free = np.array([type(end) is Free and mass == 0.0 for end, mass in zip(system.ends, masses, strict=True)])
     if not free.any():
@@ -87,15 +92,20 @@ def middles(system: System[Body], state: State[Body]) -> Array:
 
 
 def carried_over(earlier: System[Body], taut: Flags, old: State[Body], system: System[Body], new: State[Body]) -> Flags:
-    """Return which strands of a `new` state are taut, of which those `taut` were in an `old` one shortly before, with
-    other holds or cuts: each is what that was in which its middle lies."""
+    """Return which strands of a `new` state are taut; `taut` were so in an `old` state with other
+    holds or cuts.
+
+    A strand is taut if the old strand that contains its middle was taut.
+    """
     before = look_at(earlier, old, taut).ends[:-1]
     return np.asarray(taut[np.searchsorted(before, middles(system, new))])
 
 
 def strand_names(system: System[Body], state: State[Body]) -> list[tuple[str, bool]]:
-    """Return the names of the strands of a state, by those of what they lie between, each with whether it lies in the
-    open, not along a tract."""
+    """Return the names of the strands of a state, made from the names of their two ends.
+
+    Each name has a flag: True if the strand is not along a tract.
+    """
     cuts = system.thread.spline.cuts
     inside = np.flatnonzero(state.present & within(system, state.s))
     names = [p.name for p in system.piercings] + ["clamp"] * len(system.clamps)

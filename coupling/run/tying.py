@@ -1,7 +1,8 @@
-"""A tie begins and is locked, both between two steps, and what one wants to know of it.
+"""Ties begin and are locked between two steps; observations of ties.
 
-Where it begins, the strands that leave its two holes away from each other are joined where they are nearest to one
-another. Nothing moves then: what is left between them is closed by the hands as they draw (`coupling.ties`).
+At its beginning a tie joins the two strands that leave its holes in opposite directions, at their
+closest points. Nothing moves then: the hands close the remaining gap as they draw
+(`coupling.ties`).
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from coupling.system import State, System, forgetful
 from coupling.ties import Tie
 from thread.spline import Spline
 
-SAMPLES = 400  # places on each strand at which the search for the nearest two begins
+SAMPLES = 400  # points on each strand for the start of the search for the closest pair
 FARTHEST = 1.0  # of the distance between the two holes: strands further apart are not brought together
 
 TieState = Literal["open", "held", "drawn", "tied", "slips"]
@@ -31,11 +32,14 @@ TieState = Literal["open", "held", "drawn", "tied", "slips"]
 class TieObservation:
     """One tie at one time.
 
-    `s_first`, `s_second` [m] of its strands; `length` [m] of the thread in its loop, unstrained, of which a loop that
-    is cut has none; `force` [N],
-    the tension of the strands that it holds; `x` (3,) [m]; `gap` [m] left between the strands; `work` [J] that hands
-    have done on it; `state`: "open" before it begins and once it has come undone, "held" at rest before it is drawn,
-    "drawn", "tied" or "slips".
+    - `s_first`, `s_second` [m]: abscissae of its strands.
+    - `length` [m]: unstrained length of the thread in its loop; nan for a loop that is cut.
+    - `force` [N]: tension of the strands that it holds.
+    - `x` (3,) [m]: its place.
+    - `gap` [m]: remaining gap between the strands.
+    - `work` [J]: work of hands on it so far.
+    - `state`: "open" before it begins and after it is undone, "held" at rest before it is drawn,
+      "drawn", "tied" or "slips".
     """
 
     name: str
@@ -50,14 +54,18 @@ class TieObservation:
 
 
 def observe_ties(system: System[Body], state: State[Body], works: Array) -> tuple[TieObservation, ...]:
-    """Return all ties of a state; `works` (t,) [J] of the hands so far."""
+    """Return the observations of all ties of a state; `works` (t,) [J] is the work of the hands so far."""
     each = zip(system.ties, system.strands.tolist(), works.tolist(), strict=True)
     spline = system.thread.spline
     return tuple(observe_tie(spline, state, tie, strands, work) for tie, strands, work in each)
 
 
 def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[int], work: float) -> TieObservation:
-    """Return one tie of a state, which has no place and no loop while it is open, and no loop where that is cut."""
+    """Return the observation of one tie of a state.
+
+    An open tie has no place and no loop, and a tie with a cut loop has no length: these values are
+    nan.
+    """
     s, places, here = state.s[strands], state.y[strands, :3], bool(state.present[strands[0]])
     first, last = spline.piece_of(s)
     nowhere = np.full(3, np.nan)
@@ -75,7 +83,7 @@ def observe_tie(spline: Spline, state: State[Body], tie: Tie, strands: Sequence[
 
 
 def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:
-    """Return what a tie does, of whose holds `strand` is the first."""
+    """Return the state of a tie whose first hold is `strand`."""
     if not state.present[strand]:
         return "open"
     if not tie.is_locked(state.time):
@@ -84,8 +92,10 @@ def tie_state(state: State[Body], tie: Tie, strand: int) -> TieState:
 
 
 def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[Body], Event]:
-    """Put tie `k` into force where its strands are nearest to one another: the state with it, and the event. Raises
-    `FormingError`."""
+    """Activate tie `k` at the closest points of its strands; return the state with it, and the event.
+
+    Raises `FormingError`.
+    """
     tie, (one, other) = system.ties[k], system.strands[k]
     s = nearest_places(system, state, k)
     places = system.thread.spline.curve(state.q[:, :3], s)[:, 0]
@@ -93,8 +103,8 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
     first, last = (state.y[hole, :3] for hole in tie.between)
     if gap > FARTHEST * np.linalg.norm(first - last):
         cause = (
-            f"its strands pass one another {gap:.3g} m apart, further than its two holes; let the path cross itself "
-            "over them, or the tie begin before they part"
+            f"its strands are {gap:.3g} m apart at the closest points, further than its two holes; let the path cross "
+            "itself over them, or let the tie begin before they part"
         )
         raise FormingError(state.time, tie.name, cause, "tie")
     new = replace(
@@ -111,7 +121,7 @@ def begin_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[B
 
 
 def with_strands(values: Array, strands: Sequence[int], new: ArrayLike) -> Array:
-    """Return numbers of holds with others for two strands."""
+    """Return numbers of holds with new numbers for two strands."""
     out = values.copy()
     out[list(strands)] = new
     return out
@@ -126,8 +136,11 @@ def lock_tie(system: System[Body], state: State[Body], k: int) -> tuple[State[Bo
 
 
 def let_go_of_cut(system: System[Body], state: State[Body]) -> tuple[State[Body], list[Event]]:
-    """Let go of the loops that are cut while hands draw or hold them: the state, and the events. What they draw no
-    longer goes round anything, and at rest they would draw it out without end; a locked knot stays where it is."""
+    """Release the ties that hands draw or hold and whose loops are cut; return the state and the events.
+
+    Such a tie no longer encloses anything, and at rest hands would draw it out without end. A
+    locked knot keeps its place.
+    """
     piece = system.thread.spline.piece_of(state.s[system.strands])
     drawn = np.array([not tie.is_locked(state.time) for tie in system.ties], dtype=bool)
     cut = state.present[system.strands[:, 0]] & drawn & (piece[:, 0] != piece[:, 1])
@@ -139,8 +152,11 @@ def let_go_of_cut(system: System[Body], state: State[Body]) -> tuple[State[Body]
 
 
 def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return from where to where the strands of tie `k` go [m]: away from their holes to the next, or to the end of the
-    piece. Raises `FormingError` where the thread is not in both holes."""
+    """Return the ranges of the strands of tie `k` [m]: from their holes away to the next holes, or
+    to the ends of the piece.
+
+    Raises `FormingError` if the thread is not in both holes.
+    """
     tie, spline, p = system.ties[k], system.thread.spline, len(system.piercings)
     lost = next((hole for hole in tie.between if not state.present[hole]), None)
     if lost is not None:
@@ -155,8 +171,11 @@ def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tup
 
 
 def nearest_places(system: System[Body], state: State[Body], k: int) -> Array:
-    """Find where the strands of tie `k` are nearest to one another, shape `(2,)` [m]: the nearest of many pairs, then
-    Newton's method on ½|P_a − P_b|² (Gauss and Newton's), kept within the strands."""
+    """Return the abscissae of the closest points of the strands of tie `k`, shape `(2,)` [m].
+
+    The Gauss-Newton method on ½|P_a − P_b|² starts from the closest of many pairs. It stays within
+    the strands.
+    """
     spline, ranges = system.thread.spline, strand_ranges(system, state, k)
     samples = [np.linspace(low, high, SAMPLES + 2)[1:-1] for low, high in ranges]
     one, other = (spline.curve(state.q[:, :3], each)[:, 0] for each in samples)

@@ -1,20 +1,24 @@
-"""A watch on accepted steps: none of them goes uphill (`coupling.kernels.steps.watch`).
+"""A check of accepted steps: no step goes uphill (`coupling.kernels.steps.watch`).
 
-A step along a curved way makes a little too, of second order in its size by backward Euler and of third by BDF2, of
-either sign. So one that makes more than CREATED of what there is, by BDF2 more than CREATED_BDF2, as a thread does that
-passes a hole by its knots, is halved: half the step makes a quarter of that or less, and a branch stays a branch. What
-parts of dt/16 make is let pass up to a share of all the energy that they turn over, or a trace of what there is: beyond
-that they are refused. Packets of knots that were made anew leave the thread a little off its balance
-(`coupling.step.packets`), which short steps just after it turn into motion and later ones take back: in the step before
-which they were, a LOOSENED part of what there is passes.
+A step along a curved way also creates a little energy, of either sign: of second order in its size
+by backward Euler, of third order by BDF2. A thread that passes a hole with its knots does so too.
+For this reason a step that creates more than CREATED of the available energy, with BDF2 more than
+CREATED_BDF2, is halved and not refused. Half a step creates a quarter of that or less, but a jump
+to another branch does not decrease. Parts of the length dt/16 may create up to a share of the
+energy turnover, or a trace of the available energy; steps that create more are refused.
 
-What gives back more than such a share or trace follows a shock: it is taken by backward Euler, without memory of it.
-Forces from outside that change, steps that do, and a curved way are not in the bound of what BDF2 gives back: such a
-step may be halved although its motion is the right one.
+New packets of knots leave the thread slightly out of balance (`coupling.step.packets`). Short steps
+just after that turn this into motion, and later steps dissipate it. In the step after new packets a
+part LOOSENED of the available energy is allowed.
 
-A thread that rests without tension has the energy of its round-off alone, and makes and takes all of it in any step:
-what the round-off of forces does on the way that stores what there is passes always
-(`coupling.kernels.steps.watch.rounded_work`).
+A step that returns more than such a share or trace follows a shock: it is taken by backward Euler,
+without memory of the shock. External forces that change, step sizes that change, and a curved way
+are not in the bound of the energy that BDF2 returns. Such a step may be halved although its motion
+is correct.
+
+A thread at rest without tension only has the energy of its round-off, all of which can be created
+and dissipated in a step. The work of the round-off of forces on the way that stores the available
+energy is always allowed (`coupling.kernels.steps.watch.rounded_work`).
 """
 
 from dataclasses import astuple, dataclass
@@ -30,20 +34,22 @@ from coupling.step.newton import rounded_force
 from coupling.step.stepping import Step, scheme_of
 from coupling.system import System
 
-SHARE = 0.02  # of the energy that a step turns over
-TRACE = 1e-5  # of the work done so far and the energy stored
-LOOSENED = 0.02  # of the same
-CREATED = 1e-6  # of the same, as long as the step is halved for it
-CREATED_BDF2 = 5e-6  # of the same, likewise; on a smooth course of the main job's kind some 4e-6 at the thread's knots
+SHARE = 0.02  # of the energy turnover of a step
+TRACE = 1e-5  # of the work so far and the stored energy
+LOOSENED = 0.02  # of the work so far and the stored energy
+CREATED = 1e-6  # of the work so far and the stored energy, as long as the step can be halved
+CREATED_BDF2 = 5e-6  # as CREATED, with BDF2; a smooth motion of the main task creates about 4e-6 at the thread's knots
 
 
 @dataclass
 class Watch:
-    """Audits each step before it is accepted, and keeps the `energies` after it, those before the first step first.
+    """The audit of each step before it is accepted, with the `energies` before the first step and
+    after each step.
 
-    `downhill`: a step that makes energy is refused. The paper's linear step, two-pass friction and the staggered
-    variant make some by their nature. `refitted`: packets were made anew just before the first step. Parts of a step
-    that are `least` [s] long, and shorter ones, are not halved for a trace of energy.
+    - `downhill`: a step that creates energy is refused. The paper's linear step, two-pass friction
+      and the staggered variant create some by their nature.
+    - `refitted`: packets were made anew just before the first step.
+    - `least` [s]: steps of this length or shorter ones are not halved for a trace of energy.
     """
 
     energies: list[Energies]
@@ -52,22 +58,23 @@ class Watch:
     least: float = 0.0
 
     def __call__(self, system: System[Body], step: Step[Body]) -> None:
-        """Audit a step. Raises `UphillError` where it makes energy, `LentError` where it gives back too much."""
+        """Audit a step. Raises `UphillError` if it creates energy, `LentError` if it returns too much."""
         old, new = self.energies[-1], audit_step(system, self.energies[-1], step)
         made, lent, bound, loose = self.weigh(step, old, new)
         if self.downhill and made - lent > bound:
             cause = (
-                f"it would make energy, {made:.3g} J of the {new.at_stake:.3g} J there are: the solution found is on "
+                f"it would create energy, {made:.3g} J, with {new.at_stake:.3g} J available: the solution is on "
                 "another branch than the motion"
             )
             raise UphillError(step.old.time, step.dt, cause)
         if self.downhill and made > loose:
-            raise LentError(step.old.time, step.dt, f"it would give back {made:.3g} J that the step before took")
+            raise LentError(step.old.time, step.dt, f"it would return {made:.3g} J that the last step took")
         self.energies.append(new)
 
     def weigh(self, step: Step[Body], old: Energies, new: Energies) -> tuple[float, float, float, float]:
-        """Return what a step makes, what of that it may give back, what it may make besides that, and what it may make
-        in all [J]."""
+        """Return four energies of a step [J]: created, that of the loan it may return, the bound
+        besides, and the bound of all.
+        """
         problem = step.solution.problem
         thread, there = problem.system.thread, LOOSENED if self.refitted else TRACE
         give = float((thread.spline.end - thread.spline.start) / thread.EA)
@@ -78,15 +85,15 @@ class Watch:
 
 
 def created(step: Step[Body]) -> float:
-    """Return the share of what there is that a step may make without being halved for it [-]."""
+    """Return the share of the available energy that a step may create without being halved [-]."""
     return CREATED_BDF2 if is_of_bdf2(step) else CREATED
 
 
 def memory_of(step: Step[Body]) -> float:
-    """Return the weight of the position before the last in the scheme of a step; zero of backward Euler."""
+    """Return the weight of the earlier position in the scheme of a step; zero for backward Euler."""
     return float(scheme_of(step.old, step.dt).weights[1]) if is_of_bdf2(step) else 0.0
 
 
 def given_back(step: Step[Body], old: Energies) -> float:
-    """Return the loan that a step of BDF2 may give back [J]; zero of backward Euler, which has none."""
+    """Return the part of a loan that a step of BDF2 may return [J]; zero for backward Euler, which has no loan."""
     return watch.given_back(memory_of(step), old.loan)

@@ -255,7 +255,7 @@ def test_the_thread_enters_between_its_neighbours() -> None:
     moved = replace(state, y=state.y + np.array([[0.0] * 9, [0.0, 1e-4, *[0.0] * 7]]))
     with pytest.raises(FormingError, match=r"'late' cannot begin: the thread passes 0\.01 m away"):
         schedule_piercings(system, 0.0, moved, DT, np.array([np.nan, np.nan]))  # beyond the first, where it should be
-    with pytest.raises(FormingError, match=r"s = 0\.02 m does not lie between .* 0\.03 and 0\.06 m"):
+    with pytest.raises(FormingError, match=r"s = 0\.02 m is not between .* 0\.03 and 0\.06 m"):
         schedule_piercings(system, 0.0, moved, DT, np.array([np.nan, 0.02]))
 
 

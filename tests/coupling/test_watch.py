@@ -102,7 +102,7 @@ def test_a_step_is_judged_at_its_bound(
         system, state = over_its_start(Free())
         watcher, step = Watch([before], **watch), try_step(system, state, 1e-4)
         if refused:
-            with pytest.raises(StepError, match="make energy"):
+            with pytest.raises(StepError, match="create energy"):
                 watcher(system, step)
         else:
             watcher(system, step)
@@ -125,14 +125,14 @@ def test_what_a_shock_lends_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(coupling.run.watch, "audit_step", lambda system, energies, step, after=after: after)
         watcher = Watch([before])
         if forgotten:
-            with pytest.raises(LentError, match="give back"):
+            with pytest.raises(LentError, match="would return"):
                 watcher(run.system, step)
         else:
             watcher(run.system, step)
 
     def watch(system: System, step: Step) -> None:
         if is_of_bdf2(step):
-            raise LentError(step.old.time, step.dt, "it would give back")
+            raise LentError(step.old.time, step.dt, "it would return")
 
     (part,) = advance(run.system, run.state, 2e-4, bdf2_step, watch=watch)
     assert part.dt == 2e-4 and not is_of_bdf2(part)
@@ -208,7 +208,7 @@ def test_the_energy_of_round_off_may_be_made(monkeypatch: pytest.MonkeyPatch, st
     monkeypatch.setattr(coupling.run.watch, "audit_step", lambda system, energies, step: after)
     watcher, step = Watch([before]), try_step(system, state, 1e-4)
     if refused:
-        with pytest.raises(StepError, match="make energy"):
+        with pytest.raises(StepError, match="create energy"):
             watcher(system, step)
     else:
         watcher(system, step)

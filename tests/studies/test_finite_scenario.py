@@ -117,5 +117,8 @@ def test_a_tie_whose_strands_are_apart_at_the_start_is_refused_when_it_is_prepar
     """Behaviour: the path does not cross itself over the holes, so the tie cannot begin; the key and the cause are
     named before the first step."""
     keys = {"tie": [TIE], "piercing.0": ROUGH, "piercing.1": ROUGH}
-    with pytest.raises(ScenarioError, match=r"tie\.knot\.from = 0\.0 is refused: .* apart, further than its two holes"):
+    with pytest.raises(
+        ScenarioError,
+        match=r"tie\.knot\.from = 0\.0 is refused: .* apart at the closest points, further than its two holes",
+    ):
         prepare(parse(block(keys)))
