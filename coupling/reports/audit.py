@@ -1,13 +1,16 @@
-"""The energy audit of a step (`coupling.kernels.steps.audit`), with what some threads and organs add to it.
+"""The energy audit of a step (`coupling.kernels.steps.audit`), and the additional terms of some
+threads and organs.
 
-When thread and organ are stepped one after the other (`coupling.paper.staggered`) the holes move after the thread has,
-and the constraints' work on the two does not cancel: `coupling.paper.staggered.work_of_the_lag`, which is in the
-remainder. It is the integrator's too: a negative numerical dissipation is energy that the scheme has created.
+If thread and organ are stepped one after the other (`coupling.paper.staggered`), the holes move
+after the thread has moved, and the works of the constraints on the two do not cancel. The
+difference is `coupling.paper.staggered.work_of_the_lag` and is part of the remainder. It belongs to
+the integrator: a negative numerical dissipation is energy that the scheme has created.
 
-The linear step (`coupling.paper.linear_step`) takes the elastic force as linearised at the start of the step; its work
-beyond that of the true force stands with the integrator's, by the formula of both. Its constraint forces are those of
-the start, and Φ is not zero at its ends: exact are kinetic, elastic, external, viscous and friction work; the remainder
-is the constraints' work on what they let the thread do.
+The linear step (`coupling.paper.linear_step`) uses the elastic force linearised at the start of the
+step. Its work minus that of the true force is part of the integrator's share, by the formula of
+both. Its constraint forces are those of the start, and Φ is not zero at its ends. Kinetic energy,
+elastic energy, external work, viscous work and friction work are exact. The remainder is the work
+of the constraints on the violation Φ that they allow.
 """
 
 from dataclasses import astuple, dataclass
@@ -34,9 +37,12 @@ NONE, PLANE = np.zeros(0), np.zeros((0, 0))
 class Energies:
     """Energies at a time and works since the start, all [J].
 
-    `loan`: what the last step took only to give back, of which the next one may by BDF2 (`coupling.run.watch`).
-    `prestretch`: `elastic_tissue` at the start where a prestretch stores it, what gapes having released its part.
-    `balance_error` = external work − change of kinetic and elastic energy − friction − viscous − numerical.
+    - `loan`: energy taken by the last step that the next step may return with BDF2
+      (`coupling.run.watch`).
+    - `prestretch`: `elastic_tissue` at the start if a prestretch stores it, after the release of
+      gapes.
+    - `balance_error` = external work − change of kinetic and elastic energy − friction − viscous −
+      numerical.
     """
 
     kinetic: float
@@ -52,22 +58,26 @@ class Energies:
 
     @property
     def elastic(self) -> float:
-        """Of thread and organ."""
+        """Elastic energy of thread and organ."""
         return self.elastic_thread + self.elastic_tissue
 
     @property
     def of_deformation(self) -> float:
-        """Elastic energy of the thread, and what deformation has added to that of a prestretch or released of it."""
+        """Elastic energy of the thread, plus the absolute change of the tissue's elastic energy
+        from that of a prestretch.
+        """
         return self.elastic_thread + abs(self.elastic_tissue - self.prestretch)
 
     @property
     def at_stake(self) -> float:
-        """Kinetic energy, the elastic one of deformation, and the work done so far, of either sign."""
+        """Sum of the kinetic energy, the elastic energy of deformation, and the absolute value of
+        the work so far.
+        """
         return at_stake(self.kinetic, self.elastic_thread, self.elastic_tissue, self.prestretch, self.external_work)
 
 
 def initial_energies(system: System[Body], state: State[Body]) -> Energies:
-    """Return the energies at the start; no work has been done."""
+    """Return the energies at the start, before any work."""
     organ_kinetic, organ_elastic, *_, stored = system.organ.energies(state.organ, state.organ)
     v, s_dot = map(np.ascontiguousarray, (state.v, state.s_dot))
     kinetic = audit.kinetic(v, momentum_of(system, v), s_dot, float(system.epsilon)) + organ_kinetic
@@ -82,7 +92,7 @@ def stored(system: System[Body], state: State[Body]) -> float:
 
 
 def momentum_of(system: System[Body], v: Array) -> Array:
-    """Return M v of the thread as the kernels want it, shape `(n, c)`."""
+    """Return M v of the thread as an array for the kernels, shape `(n, c)`."""
     return np.ascontiguousarray(system.thread.momentum(v))
 
 
@@ -93,7 +103,7 @@ def thread_elastic(system: System[Body], state: State[Body]) -> float:
 
 
 def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Energies:
-    """Add a step to the audit `before` it."""
+    """Return the audit after a step, from the audit `before` it."""
     energies = np.array(astuple(before))
     after = energies.copy()
     audit.enter(turned_over(step), body_of(step), energies, after)
@@ -101,10 +111,10 @@ def audit_step(system: System[Body], before: Energies, step: Step[Body]) -> Ener
 
 
 def turned_over(step: Step[Body]) -> Array:
-    """Return what a step of the thread turns over, `coupling.kernels.steps.audit.TURNS` numbers [J]."""
+    """Return the energy turnover of the thread in a step, `coupling.kernels.steps.audit.TURNS` numbers [J]."""
     old, new, solution = step.old, step.new, step.solution
     residual, y = solution.residual, solution.iterate.y
-    lag = residual.f_y * (new.y - y)  # y: where the holes were when the thread was solved
+    lag = residual.f_y * (new.y - y)  # y: places of the holes when the thread was solved
     turns = np.zeros(audit.TURNS)
     thread, points = residual.configuration.thread, residual.configuration.points
     relaxed = thread.dissipated(points)
@@ -131,8 +141,10 @@ def turned_over(step: Step[Body]) -> Array:
 
 
 def start_on_end(step: Step[Body]) -> tuple[Array, Array]:
-    """Return q and v (n, c) of the start of a step; where knots travel, at the material points, on the knots of its
-    end."""
+    """Return q and v (n, c) of the start of a step.
+
+    If knots travel, they are on the knots of its end, at the material points.
+    """
     old, spline, thread = step.old, step.old.spline, step.solution.residual.configuration.thread
     if spline is None:
         return old.q, old.v
@@ -140,10 +152,13 @@ def start_on_end(step: Step[Body]) -> tuple[Array, Array]:
 
 
 def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Array) -> None:
-    """Add what a step that began with `q` (n, c) [m] where its holes had the knots, and `v` (n, c) [m/s] on those of
-    its end, turns over by the way of the knots:
-    with ∂Π/∂s of each part of the potential, the elastic energy, the weight and the inertia. What the inertia takes
-    beyond the change of the kinetic energy is the integrator's."""
+    """Add the energy turnover of a step due to the travel of knots.
+
+    `q` (n, c) [m] is the start on the knots χ of the end, with the holes at their old abscissae.
+    `v` (n, c) [m/s] is the velocity at the start, on the knots of the end. The terms are ∂Π/∂s of
+    each part of the potential: elastic energy, weight and inertia. The work of the inertia beyond
+    the change of the kinetic energy is the integrator's.
+    """
     old, new, solution = step.old, step.new, step.solution
     problem, r, thread = solution.problem, solution.residual, solution.residual.configuration.thread
     ds, dq, n = new.s - old.s, new.q - q, thread.n
@@ -166,7 +181,7 @@ def add_travelling(step: Step[Body], on: OnThread, q: Array, v: Array, turns: Ar
 
 
 def rubbing_drive(step: Step[Body]) -> Array:
-    """Return the driving forces that friction of the thread on the organ adds at the holds, shape `(m,)` [N]."""
+    """Return the driving forces at the holds due to the friction of the thread on the organ, shape `(m,)` [N]."""
     strands, touch = step.solution.problem.strands, step.solution.residual.touch
     if strands is None or touch is None:
         return np.zeros_like(step.new.s)
@@ -174,8 +189,11 @@ def rubbing_drive(step: Step[Body]) -> Array:
 
 
 def add_rubbing(step: Step[Body], q: Array, turns: Array) -> None:
-    """Add the thread's part of what its friction on the organ takes in a step that began with `q` (n, c) [m], which
-    stands among the works of the constraints as a push."""
+    """Add the thread's part of the work of its friction on the organ.
+
+    The step began with `q` (n, c) [m]. The friction is part of the push, and thus of the
+    constraints' work; it is booked as friction instead.
+    """
     strands, touch = step.solution.problem.strands, step.solution.residual.touch
     if strands is None or touch is None or not strands.friction:
         return
@@ -187,17 +205,17 @@ def add_rubbing(step: Step[Body], q: Array, turns: Array) -> None:
 
 
 def weight_over(step: Step[Body]) -> float:
-    """Return the mean weight over a load step by that at its end [-]; 1 in motion."""
+    """Return the mean weight over a load step relative to that at its end [-]; 1 in motion."""
     if not step.solution.problem.stiffen:
         return 1.0
     return 0.5 * (1.0 + step.old.time / step.new.time) if step.new.time else 0.5
 
 
 def works_of(step: Step[Body]) -> Works:
-    """Return what the audit reads of a step."""
+    """Return the data of a step for the audit."""
     system, two_step, old, new = step.solution.problem.system, is_by_mean(step), step.old, step.new
     a, at = 0.0, np.zeros_like(new.q)
-    # of ends that are not held, whose reactions are the loads on them
+    # only for ends that are not held; their reactions are the loads on them
     more = np.where(system.held_flags[[0, -1]], 0.0, old.reaction - new.reaction)[:, :3]
     if is_of_bdf2(step) and not system.thread.travels:
         scheme = scheme_of(old, step.dt)
@@ -206,7 +224,7 @@ def works_of(step: Step[Body]) -> Works:
 
 
 def holes_of(step: Step[Body]) -> Holes:
-    """Return what the audit reads of the holds; what hands draw through goes as the hands do."""
+    """Return the data of the holds for the audit; in a hole with a hand, the sliding is the hand's motion."""
     problem, law = step.solution.problem, step.solution.problem.law
     system = problem.system
     return Holes(
@@ -221,8 +239,9 @@ def holes_of(step: Step[Body]) -> Holes:
 
 
 def forces_on(step: Step[Body], q: Array, v: Array) -> OnThread:
-    """Return what acts on the thread at the end of a step that began with `q` and `v` (n, c), on the knots of its
-    end."""
+    """Return the forces on the thread at the end of a step that began with `q` and `v` (n, c) on
+    the knots of its end.
+    """
     new, problem, r = step.new, step.solution.problem, step.solution.residual
     system = problem.system.on(r.configuration.thread.spline)
     moved, faster, momentum = (momentum_of(system, x) for x in (new.q - q, new.v - v, new.v))
@@ -231,7 +250,7 @@ def forces_on(step: Step[Body], q: Array, v: Array) -> OnThread:
 
 
 def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:
-    """Return what the audit reads of a state, with the sites at `y` (m, 9) under the forces `f_y` (m, 9)."""
+    """Return the arrays of a state for the audit, with the sites at `y` (m, 9) under the forces `f_y` (m, 9)."""
     q, v, s, s_dot, lam, y, sigma, reaction, f_y = map(
         plain, (state.q, state.v, state.s, state.s_dot, state.lam, y, state.sigma, state.reaction, f_y)
     )
@@ -245,28 +264,32 @@ def met_by(step: Step[Body]) -> Met:
 
 
 def passing_of(at: Passage) -> Passing:
-    """Return the thread at its holes as the kernels want it."""
+    """Return the thread at its holes as arrays for the kernels."""
     drive = np.zeros(len(at.D)) if at.drive is None else at.drive
     return Passing(at.first.astype(np.int64), plain(at.b), plain(at.D), plain(drive))
 
 
 def body_of(step: Step[Body]) -> Array:
-    """Return what a step of the organ turns over, `coupling.kernels.steps.audit.BODY` numbers [J]; the works of loads
-    and damping by the mean of the forces at both ends where they are (`is_by_mean`)."""
+    """Return the energy turnover of the organ in a step, `coupling.kernels.steps.audit.BODY` numbers [J].
+
+    The works of loads and damping are by the mean of the forces at both ends if `is_by_mean`.
+    """
     old, new, organ = step.old.organ, step.new.organ, step.solution.problem.system.organ
     kinetic, elastic, loads, viscous, numerical, rubbed, _ = organ.energies(old, new)
     more_loads, more_viscous = 0.0, 0.0
     if is_by_mean(step):
-        _, _, loads_back, viscous_back, *_ = organ.energies(new, old)  # by the forces of the start
+        _, _, loads_back, viscous_back, *_ = organ.energies(new, old)  # by the forces at the start
         more_loads, more_viscous = -0.5 * (loads_back + loads), -0.5 * (viscous_back + viscous)
     by_mean, works = more_loads - more_viscous, (loads + more_loads, viscous + more_viscous)
     return np.array([kinetic, elastic, *works, numerical + by_mean, rubbed, by_mean])
 
 
 def lying_work(step: Step[Body]) -> float:
-    """Return what keeps the pieces of a cut thread where they lie at rest takes from their way [J]
-    (`coupling.rest.equilibrium.LYING`); zero in motion, where inertia is in its place, and where knots travel, which
-    `add_travelling` counts with."""
+    """Return the work against the tie that holds the pieces of a cut thread in place at rest [J].
+
+    The tie is `coupling.rest.equilibrium.LYING`. The work is zero in motion, which has inertia
+    instead, and with travelling knots, for which `add_travelling` contains it.
+    """
     problem = step.solution.problem
     if not problem.stiffen or problem.system.thread.travels:
         return 0.0
@@ -275,8 +298,10 @@ def lying_work(step: Step[Body]) -> float:
 
 
 def closing_works(step: Step[Body], mean: bool = True) -> Array:
-    """Return the work of the hands that bring the strands of ties together, shape `(t,)` [J]; by the forces at the end,
-    or their `mean` where works are (`is_by_mean`)."""
+    """Return the work of the hands that bring the strands of ties together, shape `(t,)` [J].
+
+    It is by the forces at the end of the step, or by their `mean` if `is_by_mean`.
+    """
     system, old, new = step.solution.problem.system, step.old, step.new
     force, strands = step.solution.residual.f_y, system.strands
     if mean and system.ties and is_by_mean(step):
@@ -286,8 +311,9 @@ def closing_works(step: Step[Body], mean: bool = True) -> Array:
 
 
 def drawing_works(step: Step[Body]) -> Array:
-    """Return the work of the hands that draw ties tight, shape `(t,)` [J]; by the mean of their forces where works
-    are (`is_by_mean`)."""
+    """Return the work of the hands that draw ties tight, shape `(t,)` [J]; by the mean of their
+    forces if `is_by_mean`.
+    """
     system, old, new = step.solution.problem.system, step.old, step.new
     if not system.ties:
         return np.zeros(0)
@@ -298,11 +324,13 @@ def drawing_works(step: Step[Body]) -> Array:
 
 
 def is_by_mean(step: Step[Body]) -> bool:
-    """Whether the works from outside and of friction in steady sliding are by the mean of the forces at both ends of a
-    step: at rest, and by BDF2."""
+    """Return whether works in a step are by the mean of the forces at both ends: at rest, and with BDF2.
+
+    The works are those of external forces and of friction in steady sliding.
+    """
     return step.solution.problem.stiffen or is_of_bdf2(step)
 
 
 def is_of_bdf2(step: Step[Body]) -> bool:
-    """Whether a step was made by BDF2."""
+    """Return whether a step was made by BDF2."""
     return step.new.before is not None and isinstance(scheme_of(step.old, step.dt), BDF2)

@@ -1,4 +1,4 @@
-"""What one wants to know of a piercing, from the state."""
+"""Observations of piercings, from the state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,23 +30,30 @@ from thread.vectors import dot
 
 Number = TypeVar("Number", bound="np.generic[Any]")
 
-BEND = 5.0  # lengths √(EI/T) over which a bend at a hole falls to less than 1 % of its angle
+BEND = 5.0  # lengths √(EI/T) over which a bend at a hole decays to less than 1 % of its angle
 
 
 @dataclass(frozen=True)
 class PiercingObservation:
     """One piercing at one time.
 
-    `s`, `slip` [m, thread drawn through towards rising s at the end of the thread since the start]; `x`,
-    `displacement`, `tangent` (unit), `u`, `v` (3,); `force` (3,) [N] of the hole on the thread, `tangential_force` λ·t
-    [N], `normal_force` [N] that of the law of sliding (`coupling.kernels.friction.normal_force`), with the couple's
-    share where the hole has a `channel` [m], None where it has none; `couple` (3,) [N m] of the direction constraint
-    on the thread; `tension_before`, `tension_after` [N] of the strands at lower and higher s (`axial_forces`); `state`:
-    "stick", "slip", "anchored" or "left"; `cone_residual` [N], by how much the force along the thread breaks
-    Coulomb's law (`coupling.step.sliding.cone_residual`; what accelerates an abscissa with ε counts as well);
-    `mean_strain` [-] and `turn` [rad] of the tissue, averaged over the footprint (`strains_and_turns`);
-    `bearing_pressure` [Pa] of the thread on the tissue (`bearing_pressures`); the `tract` that it is a ball of, empty
-    for none, and the length `bearing` [m] on which the thread bears, None where that is not known.
+    - `s`, `slip` [m]: abscissa, and length of thread drawn through towards the end of the thread
+      since the start.
+    - `x`, `displacement`, `tangent` (unit), `u`, `v` (3,).
+    - `force` (3,) [N]: force of the hole on the thread; `tangential_force` [N] is λ·t.
+    - `normal_force` [N]: that of the law of sliding (`coupling.kernels.friction.normal_force`). If
+      the hole has a `channel` [m], it contains the couple's share; None if it has none.
+    - `couple` (3,) [N m]: couple of the direction constraint on the thread.
+    - `tension_before`, `tension_after` [N]: tensions of the strands at lower and higher s
+      (`axial_forces`).
+    - `state`: "stick", "slip", "anchored" or "left".
+    - `cone_residual` [N]: violation of Coulomb's law by the force along the thread
+      (`coupling.step.sliding.cone_residual`). The acceleration of an abscissa with ε is included.
+    - `mean_strain` [-], `turn` [rad]: strain and turn of the tissue, averaged over the footprint
+      (`strains_and_turns`).
+    - `bearing_pressure` [Pa]: pressure of the thread on the tissue (`bearing_pressures`).
+    - `tract`: the tract of which the hole is a ball; empty for other holes.
+    - `bearing` [m]: length on which the thread bears; None if it is unknown.
     """
 
     name: str
@@ -75,10 +82,13 @@ class PiercingObservation:
 
 @dataclass(frozen=True)
 class Seen:
-    """A thread and its holes in `k` states, one after the other, in all of which the holds `present` (m,) are there:
-    `times` (k,) [s]; `q` (k, n, c) and the `elastic` forces (k, n, 3) [N] on it; `s`, `sigma` and `stretch`
-    (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a `State`; and `at`, the passage through the m holds of the first
-    state, the second, …"""
+    """A thread and its holes in `k` states with the same present holds, one after the other.
+
+    - `present` (m,), `times` (k,) [s].
+    - `q` (k, n, c), and the `elastic` forces (k, n, 3) [N] on it.
+    - `s`, `sigma` and `stretch` (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a `State`.
+    - `at`: the passage through the m holds of the first state, then of the second, and so on.
+    """
 
     present: Flags
     times: Array
@@ -93,12 +103,12 @@ class Seen:
 
     @cached_property
     def each_lam(self) -> Array:
-        """The multipliers of all holds of all states, shape `(k m, 5)`."""
+        """Multipliers of all holds of all states, shape `(k m, 5)`."""
         return self.lam.reshape(-1, 5)
 
     @cached_property
     def each_y(self) -> Array:
-        """The site variables of all holds of all states, shape `(k m, 9)`."""
+        """Site variables of all holds of all states, shape `(k m, 9)`."""
         return self.y.reshape(-1, 9)
 
     def by_state(self, values: NDArray[Number]) -> NDArray[Number]:
@@ -107,7 +117,7 @@ class Seen:
 
 
 def seen_at(state: State[Body], now: Configuration) -> Seen:
-    """Return what there is to see of one state, with its configuration."""
+    """Return the data of one state for observations, with its configuration."""
     q, elastic, s, sigma = (x[None] for x in (state.q, now.elastic[:, :3], state.s, state.sigma))
     time, stretch = np.array([state.time]), np.ones_like(state.s) if state.stretch is None else state.stretch
     return Seen(state.present, time, q, elastic, s, sigma, stretch[None], state.lam[None], state.y[None], now.at)
@@ -116,15 +126,16 @@ def seen_at(state: State[Body], now: Configuration) -> Seen:
 def observe(
     system: System[Body], start: State[Body], state: State[Body], now: Configuration | None = None
 ) -> tuple[PiercingObservation, ...]:
-    """Return all piercings of a state; `start` is the state that slip and displacement are measured from.
+    """Return the observations of all piercings of a state; slip and displacement are measured from
+    the state `start`.
 
-    `now` is the configuration of the state where that is known already.
+    `now` is the configuration of the state; None if it is not computed yet.
     """
     return observe_each(system, start.s, seen_at(state, now or configuration_of(system, state)))[0]
 
 
 def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple[PiercingObservation, ...]]:
-    """Return all piercings of every state, slip measured from the abscissae `s_begun` (m,) [m]."""
+    """Return the observations of all piercings in every state, with slip from the abscissae `s_begun` (m,) [m]."""
     p, at, lam, y = len(system.piercings), seen.at, seen.each_lam, seen.each_y
     t = tangent(at)
     normal = pressing_force(at, lam, y, np.tile(system.friction[4], len(seen.s)))
@@ -172,8 +183,11 @@ def observe_each(system: System[Body], s_begun: Array, seen: Seen) -> list[tuple
 
 @dataclass(frozen=True)
 class Sight(Generic[Body]):
-    """What is seen of the thread in a `state`: its `piercings`, the largest `gap` at its holes (`largest_gap`) [m] and
-    its largest axial `strain` [-]."""
+    """The observed thread in a `state`.
+
+    It has its `piercings`, the largest `gap` at its holes (`largest_gap`) [m] and its largest axial
+    `strain` [-].
+    """
 
     state: State[Body]
     piercings: tuple[PiercingObservation, ...]
@@ -182,18 +196,22 @@ class Sight(Generic[Body]):
 
 
 def bearing_pressures(system: System[Body], lam: Array) -> Array:
-    """Return |λ|/(d ℓ), the force of the thread on each hole over the area on which it bears, shape `(…, p)` [Pa], from
-    the multipliers (…, m, 5): d is its diameter and ℓ the length of the bearing. Zero where that is not known."""
+    """Return |λ|/(d ℓ), the force of the thread on each hole over its bearing area, shape `(…, p)` [Pa].
+
+    The multipliers have shape (…, m, 5). d is the thread's diameter and ℓ the length of the
+    bearing. The pressure is zero if ℓ is unknown.
+    """
     return np.asarray(np.linalg.norm(lam[..., : len(system.piercings), :3], axis=-1) / system.bearing_areas)
 
 
 def strains_and_turns(y0: Array, y: Array) -> tuple[Array, Array]:
-    """Return the mean strain [-] and the turn [rad] of the tissue at every hole, shape `(p,)` each, from the site
-    variables in the reference shape `y0` (9p,) and now `y` (p, 9).
+    """Return the mean strain [-] and the turn [rad] of the tissue at every hole, shape `(p,)` each.
 
-    u and v change by ⟨∇U⟩ or by −⟨∇U⟩ᵀ, the averages over the footprint (`tissue.sites.site`): either way the strain
-    is the largest principal value, in magnitude, of sym ⟨∇U⟩ across the hole's direction. The turn is the angle of the
-    rotation nearest to what carries the frame (u, v, u × v) from there to here.
+    `y0` (9p,) are the site variables in the reference shape, and `y` (p, 9) those now. u and v
+    change by ⟨∇U⟩ or by −⟨∇U⟩ᵀ, the averages over the footprint (`tissue.sites.site`). In both
+    cases the strain is the principal value of sym ⟨∇U⟩ across the hole's direction with the largest
+    magnitude. The turn is the angle of the rotation closest to the map from the reference frame (u,
+    v, u × v) to the present one.
     """
     before, now = hole_frames(y0.reshape(-1, 9)), hole_frames(y)
     slope = (now - before)[:, :2] @ before[:, :2].swapaxes(1, 2)
@@ -224,8 +242,9 @@ def site_compliance(system: System[Body], state: State[Body]) -> Array:
 
 
 def broken_cones(system: System[Body], seen: Seen) -> Array:
-    """Return by how much the force along the thread breaks Coulomb's law at every hold of every state, shape `(k, m)`
-    [N]."""
+    """Return the violation of Coulomb's law by the force along the thread at every hold of every
+    state, shape `(k, m)` [N].
+    """
     if not system.rough.any():
         return np.zeros_like(seen.s)
     law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
@@ -238,8 +257,9 @@ def broken_cones(system: System[Body], seen: Seen) -> Array:
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:
-    """Return the largest |P(s) − x| over the holes the thread is in [m]: what the solve leaves open of the
-    constraint."""
+    """Return the largest |P(s) − x| over the holes that contain the thread [m]: the remaining error
+    of the constraint.
+    """
     at = at or system.passage_of(state)
     return float(largest_at_holes(system, state.present, gaps_at(at, state.y)))
 
@@ -250,15 +270,17 @@ def gaps_at(at: Passage, y: Array) -> Array:
 
 
 def largest_at_holes(system: System[Body], present: Flags, sizes: Array) -> Array:
-    """Return the largest of the sizes (…, m) at the holes the thread is in, shape `(…,)`."""
+    """Return the largest of the sizes (…, m) over the holes that contain the thread, shape `(…,)`."""
     return np.asarray(np.max(sizes, axis=-1, where=system.rows[:, 0] & present, initial=0.0))
 
 
 def look(
     system: System[Body], s_begun: Array, seen: Seen, states: Sequence[State[Body]], strains: Array
 ) -> list[Sight[Body]]:
-    """Return what is seen of the thread in the `states`, with its largest axial `strains` (k,) [-];
-    slip is measured from `s_begun` (m,) [m]."""
+    """Return the observed thread in each of the `states`, with its largest axial `strains` (k,) [-].
+
+    Slip is measured from `s_begun` (m,) [m].
+    """
     gaps = largest_at_holes(system, seen.present, seen.by_state(gaps_at(seen.at, seen.each_y))).tolist()
     each = states, observe_each(system, s_begun, seen), gaps, strains.tolist()
     return [Sight(*one) for one in zip(*each, strict=True)]
@@ -274,13 +296,15 @@ def sliding_state(piercing: Piercing, present: bool, sigma: float) -> str:
 
 
 def transmitted_forces(seen: Seen) -> Array:
-    """Return the forces that the thread transmits just before and just after every hold, shape `(k, m, 2, 3)` [N]. Each
-    is the force of what lies beyond on what lies before.
+    """Return the forces that the thread transmits just before and just after every hold, shape `(k,
+    m, 2, 3)` [N].
 
-    ψ = Σ b_i over the points beyond the hole rises from 0 to 1 over the spans next to it, so the sum of their elastic
-    forces is the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium exactly the pull on that
-    side. A pointwise strain would not do, since a C² curve cannot jump at the hole. What another hole puts on the
-    points on this one's far side is counted with the others of its side. Zero where no point lies beyond.
+    Each is the force of the part beyond on the part before. ψ = Σ b_i over the points beyond the
+    hole rises from 0 to 1 over the spans next to it. The sum of their elastic forces is therefore
+    the force ∫(EA ε T + …)·ψ' ds that the thread transmits there: in equilibrium it is exactly the
+    pull on that side. A pointwise strain is not suitable, because a C² curve cannot jump at the
+    hole. The forces of other holes on points on the far side of this hole are added to those of
+    their own side. The force is zero if no point lies beyond.
     """
     at, (count, m) = seen.at, seen.s.shape
     shares = at.b[:, :2].swapaxes(1, 2) @ thread_force(at, seen.each_lam, seen.each_y)  # on four points each
@@ -297,12 +321,13 @@ def transmitted_forces(seen: Seen) -> Array:
 
 
 def axial_forces(system: System[Body], seen: Seen, forces: Array) -> Array:
-    """Return the tensions F·t of the strands before and after every hole, shape `(k, p, 2)` [N], a push negative, from
-    the `forces` (k, p, 2, 3) [N] that they transmit.
+    """Return the tensions F·t of the strands before and after every hole, shape `(k, p, 2)` [N];
+    compression is negative.
 
-    In the bend at the hole a part of F is shear, and the tangent is that of the hole. So t is taken where the bend has
-    died out, BEND lengths √(EI/|F|) along the strand, or in the middle of a strand that is shorter: without a load
-    between, the same tension at both its ends.
+    `forces` (k, p, 2, 3) [N] are those that the strands transmit. In the bend at the hole a part of
+    F is shear, and the tangent is that of the hole. For this reason t is taken BEND lengths
+    √(EI/|F|) away along the strand, where the bend has decayed, or in the middle of a shorter
+    strand. Without a load on the strand, the tensions at both its ends are then equal.
     """
     sizes = np.maximum(np.linalg.norm(forces, axis=3), np.finfo(float).tiny)
     here, ends = strands(system, seen)
@@ -324,8 +349,11 @@ def tangents_at(system: System[Body], seen: Seen, s: Array) -> Array:
 
 
 def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
-    """Return where each hole is on its piece of the thread, shape `(k, p)` [m], and the abscissae before and after it
-    up to which the thread is in no other, shape `(k, p, 2)` [m]."""
+    """Return the abscissa of each hole on its piece of the thread, shape `(k, p)` [m], and those of
+    its neighbours.
+
+    The neighbours are the next holes or ends before and after it, shape `(k, p, 2)` [m].
+    """
     spline, p = system.thread.spline, len(system.piercings)
     s, there = seen.s[:, :p], seen.present[:p]
     low, high = np.moveaxis(spline.piece_ends[spline.piece_of(s)[:, :, None] + np.arange(2)], 2, 0)
@@ -336,8 +364,10 @@ def strands(system: System[Body], seen: Seen) -> tuple[Array, Array]:
 
 
 def span_ratio(system: System[Body], state: State[Body]) -> float:
-    """Return the longest span that holds a hole over the √(EI/T) that the thread bends over there [-]; 0 without
-    bending, and where knots travel, which fit that length."""
+    """Return the longest span with a hole over the length √(EI/T) in which the thread bends there [-].
+
+    It is 0 without bending, and with travelling knots, which fit this length.
+    """
     if system.thread.travels:
         return 0.0
     here, spline = holds_in_force(system, state), system.thread.spline
@@ -347,8 +377,9 @@ def span_ratio(system: System[Body], state: State[Body]) -> float:
 
 
 def spans_between(system: System[Body], state: State[Body]) -> float:
-    """Return the number of spans between the two holds that are nearest to one another along a piece of the thread
-    [-]; infinite where there are no two."""
+    """Return the number of spans between the two closest holds on a piece of the thread [-];
+    infinite without two holds.
+    """
     here, spline = holds_in_force(system, state), system.thread.spline
     s = np.sort(state.s[here])
     places, piece = np.interp(s, spline.breaks, np.arange(len(spline.breaks))), spline.piece_of(s)
