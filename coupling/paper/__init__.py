@@ -1,1 +1,1 @@
-"""Ways of stepping that are here to be compared with: the paper's linear step and two passes, the staggered variant."""
+"""Other ways of stepping, for comparison: the paper's linear step and two passes, and the staggered variant."""

@@ -1,4 +1,5 @@
-"""The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in one sparse system.
+"""The monolithic matrix itself (§4.4, last paragraph): thread, organ, abscissae and multipliers in
+one sparse system.
 
     | A_t        H_qU      H_qs   −Φ_qᵀ         |   dq
     | H_Uq       A_o       H_Us   −YᵀΦ_yᵀ  −Gᵀ  |   dU
@@ -6,12 +7,13 @@
     | Φ_q        Φ_y Y     Φ_s                  |   dλ
     |            G_𝒜                     1_∖𝒜 |   dp       (pressed pairs: g = 0; open ones: p = 0)
 
-Where pairs rub, the last row is the tangent of Coulomb's law (`coupling.joins.rubbing`), and G has the slips too.
-The places of ties stand behind U, without stiffness, and the rows of s of their
+If pairs rub, the last row is the tangent of Coulomb's law (`coupling.joins.rubbing`), and G
+contains the slips too. The places of ties follow U, without stiffness, and the rows of s of their
 strands are joined (`coupling.ties`).
 
-The default solve condenses the organ instead (`coupling.step.newton`): the same algebra in another order, at the
-price of one organ back-substitution. This one is to be looked at, and to be compared with.
+The default solver condenses the organ instead (`coupling.step.newton`). The algebra is the same in
+another order, at the cost of one back-substitution of the organ. The matrix here is for inspection
+and comparison.
 """
 
 from collections.abc import Callable
@@ -49,8 +51,9 @@ MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
 @dataclass(frozen=True)
 class Monolith(Iterate):
-    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] added to those of the
-    thread."""
+    """An iterate with the organ's unknowns `U` (N,) [m] and the contact forces `p` (k,) [N] added
+    to those of the thread.
+    """
 
     U: Array
     p: Array = field(default_factory=lambda: NO_FORCES)
@@ -58,10 +61,11 @@ class Monolith(Iterate):
 
 @dataclass(frozen=True)
 class BlockSystem:
-    """`matrix` (size, size), `right` (size,), and where each unknown stands: `blocks["q" | "U" | "s" | "lam" | "p"]`.
+    """A linear system in blocks: `matrix` (size, size), `right` (size,), and the place of each
+    unknown, `blocks`.
 
-    Order within the blocks: q point by point, U as the organ numbers its free unknowns, s and lam hold by hold, p pair
-    by pair.
+    The keys of `blocks` are "q", "U", "s", "lam" and "p". q is ordered point by point, U as the
+    organ numbers its free unknowns, s and lam hold by hold, and p pair by pair.
     """
 
     matrix: csc_array
@@ -99,22 +103,22 @@ class Equation(Protocol):
 
 @runtime_checkable
 class AssembledAnswer(Protocol):
-    """What the assembled matrix asks of an answer in addition: the organ's own rows."""
+    """An answer with the organ's own rows, as the assembled matrix needs them."""
 
     @property
     def equation(self) -> Equation:
-        """The organ's equation, linearised where the answer is."""
+        """Equation of the organ, linearised at the same state as the answer."""
 
 
 def equation_of(problem: Problem[Body]) -> Equation:
-    """Return the organ's rows of a step. Raises `CouplingError` where the answer has none."""
+    """Return the organ's rows of a step. Raises `CouplingError` if the answer has none."""
     if not isinstance(problem.answer, AssembledAnswer):
-        raise CouplingError(f"{type(problem.answer).__name__} has no equation to assemble; solve it condensed")
+        raise CouplingError(f"{type(problem.answer).__name__} has no equation to assemble; use the condensed solver")
     return problem.answer.equation
 
 
 def sparse_band(band: Array) -> coo_array:
-    """Return a banded matrix in coordinates."""
+    """Return a banded matrix in coordinate form."""
     size = band.shape[1]
     place, column = np.ogrid[: band.shape[0], :size]
     row = place - diagonal_of(band) + column
@@ -124,7 +128,7 @@ def sparse_band(band: Array) -> coo_array:
 
 
 def diagonal(blocks: Array) -> csr_array:
-    """Put blocks (m, r, k) on the diagonal of a sparse matrix, shape `(m r, m k)`."""
+    """Return a sparse matrix with blocks (m, r, k) on its diagonal, shape `(m r, m k)`."""
     m, r, k = blocks.shape
     hold, row, column = np.indices(blocks.shape)
     index = ((hold * r + row).ravel(), (hold * k + column).ravel())
@@ -132,7 +136,7 @@ def diagonal(blocks: Array) -> csr_array:
 
 
 def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
-    """Assemble the Newton system of the whole at an iterate."""
+    """Assemble the Newton system of thread and organ at an iterate."""
     organ, (n, c), m, t = equation_of(problem), z.q.shape, len(z.s), len(problem.law.strands)
     border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
@@ -168,7 +172,7 @@ def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
 
 
 def law_of_lips(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_array]:
-    """Return what the gaps and the forces of the pairs are multiplied by in the law of contact, shape `(k, k)` each."""
+    """Return the factors of the gaps and of the forces of the pairs in the law of contact, shape `(k, k)` each."""
     if problem.contact is not None and problem.contact.rubs:
         return rows_of(problem.contact.law, z.pressed, z.rubbing)
     pressed = z.pressed.astype(np.float64)
@@ -176,14 +180,17 @@ def law_of_lips(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_arra
 
 
 def split_by_unknown(border: Border, which: str, Y_all: csr_array) -> list[csr_array]:
-    """Split the columns of a part of the border by unknown: through y to U, then s, then the multipliers."""
+    """Return the columns of a part of the border by unknown: through y to U, then s, then the multipliers."""
     part = {"E": border.E, "F": border.F, "law": border.D[:, :1], "phi": border.D[:, 1:OWN]}[which]
     return [diagonal(part[:, :, Y]) @ Y_all, diagonal(part[:, :, S : S + 1]), diagonal(part[:, :, MULTIPLIERS])]
 
 
 def joined_laws(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_array]:
-    """Return what the rows of s are multiplied by where the strands of ties slide together, and what is added to them,
-    by s: that the sum of both abscissae is kept. Shape `(m, m)` each."""
+    """Return the factor of the rows of s for strands of ties that slide together, and the term that
+    is added by s.
+
+    The added equation is that the sum of both abscissae is constant. Shape `(m, m)` each.
+    """
     J, kept = np.eye(len(z.s)), np.zeros((len(z.s), len(z.s)))
     one, other = sliding_strands(problem.law, z.sigma)
     J[other, one], J[one, one] = -1.0, 0.0
@@ -192,8 +199,11 @@ def joined_laws(problem: Problem[Body], z: Iterate) -> tuple[csr_array, csr_arra
 
 
 def over_holds(problem: Problem[Body], Y: csr_matrix) -> csr_array:
-    """Return Y over all holds and unknowns, shape `(9m, N + 3t)`: the site variables of a clamped end do not move, the
-    strands of a tie have its place, three unknowns behind the organ's."""
+    """Return Y over all holds and unknowns, shape `(9m, N + 3t)`.
+
+    The site variables of a clamped end do not move. The strands of a tie have the place of the tie,
+    three unknowns after those of the organ.
+    """
     system, strands = problem.system, problem.law.strands
     point = np.arange(3 * len(strands))
     row = (NINE * strands[:, :, None] + np.arange(3)).swapaxes(0, 1).ravel()
@@ -227,16 +237,16 @@ Linear = Callable[[BlockSystem], Array]
 
 
 def solve_direct(system: BlockSystem) -> Array:
-    """Solve a block system by sparse LU with row exchanges."""
+    """Solve a block system by sparse LU with row pivoting."""
     return np.asarray(splu(system.matrix).solve(system.right))
 
 
 def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: Linear = solve_direct) -> Solution[Body]:
-    """Solve a step by Newton on the assembled matrix from `start` and the organ's `U` (N,), each correction by
-    `linear`. Raises `StepError`.
+    """Solve a step by Newton's method on the assembled matrix, from `start` and the organ's `U` (N,).
 
-    Its convergence test is that of the condensed solve, whose row y = y_free + C Φ_yᵀλ thereby checks the organ's
-    equation through its condensation. The solution's iterate is a `Monolith`.
+    Each correction is solved by `linear`. The convergence test is that of the condensed solver; its
+    row y = y_free + C Φ_yᵀλ checks the organ's equation through its condensation. The iterate of
+    the solution is a `Monolith`. Raises `StepError`.
     """
 
     def correct(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Iterate]:

@@ -1,4 +1,6 @@
-"""The paper's own solver of the linear step (§4.1): accelerations are eliminated, multipliers are left."""
+"""The paper's own solver of the linear step (§4.1): the accelerations are eliminated and the
+multipliers remain.
+"""
 
 from dataclasses import dataclass
 
@@ -23,10 +25,11 @@ from coupling.paper.linear_step import Answer, Posed
 
 @dataclass(frozen=True)
 class Elimination:
-    """`matrix` λ = `right`, what is left when accelerations are eliminated, in the units of Δt² a.
+    """The system `matrix` λ = `right` after the elimination of the accelerations, in units of Δt² a.
 
-    `matrix` (5m, 5m) = L A⁻¹ Lᵀ + L_s L_sᵀ/ε + Φ_y C Φ_yᵀ, symmetric; ones for constraints that are not in force.
-    `q` (c n,) and `s` (m,): the tendencies; `q_of` (c n, 5m), `s_of` (m, 5m): the corrections by λ.
+    `matrix` (5m, 5m) = L A⁻¹ Lᵀ + L_s L_sᵀ/ε + Φ_y C Φ_yᵀ is symmetric, with ones for inactive
+    constraints. `q` (c n,) and `s` (m,) are the tendencies, and `q_of` (c n, 5m), `s_of` (m, 5m)
+    the corrections by λ.
     """
 
     matrix: Array
@@ -38,13 +41,15 @@ class Elimination:
 
 
 def elimination(posed: Posed[Body]) -> Elimination:
-    """Eliminate the accelerations by tendency and correction (§4.1). Raises `CouplingError` at ε = 0,
-    `SingularError`."""
+    """Eliminate the accelerations by tendency and correction (§4.1).
+
+    Raises `CouplingError` at ε = 0, and `SingularError`.
+    """
     problem, border = posed.problem, posed.border
     slides, inertia = posed.guess.sigma != 0.0, problem.law.inertia * np.ones(len(posed.guess.sigma))
     if not inertia[slides].all():
         raise CouplingError(
-            "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve whole"
+            "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve_whole"
         )
     L, L_s, L_y = (block_diagonal(x) for x in (border.B[:, PHI], border.D[:, PHI, S : S + 1], border.D[:, PHI, Y]))
     right = np.column_stack([-posed.r_q.ravel(), columns(posed.at, *posed.r_q.shape) @ L.T])
@@ -58,13 +63,15 @@ def elimination(posed: Posed[Body]) -> Elimination:
 
 
 def solve_by_elimination(posed: Posed[Body]) -> Answer:
-    """Solve by the paper's own elimination (§4.1), for ε > 0: its matrix is as bad as 1/ε. Raises `CouplingError`,
-    `SingularError`."""
+    """Solve by the paper's own elimination (§4.1), for ε > 0; the condition number grows as 1/ε.
+
+    Raises `CouplingError`, `SingularError`.
+    """
     reduced, border = elimination(posed), posed.border
     try:
         lam = np.linalg.solve(reduced.matrix, reduced.right)
     except np.linalg.LinAlgError as error:
-        raise SingularError("the matrix of the multipliers is singular: two constraints say the same") from error
+        raise SingularError("the matrix of the multipliers is singular: two constraints are equivalent") from error
     dz = np.zeros((len(posed.r), BORDER))
     dz[:, S], dz[:, PHI] = reduced.s + reduced.s_of @ lam, lam.reshape(-1, 5)
     dz[:, Y] = (posed.problem.C @ np.matvec(border.F, dz).ravel()).reshape(-1, NINE)
@@ -72,10 +79,13 @@ def solve_by_elimination(posed: Posed[Body]) -> Answer:
 
 
 def whole_matrix(posed: Posed[Body]) -> Array:
-    """Return the matrix above without units: accelerations by 1 m/s², λ by the largest entry μ of A, directions by
-    the mean span ℓ: [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]], shape `(c n + 6m, c n + 6m)`.
+    """Return the matrix of the whole system without units, shape `(c n + 6m, c n + 6m)`, for its
+    condition number.
 
-    For its condition number; rows of prescribed unknowns and of constraints not in force are those of the identity.
+        [[A/μ, 0, −Lᵀ], [0, ε/μ, −L_sᵀ], [L, L_s, μ/Δt² Φ_y C Φ_yᵀ]]
+
+    The units are 1 m/s² for accelerations, the largest entry μ of A for λ, and the mean span ℓ for
+    directions. Rows of prescribed unknowns and of inactive constraints are those of the identity.
     """
     problem, border, dt = posed.problem, posed.border, posed.problem.dt
     thread, held = problem.system.thread, problem.system.held
@@ -96,7 +106,7 @@ def whole_matrix(posed: Posed[Body]) -> Array:
 
 
 def block_diagonal(blocks: Array) -> Array:
-    """Put blocks (m, r, k) on the diagonal of a dense matrix, shape `(m r, m k)`."""
+    """Return a dense matrix with blocks (m, r, k) on its diagonal, shape `(m r, m k)`."""
     m, r, k = blocks.shape
     out = np.zeros((m, r, m, k))
     out[np.arange(m), :, np.arange(m)] = blocks

@@ -1,28 +1,34 @@
-"""The paper's own step (§4.1): accelerations, one linear solve, the constraints as differential equations.
+"""The paper's own step (§4.1): accelerations, one linear solve, and the constraints as differential equations.
 
-Unknowns are the accelerations a of the control points, s̈ of the abscissae, and the multipliers; the organ enters
-through its nine numbers, exactly condensed, y⁺ = y_free + C Φ_yᵀλ with ÿ = (y⁺ − y − Δt ẏ)/Δt². Implicit Euler:
-v⁺ = v + Δt a, q⁺ = q + Δt v⁺, and so for s.
+The unknowns are the accelerations a of the control points, s̈ of the abscissae, and the
+multipliers. The organ is condensed exactly to its nine numbers, y⁺ = y_free + C Φ_yᵀλ with ÿ = (y⁺
+− y − Δt ẏ)/Δt². Implicit Euler: v⁺ = v + Δt a and q⁺ = q + Δt v⁺; the same for s.
 
     | A    0    −Φ_qᵀ          |  a      A = (1 + Δt d) M + Δt² ∂²E/∂q², d the thread's damping
     | 0    ε    −Φ_sᵀ          |  s̈      eq. 7; eq. 6 at ε = 0
     | Φ_q  Φ_s  Φ_y C Φ_yᵀ/Δt² |  λ      Φ̈ + (2/τ) Φ̇ + (1/τ²) Φ = 0 (eq. 5), τ = Δt
 
-What is linearised, all of it at the start of the step: the elastic force, E'(q⁺) ≈ E'(q) + E''(q)(q⁺ − q) with the
-exact tangent (stretch EA ε, geometric and bending part), without which the speed of sound in a real suture, 2 km/s,
-would bind the step to 10⁻⁶ s; and the directions Φ_q, Φ_s, Φ_y of the constraint forces, which stay those of the
-start, as in the paper (no derivative of λ·Φ). Φ̈ = Φ_q a + Φ_s s̈ + Φ_y ÿ + w has all its velocity terms w, of the
-start. A step at whose end the thread is further than its diameter from where this linearisation has it in a hole is
-refused, and so halved: the paper has no such test, and a light thread that snaps needs one. Nor has it one of energy:
-a scenario takes the step `checked`, which ends the run where it creates a tenth of the energy there is.
+All terms are linearised at the start of the step. The elastic force is E'(q⁺) ≈ E'(q) + E''(q)(q⁺ −
+q) with the exact tangent (stretch EA ε, geometric and bending part). Without it the speed of sound
+in a real suture, 2 km/s, would limit the step to 10⁻⁶ s. The directions Φ_q, Φ_s, Φ_y of the
+constraint forces are those of the start, as in the paper (no derivative of λ·Φ). Φ̈ = Φ_q a + Φ_s
+s̈ + Φ_y ÿ + w contains all velocity terms w, at the start.
 
-Where Φ and Φ̇ of eq. 5 are taken decides stability. At the end of the step, Φ̇⁺ = Φ̇ + ΔtΦ̈, Φ⁺ = Φ + ΔtΦ̇⁺, the map
-of (Φ, ΔtΦ̇) has the double root 1/(1 + Δt/τ) = ½: a violation dies for every Δt. At the start, as eq. 5 reads, its
-roots with implicit Euler are (−1 ± √5)/2: the violation grows by 1.618 a step. The second is here to be studied.
+A step is refused, and thus halved, if the thread at its end is further than its diameter from its
+linearised place in a hole. The paper has no such test; a light thread that snaps needs it. The
+paper has no test of energy either. A scenario uses the step `checked`, which ends the run if the
+step creates a tenth of the available energy.
 
-Friction is not part of the linear system: two passes of it (§4.3) are the paper's algorithm, `linear_two_pass`.
+The time at which Φ and Φ̇ of eq. 5 are taken decides on stability. At the end of the step, with Φ̇⁺
+= Φ̇ + ΔtΦ̈ and Φ⁺ = Φ + ΔtΦ̇⁺, the map of (Φ, ΔtΦ̇) has the double root 1/(1 + Δt/τ) = ½: a
+violation decays for every Δt. At the start, as eq. 5 is written, the roots with implicit Euler are
+(−1 ± √5)/2: the violation grows by 1.618 per step. The second variant is here for studies.
 
-Motion leaves a violation of order Δt² w behind it, as any step does that has the constraint at acceleration level.
+Friction is not part of the linear system. The paper's algorithm is two passes of it (§4.3),
+`linear_two_pass`.
+
+Motion leaves a violation of order Δt² w, as in every step with the constraint at acceleration
+level.
 """
 
 from collections.abc import Callable
@@ -54,11 +60,9 @@ from thread.thread import Points
 from thread.vectors import dot
 
 Evaluation = Literal["end", "start"]
-TRUST = 1.0  # diameters by which the linearised P(s) − x may be wrong at the end of a step
-CREATED = (
-    0.1  # of the energy there is and the work of a step: below 0.006 where runs stay sound, above 0.8 where they do not
-)
-ACCURACY = 1e-8  # residual of the linear system over its largest term; a worse solve is refused
+TRUST = 1.0  # diameters: largest error of the linearised P(s) − x at the end of a step
+CREATED = 0.1  # of the available energy and the work of a step: below 0.006 in good runs, above 0.8 in bad ones
+ACCURACY = 1e-8  # residual of the linear system over its largest term; a less accurate solution is refused
 
 
 # -- the constraints as functions of time ------------------------------------------------------------------------------
@@ -92,9 +96,10 @@ def frames(y: Array, y_dot: Array) -> tuple[tuple[Array, Array], tuple[Array, Ar
 
 
 def restoring_acceleration(violation: Array, rate: Array, dt: float, evaluation: Evaluation) -> Array:
-    """Return Φ̈ that eq. 5 asks for at τ = Δt, from Φ and Φ̇ at the start of the step.
+    """Return Φ̈ of eq. 5 at τ = Δt, from Φ and Φ̇ at the start of the step.
 
-    "end": Φ̈ + (2/Δt)(Φ̇ + ΔtΦ̈) + (Φ + ΔtΦ̇ + Δt²Φ̈)/Δt² = 0.  "start": the literal eq. 5, unstable.
+    "end": Φ̈ + (2/Δt)(Φ̇ + ΔtΦ̈) + (Φ + ΔtΦ̇ + Δt²Φ̈)/Δt² = 0. "start": the literal eq. 5,
+    unstable.
     """
     if evaluation == "start":
         return -2.0 / dt * rate - violation / dt**2
@@ -106,11 +111,15 @@ def restoring_acceleration(violation: Array, rate: Array, dt: float, evaluation:
 
 @dataclass(frozen=True)
 class Posed(Generic[Body]):
-    """The linear system of one step, in the increments of position Δt² a and Δt² s̈, about a guess without forces.
+    """The linear system of one step, in the increments of position Δt² a and Δt² s̈, from a guess
+    without forces.
 
-    `problem`: the implicit step it linearises, ideal; `at`, `points`: holds and curve at the start; `tangent`
-    banded [N/m]; `guess`: the step without forces; `r_q` (n, c) [N], `r` (m, 6): residuals there; `phi` (m, 5): Φ
-    at the end by the linearisation; `border`: rows and columns of the holds.
+    - `problem`: the implicit step that is linearised, without friction.
+    - `at`, `points`: holds and curve at the start.
+    - `tangent`: banded [N/m].
+    - `guess`: the step without forces; `r_q` (n, c) [N] and `r` (m, 6) are the residuals there.
+    - `phi` (m, 5): Φ at the end by the linearisation.
+    - `border`: rows and columns of the holds.
     """
 
     problem: Problem[Body]
@@ -125,15 +134,19 @@ class Posed(Generic[Body]):
     border: Border
 
     def band(self) -> Array:
-        """Return A/Δt², banded [N/m], the prescribed unknowns held; a new array."""
+        """Return A/Δt², banded [N/m], with the prescribed unknowns held; a new array."""
         return self.problem.system.hold_still(self.problem.inertia + self.tangent)
 
 
 def pose(system: System[Body], state: State[Body], dt: float, evaluation: Evaluation = "end") -> Posed[Body]:
-    """Set up the linear system of a step of `dt` [s] through ideal holes; one organ back-substitution. Raises
-    `CouplingError` for an organ whose lips may touch, and for a thread that is drawn by hand."""
+    """Return the linear system of a step of `dt` [s] through holes without friction, with one
+    back-substitution of the organ.
+
+    Raises `CouplingError` for an organ whose lips may touch, and for a thread that is drawn by
+    hand.
+    """
     if system.organ.lips(state.organ)[0].size:
-        raise CouplingError("the linear step knows no contact of the lips; use Newton's scheme, or leave out contact")
+        raise CouplingError("the linear step has no contact of lips; use Newton's scheme, or leave out contact")
     if system.by_hand.any():
         raise CouplingError("the linear step draws no thread by hand; use Newton's scheme, or leave out draw and pull")
     scheme, thread = BackwardEuler(dt), system.thread
@@ -176,8 +189,10 @@ def constraint_acceleration(problem: Problem[Body], state: State[Body], at: Pass
 
 
 def site_rates(system: System[Body], state: State[Body]) -> Array:
-    """Return ẏ of every hold at the start of a step, `(m, 9)`: Y V of an organ with inertia; of one without, as last
-    seen."""
+    """Return ẏ of every hold at the start of a step, `(m, 9)`.
+
+    It is Y V of an organ with inertia, and the last known rate of an organ without inertia.
+    """
     known = np.zeros_like(state.y) if state.y_dot is None else state.y_dot.copy()
     moving = system.organ.impulse(state.organ)
     if moving is not None:
@@ -186,8 +201,10 @@ def site_rates(system: System[Body], state: State[Body]) -> Array:
 
 
 def thread_residual(problem: Problem[Body], points: Points, tangent: Array, q: Array, q_new: Array) -> Array:
-    """Return the thread's equation without multipliers at q⁺ = `q_new`, the elastic force linearised at `q`, `(n, c)`
-    [N]."""
+    """Return the thread's equation without multipliers at q⁺ = `q_new`, shape `(n, c)` [N].
+
+    The elastic force is linearised at `q`.
+    """
     thread = problem.system.thread
     elastic = thread.gradient(points) + banded_product(tangent, q_new - q)
     return elastic + problem.mass_factor * thread.momentum(q_new - problem.q_ref) - problem.load
@@ -200,11 +217,12 @@ def banded_product(band: Array, x: Array) -> Array:
 
 
 def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]:
-    """Return the same step with some abscissae held and forces injected; what is expensive is shared.
+    """Return the same step with some abscissae held and forces injected; expensive parts are shared.
 
-    `held` (m,): ds = 0 in this step, a fixed point in place of the sliding one (§4.3, static case). `injected` (m,)
-    [N]: force of the hole on the thread along its tangent t at the other holes (pseudo-static and kinetic case). It
-    enters as Φ_sᵀλ − ε s̈ = |T| F: λ contains it, and so does the reaction on the organ.
+    `held` (m,): ds = 0 in this step, a fixed point in the place of the sliding one (§4.3, static
+    case). `injected` (m,) [N]: force of the hole on the thread along its tangent t at the other
+    holes (pseudo-static and kinetic case). It enters as Φ_sᵀλ − ε s̈ = |T| F, so that λ and the
+    reaction on the organ contain it.
     """
     law = prescribed(posed.problem.law, held, injected)
     slides = np.where(law.may_slide, 1.0, 0.0)
@@ -225,7 +243,7 @@ Solver = Callable[[Posed[Body]], Answer]
 
 
 def solve_whole(posed: Posed[Body]) -> Answer:
-    """Solve the whole system, ε = 0 included: a banded thread with a dense border. Raises `SingularError`."""
+    """Solve the whole system, also at ε = 0: a banded thread with a dense border. Raises `SingularError`."""
     problem, site = posed.problem, np.zeros_like(posed.guess.y)
     residuals = posed.r_q, posed.r, site
     return newton_directions(posed.band(), problem.system.held, posed.border, problem.C, posed.at, [residuals])[0]
@@ -243,10 +261,10 @@ def linear_step(
     evaluation: Evaluation = "end",
     solver: Solver = solve_whole,
 ) -> Step[Body]:
-    """Make one step of `dt` [s] by one linear solve; the state is not touched.
+    """Return one step of `dt` [s] by one linear solve.
 
-    Friction is the caller's: `held` and `injected` as for `constrained`. Raises `CouplingError` where holes have
-    friction and neither is given, `StepError`, `InversionError`.
+    The caller gives the friction: `held` and `injected` as for `constrained`. Raises
+    `CouplingError` if holes have friction and both are None, and `StepError`, `InversionError`.
     """
     if held is None and injected is None:
         refuse_friction(system)
@@ -258,8 +276,8 @@ def linear_step(
 
 
 def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:
-    """Make one step of `dt` [s] with friction by the passes of §4.3, a linear solve each: the paper's whole
-    algorithm.
+    """Return one step of `dt` [s] with friction by the passes of §4.3, each with one linear solve:
+    the paper's algorithm.
 
     The organ is asked once. Raises `StepError`, `InversionError`.
     """
@@ -283,7 +301,7 @@ def with_verdict(posed: Posed[Body], law: Law, verdict: Verdict) -> Posed[Body]:
 
 
 def refuse_friction(system: System[Body]) -> None:
-    """Raise `CouplingError` at a hole with friction."""
+    """Raise `CouplingError` if a hole has friction."""
     if system.rough.any():
         name = system.piercings[int(np.argmax(system.rough))].name
         raise CouplingError(
@@ -293,8 +311,11 @@ def refuse_friction(system: System[Body]) -> None:
 
 
 def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
-    """Solve a linear system and return its step. Raises `StepError` where the solve is singular, inaccurate or runs
-    away, `InversionError`."""
+    """Solve a linear system and return its step.
+
+    Raises `StepError` if the system is singular or its solution is inaccurate or runs away, and
+    `InversionError`.
+    """
     problem, state, guess = posed.problem, posed.state, posed.guess
     system, dt, p = problem.system, problem.dt, len(problem.system.piercings)
     try:
@@ -302,7 +323,9 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
     except SingularError as error:
         raise StepError(state.time, dt, str(error)) from error
     q, lam = guess.q + dq, np.where(problem.rows, dz[:, PHI], 0.0)
-    s = np.where(guess.sigma == 0.0, problem.law.s_old, guess.s + dz[:, S])  # held: to the last bit, no creep
+    s = np.where(
+        guess.sigma == 0.0, problem.law.s_old, guess.s + dz[:, S]
+    )  # a held abscissa keeps its exact value and does not creep
     residual = check_accuracy(posed, q, dq, dz)
     force = site_force(posed.at, lam, state.y)
     organ = problem.answer.accept(force[:p].ravel(), NO_FORCES)
@@ -325,7 +348,7 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         frame=system.thread.transport_frame(state.frame, q),
     )
     if system.thread.turns_too_far(state.frame, q):
-        raise StepError(state.time, dt, "a tangent turned by more than 120°, further than the twist can follow")
+        raise StepError(state.time, dt, "a tangent turned by more than 120°, too far for the frame of the twist")
     at = passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
     new = with_sense(system, state, new, at)
@@ -335,8 +358,11 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
 
 
 def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residual:
-    """Check the solution of the linear system and return its residuals. Raises `StepError` where they are not small,
-    or the forces moved the thread by more than its length, of which no linearisation says anything."""
+    """Return the residuals of the solution of the linear system.
+
+    Raises `StepError` if they are not small, or if the forces moved the thread by more than its
+    length, which is far beyond the range of the linearisation.
+    """
     problem, state, thread = posed.problem, posed.state, posed.problem.system.thread
     length = thread.spline.end - thread.spline.start
     if not np.all(np.isfinite(dq)) or np.abs(dq * thread.lever).max() > length:
@@ -367,28 +393,27 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     floor = ROUND_OFF * np.array([force_unit, length, length, length, 1.0, 1.0])
     accurate = np.abs(holds).max(axis=0, initial=0.0) <= ACCURACY * terms.max(axis=0, initial=0.0) + floor
     if largest > ACCURACY * force_scale + floor[S] or not accurate.all():
-        raise failure(
-            problem, residual.holds, "the linear solve lost its accuracy; with the elimination, raise epsilon"
-        )
+        raise failure(problem, residual.holds, "the linear solution is inaccurate; with the elimination, raise epsilon")
     return residual
 
 
 def refuse_missed(posed: Posed[Body], end: Array) -> None:
-    """Raise `StepError` where P(s) − x of `end`, the true Φ (m, 5), is far from that of the linearisation."""
+    """Raise `StepError` if the true P(s) − x in `end`, Φ (m, 5), is far from that of the linearisation."""
     problem = posed.problem
     missed = np.linalg.norm((end - posed.phi)[:, :3], axis=1) * problem.rows[:, 0]
     if missed.max(initial=0.0) > TRUST * problem.system.thread.section.diameter:
         name = problem.system.piercings[int(np.argmax(missed))].name
-        cause = f"linearised, it misses a hole by {missed.max():.3g} m, more than the thread's diameter"
+        cause = f"the linearised step misses a hole by {missed.max():.3g} m, more than the thread's diameter"
         raise StepError(posed.state.time, problem.dt, f"{cause}; take a smaller dt, or Newton's scheme", name)
 
 
 def checked(take: Take[Body]) -> Take[Body]:
-    """Return the linear step `take`, which raises `CreatedEnergyError` where it creates more than CREATED of the energy
-    at its end and of the work done in it.
+    """Return the linear step `take` with a check of created energy.
 
-    Then the constraint forces, which are those of its start, drive what they should hold. Such a step is not halved:
-    halves that stay just below the bound would go on from energy that is none.
+    The step raises `CreatedEnergyError` if it creates more than CREATED of the energy at its end
+    and of its work. In this case the constraint forces, which are those of the start, drive the
+    motion that they should prevent. The step is not halved, because halves just below the bound
+    would continue with created energy.
     """
 
     def step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
@@ -400,7 +425,7 @@ def checked(take: Take[Body]) -> Take[Body]:
 
 
 def refuse_created(system: System[Body], step: Step[Body]) -> None:
-    """Raise `CreatedEnergyError` where a step created more than CREATED of the energy there is."""
+    """Raise `CreatedEnergyError` if a step created more than CREATED of the available energy."""
     energies = audit_step(system, initial_energies(system, step.old), step)
     created = -energies.numerical_dissipation
     share = created / (energies.at_stake + np.finfo(float).tiny)
@@ -409,7 +434,10 @@ def refuse_created(system: System[Body], step: Step[Body]) -> None:
 
 
 def farthest_off(system: System[Body], step: Step[Body]) -> tuple[str, float]:
-    """Return the piercing that the thread is farthest off at the end of a step, and how far [m]; none without any."""
+    """Return the piercing that is farthest from the thread at the end of a step, and the distance [m].
+
+    Without piercings the name is empty.
+    """
     new, p = step.new, len(system.piercings)
     off = np.linalg.norm(phi(step.end.at, new.lam, new.y)[:p, :3], axis=1) * new.present[:p]
     return max(
@@ -420,7 +448,7 @@ def farthest_off(system: System[Body], step: Step[Body]) -> tuple[str, float]:
 
 
 def linearisation(posed: Posed[Body], points: Points, q: Array) -> float:
-    """Return the work of the elastic force that the step used beyond that of the true one at its end [J]."""
+    """Return the work of the linearised elastic force of the step minus that of the true force at its end [J]."""
     thread, dq = posed.problem.system.thread, q - posed.state.q
     used = thread.gradient(posed.points) + banded_product(posed.tangent, dq)
     return float(np.sum((used - thread.gradient(points)) * dq))

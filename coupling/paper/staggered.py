@@ -1,13 +1,17 @@
 """The quasi-static variant (§4.4, first half): thread and organ one after the other.
 
-    1. thread   Φ(q⁺, s⁺, y) = 0 with the holes where the organ had them at the start of the step, y held
+    1. thread   Φ(q⁺, s⁺, y) = 0 with the holes at their places at the start of the step, y held
     2. organ    its own step under the reaction f_y = Φ_yᵀλ, which moves the holes to y⁺
 
-so P(s⁺) − x⁺ = −(x⁺ − x), the way the hole went during the step: the drift that the next step makes up for, and its own
-motion makes anew. Its work, −λ·Δ(x⁺ − x) on thread and organ together, is energy the scheme creates or destroys; the
-audit finds it in the numerical dissipation. The thread answers the hole's motion with its stiffness, M/Δt² + ∂²E/∂q²,
-and the organ the force with its compliance: where the product is above one the exchange diverges, for a quasi-static
-organ the sooner the shorter the step. The monolithic step is the one to use; this one is what it is compared with.
+The result has P(s⁺) − x⁺ = −(x⁺ − x), the motion of the hole during the step. The next step removes
+this drift, and its own motion creates a new one. The work of the drift, −λ·Δ(x⁺ − x) on thread and
+organ together, is energy that the scheme creates or destroys; the audit has it in the numerical
+dissipation.
+
+The thread responds to the hole's motion with its stiffness, M/Δt² + ∂²E/∂q², and the organ to the
+force with its compliance. If the product is above one, the exchange diverges; for a quasi-static
+organ, a shorter step makes this more likely. The monolithic step is the default; this one is for
+comparison.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,12 +31,12 @@ from coupling.step.stepping import Step, Take, organ_answer, try_step, with_sens
 from coupling.system import State, System
 from tissue.organs.meshed import SiteAnswer
 
-FARTHEST = 0.1  # of the thread's length: a hole that moved further in one step has run away
+FARTHEST = 0.1  # of the thread's length: a hole that moves further in one step has run away
 
 
 @dataclass(frozen=True)
 class HeldOrgan(Generic[Body]):
-    """An organ as the thread meets it during its own step: where it is, whatever the force."""
+    """An organ that does not move under forces, as in the thread's own step."""
 
     organ: Organ[Body]
 
@@ -42,11 +46,11 @@ class HeldOrgan(Generic[Body]):
         return self.organ.y0
 
     def start(self) -> Body:
-        """Return the organ's start."""
+        """Return the state of the organ at the start."""
         return self.organ.start()
 
     def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> SiteAnswer[Body]:
-        """Return the answer of the organ where it is."""
+        """Return the answer of the organ at its place."""
         return hold_still(self.organ, past[0])
 
     def site_variables(self, state: Body) -> Array:
@@ -54,7 +58,7 @@ class HeldOrgan(Generic[Body]):
         return self.organ.site_variables(state)
 
     def lips(self, state: Body) -> Lips:
-        """Return no pairs: the lips meet one another in the organ's own step."""
+        """Return no pairs: the lips are in contact only in the organ's own step."""
         return NO_FORCES, NO_FORCES, NO_FORCES, np.zeros((0, 3)), np.zeros(0, dtype=bool)
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
@@ -66,7 +70,7 @@ class HeldOrgan(Generic[Body]):
         return self.organ.impulse(state)
 
     def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> SiteAnswer[Body]:
-        """Return the answer of the organ where it is."""
+        """Return the answer of the organ at its place."""
         return hold_still(self.organ, state)
 
 
@@ -74,30 +78,36 @@ SchemeOf = Callable[[State[Body], float], Scheme]
 
 
 def backward_euler(state: State[Body], dt: float) -> Scheme:
-    """Return the scheme of an organ that looks back at nothing."""
+    """Return the scheme of an organ without memory."""
     return BackwardEuler(dt)
 
 
 def staggered_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
-    """Make one step of `dt` [s], thread and organ by backward Euler. Raises `StepError`, `InversionError`,
-    `RunAwayError`; the state is not touched."""
+    """Return one step of `dt` [s], with thread and organ by backward Euler.
+
+    Raises `StepError`, `InversionError`, `RunAwayError`.
+    """
     return stagger(try_step, backward_euler)(system, state, dt)
 
 
 def stagger(thread_step: Take[Body], scheme_of: SchemeOf[Body]) -> Take[Body]:
-    """Return the staggered step whose thread takes `thread_step` and whose organ steps by the scheme that `scheme_of`
-    names for a state and dt."""
+    """Return the staggered step with the thread's step `thread_step` and the organ's scheme by `scheme_of`.
+
+    `scheme_of` returns the scheme for a state and dt.
+    """
 
     def take(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         step = thread_step(replace(system, organ=HeldOrgan(system.organ)), state, dt)
-        return move_organ(system, step, scheme_of(step.old, dt))  # what the thread forgot, the organ forgets too
+        return move_organ(system, step, scheme_of(step.old, dt))  # a step without memory: also for the organ
 
     return take
 
 
 def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[Body]:
-    """Make the organ's own step under the reaction of the thread, after the thread's. Raises `RunAwayError`,
-    `InversionError`."""
+    """Make the organ's own step under the reaction of the thread, after the thread's step.
+
+    Raises `RunAwayError`, `InversionError`.
+    """
     state, new, at = step.old, step.new, step.solution.residual.passage
     f_y = site_force(at, new.lam, step.solution.iterate.y)[: len(system.piercings)].ravel()
     answer = organ_answer(system, scheme, state)
@@ -109,7 +119,7 @@ def move_organ(system: System[Body], step: Step[Body], scheme: Scheme) -> Step[B
 
 
 def refuse_runaway(system: System[Body], state: State[Body], y: Array, dt: float) -> None:
-    """Raise `RunAwayError` where a hole goes further than FARTHEST of the thread's length in one step, or nowhere."""
+    """Raise `RunAwayError` if a hole moves further than FARTHEST of the thread's length in one step, or to nan."""
     spline, p = system.thread.spline, len(system.piercings)
     way = np.nan_to_num(np.linalg.norm((y - state.y)[:p, :3], axis=1), nan=np.inf)
     if way.max(initial=0.0) > FARTHEST * (spline.end - spline.start):
@@ -118,12 +128,12 @@ def refuse_runaway(system: System[Body], state: State[Body], y: Array, dt: float
 
 
 def work_of_the_lag(system: System[Body], met: Array, step: Step[Body]) -> float:
-    """Return the energy that a step creates because the thread met the holes where they had been, [J]; negative:
-    destroyed.
+    """Return the energy [J] that a step creates because the thread was solved with the old places of the holes.
 
-    f_y·(Δy − Δŷ), what the organ is given less what the thread gives, where ŷ (holds, 9) is where the thread met the
-    holes and `met` is ŷ of the step before (y at the start). Zero for the monolithic step. Followed slowly, the organ
-    moves with the force and the lag destroys energy; what it creates feeds a growing exchange.
+    It is f_y·(Δy − Δŷ), the work on the organ minus the work by the thread; negative values are
+    destroyed energy. ŷ (holds, 9) are the places of the holes in the thread's step, and `met` is ŷ
+    of the step before (y at the start). The lag is zero for the monolithic step. In slow motion the
+    organ moves with the force and the lag destroys energy; created energy feeds a growing exchange.
     """
     p = len(system.piercings)
     f_y = site_force(step.solution.residual.passage, step.new.lam, step.solution.iterate.y)

@@ -291,7 +291,7 @@ def test_weight_presses_a_slit_from_the_start() -> None:
 
 def test_the_linear_step_refuses_lips() -> None:
     system, state = scene("slit quasi-static P1")
-    with pytest.raises(CouplingError, match="no contact of the lips"):
+    with pytest.raises(CouplingError, match="no contact of lips"):
         linear_step(system, state, DT)
 
 
