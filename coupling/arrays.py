@@ -1,4 +1,4 @@
-"""The kinds of arrays that thread and organ exchange."""
+"""The types of arrays that thread and organ exchange."""
 
 from thread.arrays import Array, Flags, Indices
 

@@ -1,8 +1,8 @@
-"""What is asked before every correction of Newton's method: whether somebody calls the run off, and whether a load step
-has taken all the corrections that it may.
+"""Callbacks before every correction of Newton's method, which can end a solution.
 
-A load step at rest halves and halves again, with ties, friction that is let down and a stretch that settles inside:
-each of these loops is short, and one inside the other they would go on for hours.
+One callback checks whether the run is cancelled, another whether a load step has used all its
+corrections. A load step at rest has nested loops: halving, ties, friction that decreases, and a
+stretch that converges. Each loop is short, but nested loops could run for hours.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ _questions: ContextVar[tuple[Question, ...]] = ContextVar("questions before a co
 
 @contextmanager
 def asked_before_corrections(question: Question) -> Iterator[None]:
-    """Put a `question` before every correction within; an exception from it ends what is being solved."""
+    """Call `question` before every correction in this context; its exception ends the solution."""
     token = _questions.set((*_questions.get(), question))
     try:
         yield
@@ -24,6 +24,6 @@ def asked_before_corrections(question: Question) -> Iterator[None]:
 
 
 def ask_before_correction() -> None:
-    """Put the questions that are to be asked before a correction."""
+    """Call the active callbacks before a correction."""
     for question in _questions.get():
         question()

@@ -1,4 +1,4 @@
-"""Named failures of the coupled solve."""
+"""The errors of the coupled solution."""
 
 from dataclasses import dataclass, field
 
@@ -8,14 +8,15 @@ from coupling.arrays import Flags
 
 
 class CouplingError(RuntimeError):
-    """The coupled system could not be set up or solved; the message says where."""
+    """The coupled system could not be set up or solved; the message gives the place."""
 
 
 @dataclass
 class StepError(CouplingError):
-    """A step that did not converge, with what is needed to look into it.
+    """A step that did not converge.
 
-    `time` [s] and `dt` [s] of the step; `piercing` names the worst constraint, if any; `cause` in words.
+    `time` [s] and `dt` [s] are those of the step. `piercing` is the name of the worst constraint,
+    empty if there is none. `cause` is the reason in words.
     """
 
     time: float
@@ -30,26 +31,29 @@ class StepError(CouplingError):
 
 @dataclass
 class UphillError(StepError):
-    """A step that makes energy: it was solved, on another branch than the motion (`coupling.run.watch`)."""
+    """A step that creates energy: its solution is on another branch than the motion (`coupling.run.watch`)."""
 
 
 @dataclass
 class LentError(StepError):
-    """A step of BDF2 that gives back so much of what the one before took that it is to forget it
-    (`coupling.run.watch`)."""
+    """A step of BDF2 that returns too much energy of the last step and must be solved without
+    memory (`coupling.run.watch`).
+    """
 
 
 @dataclass
 class TurnedHoleError(StepError):
-    """A step that was not solved where a linear organ has turned a hole so far that its frame hardly says a direction
-    (`coupling.step.diagnosis`)."""
+    """An unsolved step with a hole that a linear organ has turned too far.
+
+    The frame of such a hole no longer defines a direction (`coupling.step.diagnosis`).
+    """
 
 
 @dataclass
 class RunAwayError(CouplingError):
-    """A staggered run that is unstable: thread and organ answer each other with ever larger motions.
+    """An unstable staggered run: the motions of thread and organ grow from step to step.
 
-    `time` [s] and `dt` [s] of the step; at `piercing` the hole moved by `way` [m].
+    `time` [s] and `dt` [s] are those of the step. At `piercing` the hole moved by `way` [m].
     """
 
     time: float
@@ -66,10 +70,11 @@ class RunAwayError(CouplingError):
 
 @dataclass
 class CreatedEnergyError(CouplingError):
-    """A linear step that made energy out of nothing, of which the next ones would live.
+    """A linear step that created energy, which would drive the next steps.
 
-    `time` [s] and `dt` [s] of the step; `created` [J], `share` of the energy that there is; at `piercing`, if any,
-    the thread is `off` [m] its hole, farther than at the others.
+    `time` [s] and `dt` [s] are those of the step. `created` [J] is the created energy, and `share`
+    its ratio to the available energy. At `piercing` the thread is `off` [m] from its hole, further
+    than at the other holes; the name is empty without piercings.
     """
 
     time: float
@@ -90,13 +95,13 @@ class CreatedEnergyError(CouplingError):
         )
 
 
-OTHER_WAYS = "raise solve.load_steps, lay the path nearer to where the thread rests, or run it in time (solve.kind)"
-HOLD_IT = f"hold an end, add friction or an anchor; else {OTHER_WAYS}"  # of a thread that may be drawn out of its holes
+OTHER_WAYS = "raise solve.load_steps, lay the path closer to the equilibrium, or use a dynamic run (solve.kind)"
+HOLD_IT = f"hold an end, add friction or an anchor; or {OTHER_WAYS}"  # for a thread that can slide out of its holes
 
 
 @dataclass
 class EquilibriumError(StepError):
-    """A load step without an equilibrium; `share` is the part of the final loads, `remedy` what may help."""
+    """A load step without an equilibrium; `share` is the part of the final loads, and `remedy` may help."""
 
     share: float = 1.0
     remedy: str = OTHER_WAYS
@@ -110,35 +115,39 @@ class EquilibriumError(StepError):
 
 @dataclass
 class UnbalancedError(EquilibriumError):
-    """Dead loads that have no equilibrium, however it is looked for."""
+    """Dead loads without an equilibrium."""
 
     remedy: str = "hold an end, add friction or an anchor, or let the loads differ by less"
 
 
 @dataclass
 class OutError(EquilibriumError):
-    """A load step in which the thread runs out of its last hole: under more of the loads there is no equilibrium."""
+    """A load step in which the thread runs out of its last hole: larger loads have no equilibrium."""
 
     remedy: str = HOLD_IT
 
 
 @dataclass
 class RestError(CouplingError):
-    """A run that was to start at rest, without a rest to start from; `cause` is what the equilibrium ended with."""
+    """A run that should start at rest, without an equilibrium to start from; `cause` is the error
+    of the equilibrium.
+    """
 
     cause: str
 
     def __str__(self) -> str:
         return (
-            f'there is no rest to start from: {self.cause}; solve.start = "path" starts the clock where the thread is '
-            "laid"
+            f'there is no rest to start from: {self.cause}; with solve.start = "path" the run starts from the laid '
+            "thread"
         )
 
 
 @dataclass
 class BranchError(CouplingError):
-    """A branch of equilibria that was lost before it led to the loads asked for: `cause` says how far it was followed
-    from `time` [s] on, and why not further."""
+    """A branch of equilibria that was lost before the wanted loads were reached.
+
+    It was followed from `time` [s] on. `cause` says how far, and why not further.
+    """
 
     time: float
     cause: str
@@ -149,17 +158,20 @@ class BranchError(CouplingError):
 
 @dataclass
 class LeavingError(StepError):
-    """A load step on the way to whose equilibrium the thread runs out of holes, `gone` (holes,)."""
+    """A load step in which the thread runs out of holes on the way to equilibrium; `gone` (holes,)
+    are these holes.
+    """
 
     gone: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass
 class SpentError(CouplingError):
-    """A load step that took all the corrections that it may, and found no equilibrium.
+    """A load step that used all its corrections and found no equilibrium.
 
-    `time` [s] where it began; `share` of the final loads; what the thread is `doing`, at `piercing`; what became of the
-    branch `beyond` it, empty where none was followed; `remedy`, what may help.
+    It began at `time` [s] and has the `share` of the final loads. `doing` is the motion of the
+    thread, at `piercing`. `beyond` is the failure of the branch beyond, empty if no branch was
+    followed. `remedy` may help.
     """
 
     time: float
@@ -194,7 +206,7 @@ class InversionError(CouplingError):
 
 @dataclass
 class ConstraintError(CouplingError):
-    """Constraints that cannot be met together; `cause` names the piercings."""
+    """Constraints that cannot be satisfied together; `cause` names the piercings."""
 
     time: float
     cause: str
@@ -205,12 +217,12 @@ class ConstraintError(CouplingError):
 
 @dataclass
 class TogetherError(ConstraintError):
-    """Two holes that tissue lets come to lie in one place: nothing is left of the thread between them."""
+    """Two holes that tissue moves to one place: the strand between them has no length left."""
 
 
 @dataclass
 class FormingError(CouplingError):
-    """A piercing, or another `kind` of hold, that cannot begin: the thread is not where it is."""
+    """A piercing, or another `kind` of hold, that cannot begin, because the thread is not at its place."""
 
     time: float
     piercing: str

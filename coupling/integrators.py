@@ -1,27 +1,33 @@
-"""Time schemes: two numbers and two reference fields that make acceleration and velocity affine in the new position.
+"""Time schemes: two factors and two reference fields that make acceleration and velocity affine in
+the new position.
 
-A backward differentiation formula says d (x⁺ − x_d) for the velocity at the end of the step, x_d = Σ w_k x_k over the
-positions before it, newest first. Used twice it gives the acceleration a (x⁺ − x_a) with a = d² and
-x_a = x_d + v_d/d, v_d = Σ w_k v_k. The constraints are met at the end of the step, at position level.
+A backward differentiation formula gives the velocity at the end of the step, d (x⁺ − x_d), with x_d
+= Σ w_k x_k over the earlier positions, newest first. Its second use gives the acceleration a (x⁺ −
+x_a) with a = d² and x_a = x_d + v_d/d, v_d = Σ w_k v_k. The constraints hold at the end of the
+step, at position level.
 
-Steps of second order are BDF2 for thread, organ and abscissae. The first one, one after a jump
-(`coupling.system.forgetful`), one in which the thread snaps (`coupling.step.stepping.bdf2_step`), and one much longer
-than the one before it are steps of backward Euler: the error of a single one is of second order, so the run's is too.
-For a constrained motion that holds for positions and velocities; the multipliers, which stand at the place of
-accelerations, are of second order from the third step on. Motion that is not smooth (a hand that turns a corner of
-its way, a hole that begins to stick) is followed with first order there, as by any integrator that does not stop at
-the corner.
+Steps of second order are BDF2 for thread, organ and abscissae. Four kinds of steps are backward
+Euler: the first step, a step after a jump (`coupling.system.forgetful`), a step in which the thread
+snaps (`coupling.step.stepping.bdf2_step`), and a step much longer than the one before. The error of
+a single such step is of second order, and so is that of the run. In constrained motion this holds
+for positions and velocities. The multipliers correspond to accelerations and are of second order
+from the third step on. Motion that is not smooth (a hand at a corner of its way, a hole that begins
+to stick) is followed with first order there, as with every integrator that does not stop at the
+corner.
 
-BDF2 is what a scenario steps by unless it says otherwise; the choice was measured. A bar of 25 Hz under a step load
-peaks 0.8 % low at 1 ms (backward Euler 9.8 %), and where friction keeps what the first hundredths of a second did to
-a running stitch, its tensions are within 0.3 % of those at a quarter of the step (6 %). The scenes that are shipped
-take as many Newton iterations as by backward Euler, within 4 %. Generalised-α (Chung & Hulbert, J. Appl. Mech. 60,
-1993, with the constraints at the end of the step as Arnold & Brüls, Multibody Syst. Dyn. 18, 2007) is as good on the
-bar, 0.5 % low at ρ∞ = 0.8. But the axial waves of a real suture and the multipliers stand at the end of its spectrum,
-where it loses 1 − ρ∞ a step and no more: the tensions of Lenoir's figure 1 zigzag by 30 mN a step at ρ∞ = 0.8, with
-five times the iterations, and by 0.07 mN at 0.5, where BDF2 and backward Euler leave 0.01 mN. At ρ∞ = 0 it is as
-quiet as BDF2 and dissipates more. A step of backward Euler at each corner of a hand's way, in place of BDF2 across
-it, changed no error.
+BDF2 is the default of a scenario; the choice is based on measurements. A bar of 25 Hz under a step
+load has a peak that is 0.8 % too low at 1 ms (backward Euler 9.8 %). In a running stitch, friction
+preserves the result of the first hundredths of a second; its tensions differ by at most 0.3 % from
+those at a quarter of the step (6 %). The shipped scenes take the same number of Newton iterations
+as with backward Euler, within 4 %.
+
+Generalised-α (Chung & Hulbert, J. Appl. Mech. 60, 1993, with the constraints at the end of the step
+as Arnold & Brüls, Multibody Syst. Dyn. 18, 2007) is as good on the bar, 0.5 % too low at ρ∞ = 0.8.
+But the axial waves of a real suture and the multipliers are at the end of its spectrum, where a
+step only removes a part 1 − ρ∞ of them. The tensions of Lenoir's figure 1 oscillate by 30 mN from
+step to step at ρ∞ = 0.8, with five times as many iterations, and by 0.07 mN at 0.5; BDF2 and
+backward Euler leave 0.01 mN. At ρ∞ = 0 it is as smooth as BDF2 and dissipates more. A step of
+backward Euler at each corner of a hand's way, instead of BDF2 across it, changed no error.
 """
 
 from abc import ABC, abstractmethod
@@ -33,7 +39,7 @@ from coupling.arrays import Array
 
 
 class Scheme(ABC):
-    """A backward differentiation formula for one step, of `dt` [s]."""
+    """A backward differentiation formula for one step of `dt` [s]."""
 
     dt: float
 
@@ -45,7 +51,7 @@ class Scheme(ABC):
     @property
     @abstractmethod
     def weights(self) -> tuple[float, ...]:
-        """w_k of the earlier values, newest first; they sum to one."""
+        """w_k of the earlier values, newest first; their sum is one."""
 
     @property
     def a(self) -> float:
@@ -54,16 +60,21 @@ class Scheme(ABC):
 
     @abstractmethod
     def local_error(self, *velocities: Array) -> Array:
-        """Return what the step adds to the error of position by itself, to first order [m]: from the velocities at its
-        end and at the times that it looks back at, newest first [m/s]."""
+        """Return the local error of position in the step, to first order [m].
+
+        The velocities are those at the end of the step and at its earlier times, newest first
+        [m/s].
+        """
 
     def damping_reference(self, *positions: Array) -> Array:
         """Return x_d of the earlier positions, newest first [m]."""
         return np.asarray(sum(w * x for w, x in zip(self.weights, positions, strict=True)))
 
     def inertia_reference(self, *motion: Array) -> Array:
-        """Return x_a of earlier positions and velocities (x, v, x_before, v_before, …): where the body would be
-        without forces [m]."""
+        """Return x_a of earlier positions and velocities (x, v, x_before, v_before, …) [m].
+
+        It is the position of the body at the end of a step without forces.
+        """
         return self.damping_reference(*motion[::2]) + self.damping_reference(*motion[1::2]) / self.d
 
     @property
@@ -74,7 +85,9 @@ class Scheme(ABC):
 
 @dataclass(frozen=True)
 class Equilibrium(Scheme):
-    """No motion: a = d = 0, whatever came before; `dt` [s] after the last equilibrium, in which tissue relaxes."""
+    """No motion: a = d = 0 for all earlier states; `dt` [s] after the last equilibrium, in which
+    tissue relaxes.
+    """
 
     dt: float = 0.0
 
@@ -85,11 +98,11 @@ class Equilibrium(Scheme):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """None: nothing is looked back at."""
+        """Empty: no earlier values are used."""
         return ()
 
     def local_error(self, *velocities: Array) -> Array:
-        """None: there is no motion."""
+        """Return zeros, because there is no motion."""
         return np.zeros_like(velocities[0])
 
 
@@ -106,22 +119,22 @@ class BackwardEuler(Scheme):
 
     @property
     def weights(self) -> tuple[float, ...]:
-        """The step starts where the body is."""
+        """One: only the position at the start of the step is used."""
         return (1.0,)
 
     def local_error(self, *velocities: Array) -> Array:
-        """½Δt²x'', with x'' = Δv/Δt."""
+        """Return ½Δt²x'', with x'' = Δv/Δt."""
         new, old = velocities
         return 0.5 * self.dt * (new - old)
 
 
 @dataclass(frozen=True)
 class BDF2(Scheme):
-    """The derivative at t⁺ of the parabola through x⁺, x and x_before, steps Δt and `dt_before` apart; order 2.
+    """The derivative at t⁺ of the parabola through x⁺, x and x_before, at steps Δt and `dt_before`; order 2.
 
-    Δt x'⁺ = (1+2ω)/(1+ω) x⁺ − (1+ω) x + ω²/(1+ω) x_before, ω = Δt/Δt_before: zero-stable for ω < 1 + √2 (Hairer,
-    Nørsett & Wanner, Solving Ordinary Differential Equations I, III.5). A-stable at equal steps, and damping stiff
-    modes as backward Euler does.
+    Δt x'⁺ = (1+2ω)/(1+ω) x⁺ − (1+ω) x + ω²/(1+ω) x_before, ω = Δt/Δt_before. It is zero-stable for
+    ω < 1 + √2 (Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, III.5). At
+    equal steps it is A-stable and damps stiff modes as backward Euler does.
     """
 
     dt: float
@@ -143,8 +156,11 @@ class BDF2(Scheme):
         return (1.0 + ratio) ** 2 / (1.0 + 2.0 * ratio), -(ratio**2) / (1.0 + 2.0 * ratio)
 
     def local_error(self, *velocities: Array) -> Array:
-        """(1+ω)²/(1+2ω) Δt Δt_before² x'''/6: the parabola's derivative leaves Δt (Δt + Δt_before) x'''/6 of a cubic's,
-        and x''' = 2 (Δv/Δt − Δv_before/Δt_before)/(Δt + Δt_before)."""
+        """Return (1+ω)²/(1+2ω) Δt Δt_before² x'''/6.
+
+        The derivative of the parabola differs from that of a cubic by Δt (Δt + Δt_before) x'''/6,
+        and x''' = 2 (Δv/Δt − Δv_before/Δt_before)/(Δt + Δt_before).
+        """
         new, old, before = velocities
         third = 2.0 * ((new - old) / self.dt - (old - before) / self.dt_before) / (self.dt + self.dt_before)
         return self.dt * (self.dt + self.dt_before) * third / (6.0 * self.d)

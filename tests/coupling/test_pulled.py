@@ -158,7 +158,7 @@ def test_other_ways_refuse_a_pull() -> None:
     with pytest.raises(ValueError, match=r"cannot use piercing\.right\.pull"):
         Scenario.model_validate(table)
     rows = np.array([[0.0, 0.0]])
-    with pytest.raises(CouplingError, match="no friction"):
+    with pytest.raises(CouplingError, match="leave out friction"):
         Piercing("hole", pull=rows, friction=Friction(0.1, 0.1), slides=False)
     with pytest.raises(CouplingError, match="give two rows"):
         Piercing("hole", pull=rows)
