@@ -1,2 +1,1 @@
-"""One implicit step: the problem, its solution by Newton's method, and the halves that a step which fails is made
-in."""
+"""One implicit step: the problem, its solution by Newton's method, and the halving of a failed step."""

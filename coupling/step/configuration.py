@@ -1,4 +1,4 @@
-"""What the thread is at one place: its curve, its passage through the holes, and its elastic forces."""
+"""The evaluated thread: its curve, its passage through the holes, and its elastic forces."""
 
 from dataclasses import dataclass
 
@@ -17,8 +17,11 @@ PUT = 3  # times that control points are put on the constraints at most: holes n
 
 @dataclass(frozen=True)
 class Configuration:
-    """The thread evaluated once: `points` of the curve, `at` the holes, and the `elastic` forces ∂E/∂q, shape `(n, c)`
-    [N, with twist N m]. `thread`, with its knots where they are there."""
+    """The thread evaluated once.
+
+    `points` of the curve, the passage `at` the holes, the `elastic` forces ∂E/∂q, shape `(n, c)`
+    [N, with twist N m], and the `thread` with its knots at their present abscissae.
+    """
 
     points: Points
     at: Passage
@@ -37,8 +40,9 @@ def evaluate_thread(
 ) -> Configuration:
     """Evaluate the thread with control values `q` (n, c) at the abscissae `s` (m,) [m].
 
-    `frame` is what the twist is measured from, `home` (m,) [m] names the pieces of a cut thread that hold `s`,
-    `drive` (m,) [N] is −∂Π/∂s where knots travel, `ridden` that and more.
+    `frame` is the reference of the twist. `home` (m,) [m] are abscissae on the pieces of a cut
+    thread that contain `s`. If knots travel, `drive` (m,) [N] is −∂Π/∂s, and `ridden` contains it
+    with the other derivatives.
     """
     thread = system.thread.placed(s)
     points = thread.points(q, frame)

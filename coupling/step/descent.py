@@ -1,29 +1,34 @@
-"""A step whose solution is not near: Newton's method led downhill, from where the step begins.
+"""A step with a distant solution: Newton's method led downhill, from the start of the step.
 
-With the constraints of the holes eliminated, an implicit step without friction is a minimum: of the potential of the
-thread, its inertia and its loads, and ½ fᵀC f of an organ whose sites are y = y_free + C f under forces f. Corrections
-stay on the constraints, which are linear in the control points next to a hole: these are moved the shortest way. Along
-a correction the work of all residuals,
+After the elimination of the constraints of the holes, an implicit step without friction is the
+minimum of a potential. It is that of the thread, its inertia and its loads, plus ½ fᵀC f of an
+organ whose sites are y = y_free + C f under forces f. Corrections stay on the constraints, which
+are linear in the control points next to a hole: these points are moved the shortest way. The work
+of all residuals along a correction,
 
     W = r_q·dq + (f − Φ_yᵀλ)·dy − r_s ds,
 
-is the slope of that potential. Friction is in it as the force that it is there. The way leads downhill, since
+is the slope of that potential. Friction is part of W as a given force. The way leads downhill by
+three rules:
 
-- W < 0 where a correction starts. There dᵀH d = −W, so that W shows whether the curvature along it is positive (Chiang
-  & Zavala, SIAM J. Optim. 26, 2016). If it is not, the material points of the thread are tied to where they are by a
-  stiffness like a mass, more firmly until it is (Levenberg, Q. Appl. Math. 2, 1944).
-- W where a correction ends is at most ENOUGH of that size against the motion: the correction is shortened until then
-  (Matthies & Strang, Int. J. Numer. Meth. Eng. 14, 1979).
-- A correction that would go further than the tie allows has a motion in it that costs next to nothing, such as that of
-  a thread that slides freely. It is made with a firmer tie too, which leaves the other motions what they are.
+- W < 0 at the start of a correction. There dᵀH d = −W, so that W shows whether the curvature along
+  the correction is positive (Chiang & Zavala, SIAM J. Optim. 26, 2016). If it is not, the material
+  points of the thread are tied to their places by a stiffness like a mass. The tie grows until the
+  curvature is positive (Levenberg, Q. Appl. Math. 2, 1944).
+- At the end of a correction W is at most ENOUGH of its size at the start; the correction is
+  shortened until this holds (Matthies & Strang, Int. J. Numer. Meth. Eng. 14, 1979).
+- A correction that would go further than the tie allows contains a motion almost without a change
+  of energy, such as that of a thread that slides freely. It is also made with a firmer tie, which
+  hardly changes the other motions.
 
-Stick and slip, touch and open follow on the way, where the forces of the place are known:
+Stick and slip, contact and opening change on the way, because the forces there are known:
 
-- A rough hole that a correction takes back past where it began is stopped there, and the correction is made again:
-  friction of that sense would drive it.
-- A hole that sticks slides once a whole Newton correction leaves more force on it than friction bears. Holes that were
-  stopped are released a few at a time, first those whose bound is exceeded most: when they slide, others need not.
-- Surfaces of the organ touch as the forces at the holes press them.
+- A hole with friction that a correction takes back past its start is stopped there, and the
+  correction is made again: otherwise friction of the old sense would drive the hole.
+- A sticking hole slides when a whole Newton correction leaves more force on it than friction bears.
+  Holes that were stopped are released a few at a time, those with the largest excess first: when
+  they slide, others may stay.
+- Surfaces of the organ touch according to the forces at the holes.
 """
 
 from dataclasses import dataclass, field, replace
@@ -60,21 +65,24 @@ from coupling.step.sliding import admissible_sigma, ruled, sliding_strands
 from thread.thread import Thread
 from tissue.errors import OrganError
 
-PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that bows out takes 150
-ENOUGH = 0.8  # of the slope where a correction starts: what the slope where it ends may have against the motion
-SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: what it is shortened to
-ANSWERS = 3  # of a nonlinear organ, each of which a way downhill ends with
-LENGTHS = 9  # of a correction at most
-MUCH = 0.5  # of the most that a bound is exceeded: by so much or more at once; one by one 84 holes took 200 corrections
-LEAST = 0.1  # of a correction: one of which less is allowed is made with a firmer tie
-FIRMER = 4.0  # by which the tie grows from try to try; tenfold ties let a column that bows out grow by 5 % a correction
-SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first tie, and the last
+PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that buckles takes 150
+ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
+SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: range of its shortening
+ANSWERS = 3  # answers of a nonlinear organ with a way downhill each, at most
+LENGTHS = 9  # lengths of a correction, at most
+MUCH = 0.5  # of the largest excess: such holes are released together; one by one, 84 holes took 200 corrections
+LEAST = 0.1  # of a correction: if a smaller part is allowed, it is made with a firmer tie
+FIRMER = 4.0  # growth of the tie from try to try; with tenfold ties a buckling column grew by 5 % per correction
+SOFTEST, FIRMEST = 1e-6, 1e8  # of EA/(ρA L²), the stiffness of the whole thread: the first and the last tie
 
 
 def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) -> Solution[Body]:
-    """Solve a step downhill from `start`; with a nonlinear organ by the answer that it gave, then by Newton's method
-    from there, and if that does not converge by the answer there; `patience`, how many times the corrections of a plain
-    solve there may be. Raises `StepError`."""
+    """Solve a step downhill from `start`.
+
+    With a nonlinear organ, the step is solved downhill with the organ's last answer, and then by
+    Newton's method. If Newton's method does not converge, this is repeated with the answer there.
+    `patience` is the allowed number of corrections, in those of a plain solve. Raises `StepError`.
+    """
     if problem.answer.linear:
         return newton.solve(problem, start, Descent[Body](), patience)
     made, z = 0, start
@@ -92,8 +100,12 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
 
 @dataclass
 class Descent(Generic[Body]):
-    """Corrections that go downhill: where the last one led, None before the first; its `tie` [1/s²]; whether it was the
-    `whole` of Newton's; and the holes that were `stopped` so far, shape `(m,)`."""
+    """Corrections that go downhill.
+
+    `there` is the result of the last correction, None before the first one. `tie` [1/s²] is its
+    tie. `whole` is True if the last correction was the whole one of Newton. `stopped` (m,) are the
+    holes stopped so far.
+    """
 
     there: "Place[Body] | None" = None
     tie: float = 0.0
@@ -115,7 +127,7 @@ class Descent(Generic[Body]):
         return self.there.problem, self.there.z
 
     def led_from(self, start: "Place[Body]") -> "Place[Body]":
-        """Return where a correction downhill leads to. Raises `SingularError`."""
+        """Return the result of a correction downhill. Raises `SingularError`."""
         way = self.downhill(start)
         share, down = way.allowed, abs(way.slope)
         for _ in range(LENGTHS):
@@ -127,7 +139,7 @@ class Descent(Generic[Body]):
         return there if share == 1.0 else there.with_own_force()
 
     def start(self, problem: Problem[Body], z: Iterate, r: Residual) -> "Place[Body]":
-        """Return the place of an iterate: that which the last correction led to, unless something changed since."""
+        """Return the place of an iterate: the result of the last correction, unless something changed since."""
         if self.there is None:
             self.stopped = np.zeros(len(z.s), dtype=bool)
             return consistent(problem, z, holding_forces(problem, z))
@@ -136,8 +148,11 @@ class Descent(Generic[Body]):
         return consistent(problem, replace(z, sigma=self.released(self.there, z.sigma)), self.there.f)
 
     def released(self, at: "Place[Body]", sigma: Array) -> Array:
-        """Return the senses `sigma` (m,) that follow those at a place; of the holes that slide again in them after they
-        were stopped, those slide whose bound is exceeded by half as much as any is, or more."""
+        """Return the senses `sigma` (m,) of the holes after those at a place.
+
+        Of the stopped holes that slide again in `sigma`, only those slide whose excess over the
+        bound is at least half of the largest one.
+        """
         again = (sigma != 0.0) & (at.z.sigma == 0.0) & self.stopped
         f, bound, barb = at.ruled.judged.T
         excess = np.where(again, sigma * (f - barb) - bound, -np.inf)
@@ -145,8 +160,11 @@ class Descent(Generic[Body]):
         return admissible_sigma(at.problem.law, np.where(wait, 0.0, sigma))
 
     def downhill(self, start: "Place[Body]") -> "Way[Body]":
-        """Return a correction that leads downhill at its start; Newton's own if no tie makes one, as at the last
-        digits. Raises `SingularError`."""
+        """Return a correction that leads downhill at its start.
+
+        It is Newton's own if no tie gives such a correction, as at the level of round-off. Raises
+        `SingularError`.
+        """
         whole, plain = stretching_tie(start.r.configuration.thread), correction(start, 0.0)
         tie, way, firmer = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
         while way is None or way.slope > 0.0 or way.allowed < LEAST:
@@ -161,18 +179,18 @@ class Descent(Generic[Body]):
 
 
 def slides_back(there: "Place[Body]") -> Flags:
-    """Return the rough holes that slid on the way to a place, and back past where they began, shape `(m,)`."""
+    """Return the holes with friction that slid on the way to a place, and back past their start, shape `(m,)`."""
     law, z = there.problem.law, there.z
     return np.asarray(law.rough & law.may_slide & (z.sigma * (z.s - law.s_old) < 0.0))
 
 
 def stretching_tie(thread: Thread) -> float:
-    """Return the tie [1/s²] that holds a whole thread as firmly as its own stretching does, EA/(ρA L²)."""
+    """Return the tie [1/s²] with the stiffness of the whole thread against stretch, EA/(ρA L²)."""
     return float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
 
 
 def correction(start: "Place[Body]", tie: float) -> "Way[Body] | None":
-    """Return the correction of a thread that is tied to where it is, None if its matrix is singular."""
+    """Return the correction of a thread tied to its place; None if its matrix is singular."""
     try:
         return Way(start, *newton.direction(start.problem, start.z, start.r, tie))
     except SingularError:
@@ -180,16 +198,21 @@ def correction(start: "Place[Body]", tie: float) -> "Way[Body] | None":
 
 
 def shortened(share: float, slope: float, down: float) -> float:
-    """Return a shorter share of a correction whose slope is `down` at its start and `slope` after a `share` of it:
-    where the slope is zero if it rises like the third power, by which a turn strains a thread."""
+    """Return a shorter share of a correction with the slope `down` at its start and `slope` after a
+    `share` of it.
+
+    The slope there is zero if it rises like the third power, as with the strain due to a rotation
+    of the thread.
+    """
     ratio = np.cbrt(down / slope) if np.isfinite(slope) else 0.0
     return share * float(np.clip(ratio, SHORTEST, LONGEST))
 
 
 @dataclass(frozen=True)
 class Place(Generic[Body]):
-    """An iterate `z` of a `problem` that holds to its constraints, its residual `r`, and the forces `f` (m, 9) that
-    hold the sites where they are."""
+    """An iterate `z` of a `problem` on its constraints, its residual `r`, and the forces `f` (m, 9)
+    that hold the sites.
+    """
 
     problem: Problem[Body]
     z: Iterate
@@ -203,27 +226,27 @@ class Place(Generic[Body]):
 
     @cached_property
     def rows(self) -> Array:
-        """Φ_q over the local control points, as `local_rows`."""
+        """Φ_q over the local control points, as in `local_rows`."""
         return local_rows(self.problem.system, self.problem.rows, self.r.passage, self.z.y)
 
     @cached_property
     def inverse(self) -> Array:
-        """Their pseudo-inverse, shape `(m, 12, 5)`."""
+        """Pseudo-inverse of the rows, shape `(m, 12, 5)`."""
         return inverse_of(self.rows)
 
     @cached_property
     def ruled(self) -> Ruled:
-        """The law of sliding here."""
+        """The evaluated law of sliding."""
         z = self.z
         return ruled(self.problem.law, z.sigma, self.r.passage, z.s, z.lam, z.y)
 
     @cached_property
     def arrived(self) -> Flags:
-        """Whether a hole that sticks is where it is to stick, shape `(m,)`."""
+        """Whether a sticking hole is at the abscissa at which it sticks, shape `(m,)`."""
         return np.abs(self.z.s - self.problem.law.s_held) <= GAP_TOLERANCE * self.problem.system.thread.section.diameter
 
     def stopping(self, holes: Flags) -> "Place[Body]":
-        """Return the place, from which a whole correction takes `holes` (m,) back to where they began."""
+        """Return the place, from which a whole correction takes `holes` (m,) back to their start."""
         law, z, r = self.problem.law, self.z, self.r
         sigma = admissible_sigma(law, np.where(holes, 0.0, z.sigma))
         residuals = r.holds.copy()
@@ -231,14 +254,14 @@ class Place(Generic[Body]):
         return replace(self, z=replace(z, sigma=sigma), r=replace(r, holds=residuals))
 
     def with_senses(self, sigma: Array) -> "Place[Body]":
-        """Return the place with its holes sliding by `sigma` (m,)."""
+        """Return the place with the senses of sliding `sigma` (m,)."""
         if np.array_equal(sigma, self.z.sigma):
             return self
         z = replace(self.z, sigma=admissible_sigma(self.problem.law, sigma))
         return Place(self.problem, z, evaluate(self.problem, z), self.f)
 
     def touching(self) -> "Place[Body]":
-        """Return the place with the surfaces of the organ pressed that its forces press, the same where none fit."""
+        """Return the place with the pairs pressed that its forces press; itself if no set of pairs fits."""
         contact, z = self.problem.contact, self.z
         if contact is None:
             return self
@@ -259,7 +282,7 @@ class Place(Generic[Body]):
 
 @dataclass(frozen=True)
 class Way(Generic[Body]):
-    """A correction `dq` (n, c), `dz` (m, 15) from where it `starts`."""
+    """A correction `dq` (n, c), `dz` (m, 15) from the place `starts`."""
 
     starts: Place[Body]
     dq: Array
@@ -267,31 +290,36 @@ class Way(Generic[Body]):
 
     @cached_property
     def slope(self) -> float:
-        """The work of the residuals along it at its start [J]."""
+        """Work of the residuals along the correction at its start [J]."""
         return self.work(self.starts)
 
     @cached_property
     def allowed(self) -> float:
-        """The part of it that is allowed."""
+        """Allowed part of the correction."""
         return applied_share(self.starts.problem, self.starts.r, self.dq, self.dz)
 
     @cached_property
     def df(self) -> Array:
-        """What it changes of the forces that hold the sites, shape `(m, 9)`."""
+        """Change of the forces that hold the sites, shape `(m, 9)`."""
         at = self.starts
         change = change_of_site_forces(at.border, at.r.passage, self.dq, self.dz)
         return at.r.f_y + change.reshape(at.f.shape) - at.f
 
     def after(self, share: float) -> tuple[Place[Body], float]:
-        """Return where a `share` of it leads, on the constraints, and the work along it there [J]."""
+        """Return the place after a `share` of the correction, on the constraints, and the work
+        along the correction there [J].
+        """
         at = self.starts
         z = moved(at.problem, at.z, at.r, share * self.dq, share * self.dz)
         there = put_on_constraints(at.problem, z, at.f + share * self.df)
         return there, self.work(there)
 
     def work(self, at: Place[Body]) -> float:
-        """Return the work of the residuals at a place along this correction, made to lead along the constraints there
-        [J]; infinite where a residual is no number."""
+        """Return the work of the residuals at a place along this correction, projected on the
+        constraints there [J].
+
+        It is infinite if a residual is inf or nan.
+        """
         problem, z, r, border = at.problem, at.z, at.r, at.border
         off = np.matvec(at.rows, self.dq[r.passage.first[:, None] + LOCAL, :3].reshape(-1, 12))
         off += np.matvec(border.Phi_y, self.dz[:, Y]) + border.Phi_s * self.dz[:, :1]
@@ -299,7 +327,7 @@ class Way(Generic[Body]):
         residual = r.thread.copy()
         residual.ravel()[problem.system.held] = 0.0
         law, drive = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
-        drive[sliding_strands(law, z.sigma)[0]] = 0.0  # their equation says that both keep their sum
+        drive[sliding_strands(law, z.sigma)[0]] = 0.0  # their equation is that their sum is constant
         of_sites = at.f - r.f_y
         of_sites[law.strands] = -r.f_y[law.strands]
         W = float(np.vdot(residual, along) - drive @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
@@ -307,8 +335,10 @@ class Way(Generic[Body]):
 
 
 def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
-    """Return the place of an iterate with its control points moved onto the constraints, where the thread bears on the
-    organ with the sites where its points move them too."""
+    """Return the place of an iterate with its control points moved onto the constraints.
+
+    If the thread bears on the organ, its points also move the sites.
+    """
     for _ in range(PUT):
         if problem.strands is not None:
             z = replace(z, y=sites_under(problem, z, f))
@@ -322,7 +352,9 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
 
 
 def sites_under(problem: Problem[Body], z: Iterate, f: Array) -> Array:
-    """Return the sites of an iterate under forces `f` (m, 9) that hold them, shape `(m, 9)`: those of ties stay."""
+    """Return the sites of an iterate under forces `f` (m, 9) that hold them, shape `(m, 9)`; those
+    of ties do not change.
+    """
     y = problem.y_free + (problem.C @ f.ravel()).reshape(f.shape)
     if problem.strands is not None:
         y = y + problem.strands.sites(problem.strands.touch(z.q, z.s, f.ravel()))
@@ -330,8 +362,10 @@ def sites_under(problem: Problem[Body], z: Iterate, f: Array) -> Array:
 
 
 def holding_forces(problem: Problem[Body], z: Iterate) -> Array:
-    """Return the forces (m, 9) that hold the sites of the organ where an iterate has them; least squares, since a
-    clamped end has no compliance, nor has a lip that is closed."""
+    """Return the forces (m, 9) that hold the sites of the organ at their places in an iterate.
+
+    They are a least-squares solution, because a clamped end and a closed lip have no compliance.
+    """
     way = (z.y - problem.y_free).ravel()
     if problem.strands is not None:
         way = way - problem.strands.sites(problem.strands.touch(z.q, z.s, np.zeros_like(way))).ravel()
@@ -339,8 +373,11 @@ def holding_forces(problem: Problem[Body], z: Iterate) -> Array:
 
 
 def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
-    """Return the place of an iterate whose sites are put where the forces `f` (m, 9) hold them, whose abscissae are
-    where they are held, on the constraints."""
+    """Return the place of an iterate on the constraints, with consistent sites and abscissae.
+
+    The sites are at their places under the forces `f` (m, 9), and held abscissae at their held
+    values.
+    """
     law, y = problem.law, sites_under(problem, z, f)
     s, strands = np.where(z.sigma == 0.0, law.s_held, z.s), law.strands
     middle = 0.5 * z.y[strands].sum(axis=1, keepdims=True)

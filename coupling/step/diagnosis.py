@@ -1,8 +1,9 @@
-"""Why a set of constraints cannot be met, in words that name the piercings.
+"""The reason why constraints cannot be satisfied, in words that name the piercings.
 
-Three questions are put to a state: does every hold see a tangent, do the spans leave the thread room to bend between
-two holds, and are the rows of Φ_q independent over the thread's free control points? The last one is answered by the
-singular values of the rows scaled to length one: a combination of them that nearly vanishes says one thing twice.
+A state is checked for three faults: a hold at which the thread has no tangent, a span too long to
+bend between two holds, and dependent rows of Φ_q over the free control points. The last check uses
+the singular values of the rows scaled to length one: if a combination of rows nearly vanishes, one
+constraint repeats the others.
 """
 
 from itertools import pairwise
@@ -16,38 +17,42 @@ from coupling.kernels.constraints import Passage
 from coupling.system import State, System
 from thread.vectors import cross, dot, unit_vector
 
-DEPENDENT = 1e-6  # of a row's length; multipliers go with the square of its inverse and keep fewer than 4 digits below
-NO_TANGENT = 1e-2  # |∂P/∂s| of a thread that is neither stretched nor compressed is 1
-FARTHEST_TURN = 0.25 * np.pi  # between two equilibria: the default load steps turn soft tissue by a fifth of that
+DEPENDENT = 1e-6  # of a row's length; below, multipliers (with the square of its inverse) keep fewer than 4 digits
+NO_TANGENT = 1e-2  # |∂P/∂s|, which is 1 for a thread without stretch
+FARTHEST_TURN = 0.25 * np.pi  # between two equilibria; the default load steps turn soft tissue by a fifth of this angle
 COLLAPSED = 0.2  # |u × v| of a hole's frame, 1 at rest: a linear organ has turned it by 78°
-TRANSVERSE = 4  # conditions across a span that leave its four control points nothing to bend
+TRANSVERSE = 4  # conditions across a span with which its four control points cannot bend it any more
 
 
 def hold_names(system: System[Body]) -> list[str]:
-    """Name each hold for a message: the piercings, then the clamped ends, then the strands of ties."""
+    """Return the name of each hold for a message: the piercings, then the clamped ends, then the
+    strands of ties.
+    """
     ends = [f"the clamped {('start', 'end')[k]} of the thread" for k in system.clamps]
     strands = [f"tie {tie.name!r}" for tie in system.ties for _ in range(2)]
     return [f"piercing {piercing.name!r}" for piercing in system.piercings] + ends + strands
 
 
 def faults(system: System[Body], state: State[Body]) -> list[str]:
-    """Describe each thing that is wrong with the constraints in force in a state, one sentence each; none if they are
-    sound."""
+    """Return the faults of the active constraints in a state, one sentence each; empty if there are none."""
     at = system.passage_of(state)
     short = tangent_faults(system, state, at)
     return short or span_faults(system, state) or dependence_faults(system, state, at)
 
 
 def refuse_faults(system: System[Body], state: State[Body]) -> None:
-    """Raise `ConstraintError` where the constraints cannot be met."""
+    """Raise `ConstraintError` if the constraints cannot be satisfied."""
     found = faults(system, state)
     if found:
         raise ConstraintError(state.time, "; ".join(found))
 
 
 def diagnose(system: System[Body], state: State[Body], error: StepError) -> CouplingError:
-    """Return `TogetherError` with the holes that have come to one place, else the constraints' fault where there is
-    one, else `TurnedHoleError` with the holes whose frames have collapsed, else the error of the step."""
+    """Return the error that explains the failure of a step best.
+
+    It is `TogetherError` if holes have come to one place, `ConstraintError` if the constraints have
+    a fault, `TurnedHoleError` if frames have collapsed, else the `error` of the step.
+    """
     try:
         refuse_together(system, state)
     except TogetherError as together:
@@ -61,32 +66,32 @@ def diagnose(system: System[Body], state: State[Body], error: StepError) -> Coup
 
 
 def refuse_together(system: System[Body], state: State[Body]) -> None:
-    """Raise `TogetherError` where holes have come to one place."""
+    """Raise `TogetherError` if holes have come to one place."""
     together = drawn_together(system, state)
     if together:
         raise TogetherError(state.time, "; ".join(together))
 
 
 def drawn_together(system: System[Body], state: State[Body]) -> list[str]:
-    """Describe the neighbouring piercings that have less than a diameter of thread between them, one sentence each."""
+    """Return sentences on neighbouring piercings with less than a diameter of thread between them."""
     names, s = hold_names(system), state.s
     along = [k for k in holds_along_thread(system, state) if k < len(system.piercings)]
     return [
         f"the thread between {names[i]} and {names[j]} is drawn to nothing, {abs(s[j] - s[i]):.2g} m of it are left: "
-        "they have come to one place, which linear tissue does not resist, nor lips that may not touch; pull less, "
-        "take firmer tissue or tissue at finite strain (tissue.material), or [[contact]] between the lips of a wound"
+        "they have come to one place, which neither linear tissue nor lips without contact resist; pull less, use "
+        "firmer tissue or tissue at finite strain (tissue.material), or [[contact]] between the lips of a wound"
         for i, j in pairwise(along)
         if abs(s[j] - s[i]) < system.thread.section.diameter
     ]
 
 
 def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:
-    """Describe the directed holes whose frames hardly say a direction any more, one sentence each."""
+    """Return sentences on directed holes whose frames no longer define a direction."""
     size, directed = frame_areas(state.y), system.rows[:, 3] & state.present
     names = hold_names(system)
     return [
-        f"the frame of {names[k]} has shrunk to {size[k]:.2g} of its area, as a linear organ's does by the cosine of "
-        "its turn, and hardly says a direction: pull less, or take firmer tissue, a wider footprint, a softer suture, "
+        f"the frame of {names[k]} has shrunk to {size[k]:.2g} of its area, by the cosine of its turn in a linear "
+        "organ, and hardly defines a direction: pull less, or use firmer tissue, a wider footprint, a softer suture, "
         "or tissue at finite strain (tissue.material)"
         for k in np.flatnonzero(directed & (size < COLLAPSED))
     ]
@@ -98,18 +103,18 @@ def frame_areas(y: Array) -> Array:
 
 
 def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
-    """Describe the holds where the thread has no direction."""
+    """Return sentences on holds at which the thread has no direction."""
     length = np.linalg.norm(at.T, axis=1)
     names = hold_names(system)
     return [
         f"the thread's tangent has no length at {names[k]} (|dP/ds| = {length[k]:.2g}, 1 in an unstrained thread); "
-        "take the path's kink or the slack away from it"
+        "remove the kink of the path or the slack there"
         for k in np.flatnonzero(holds_in_force(system, state) & (length < NO_TANGENT))
     ]
 
 
 def span_faults(system: System[Body], state: State[Body]) -> list[str]:
-    """Describe the neighbouring holds that leave the span between them no way to bend."""
+    """Return sentences on neighbouring holds between which the span cannot bend."""
     spline, names = system.thread.spline, hold_names(system)
     span, conditions = spline.spans_of(state.s), 1 + system.rows[:, 3].astype(int)
     return [
@@ -122,11 +127,11 @@ def span_faults(system: System[Body], state: State[Body]) -> list[str]:
 
 
 def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:
-    """Describe the holds whose constraints on the thread say the same."""
+    """Return a sentence on holds with dependent constraints on the thread."""
     rows, owner = scaled_rows(system, state, at)
     if not len(rows):
         return []
-    crowded = len(rows) > rows.shape[1]  # else the whole of the right-hand factor would be far the largest array
+    crowded = len(rows) > rows.shape[1]  # otherwise the full right-hand factor would be by far the largest array
     left, sizes, _ = np.linalg.svd(rows, full_matrices=crowded)
     weakest = np.append(sizes, np.zeros(len(rows) - len(sizes)))[-1]
     if weakest >= DEPENDENT:
@@ -137,15 +142,16 @@ def dependence_faults(system: System[Body], state: State[Body], at: Passage) -> 
     who = " and ".join(f"{names[k]} (s = {state.s[k]:.6g} m)" for k in pair)
     return [
         f"the constraints of {who} depend on one another (a combination of their rows has length {weakest:.1e}, "
-        f"allowed is {DEPENDENT:g}): they ask the same of the same control points; move them apart, raise "
+        f"allowed is {DEPENDENT:g}): they constrain the same control points; move them apart, raise "
         "thread.control_points, or set direction to free at one of them"
     ]
 
 
 def scaled_rows(system: System[Body], state: State[Body], at: Passage) -> tuple[Array, Indices]:
-    """Return the rows of Φ_q over the control points that are free, each of length one, and the hold of each.
+    """Return the rows of Φ_q over the free control points, each of length one, and the hold of each.
 
-    A row that reaches no free control point is left zero; strands of ties, which hold only one another, have none.
+    A row without a free control point is zero. Strands of ties only hold one another, and have no
+    rows.
     """
     m, n, c = system.holds, system.thread.n, system.thread.coordinates
     full = np.zeros((m, 5, n, c))
@@ -169,31 +175,32 @@ def holds_in_force(system: System[Body], state: State[Body]) -> np.ndarray:
 
 
 def holds_along_thread(system: System[Body], state: State[Body]) -> list[int]:
-    """Return the holds in force along the thread."""
+    """Return the active holds in the order of the thread."""
     here = np.flatnonzero(holds_in_force(system, state))
     return [int(k) for k in here[np.argsort(state.s[here], kind="stable")]]
 
 
 def turn_of_holes(system: System[Body], old: State[Body], new: State[Body]) -> Array:
-    """Return by how much tissue has turned the normal of every directed hole, shape `(m,)` [rad]."""
+    """Return the angle by which tissue has turned the normal of every directed hole, shape `(m,)` [rad]."""
     before, after = (unit_vector(cross(state.y[:, 3:6], state.y[:, 6:])) for state in (old, new))
     here = old.present & new.present & system.rows[:, 3]
     return np.asarray(np.arccos(np.clip(dot(before, after), -1.0, 1.0)) * here)
 
 
 def refuse_turning(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `StepError` where tissue has turned a hole further than any on one branch, by FARTHEST_TURN."""
+    """Raise `StepError` if tissue has turned a hole by more than FARTHEST_TURN, further than on one branch."""
     angles = turn_of_holes(system, old, new).tolist()
-    for piercing, angle in zip(system.piercings, angles, strict=False):  # clamped ends and ties come behind
+    for piercing, angle in zip(system.piercings, angles, strict=False):  # without clamped ends and ties
         if angle > FARTHEST_TURN:
-            cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° at once: that is another branch"
+            cause = f"the tissue turned the hole by {np.degrees(angle):.3g}° in one step, to another branch"
             raise StepError(old.time, new.time - old.time, cause, piercing.name)
 
 
 def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `StepError` where two piercings passed one another along the thread during a step.
+    """Raise `StepError` if two piercings passed one another along the thread during a step.
 
-    Two holes apart in space cannot: the solution is another one than that which continues the motion.
+    Two holes at different places cannot pass one another: the solution does not continue the
+    motion.
     """
     refuse_swallowed_ties(system, old, new)
     spline = system.thread.spline
@@ -212,19 +219,19 @@ def refuse_crossing(system: System[Body], old: State[Body], new: State[Body]) ->
 
 
 def refuse_swallowed_ties(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `StepError` where a tie came to a hole that its loop goes through."""
+    """Raise `StepError` if a tie came to a hole in its loop."""
     for tie, strands in zip(system.ties, system.strands.tolist(), strict=True):
         for hole, strand, sign in zip(tie.between, strands, (1.0, -1.0), strict=True):
             if new.present[hole] and new.present[strand] and sign * (new.s[hole] - new.s[strand]) <= 0.0:
                 cause = (
-                    f"tie {tie.name!r} came to the hole of piercing {system.piercings[hole].name!r}, through which its "
-                    "loop runs; give the holes friction, so that the loop does not run round in them, or draw less"
+                    f"tie {tie.name!r} came to the hole of piercing {system.piercings[hole].name!r} in its loop; give "
+                    "the holes friction, so that the loop does not slide round in them, or draw less"
                 )
                 raise StepError(old.time, new.time - old.time, cause)
 
 
 def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -> None:
-    """Raise `ConstraintError` where a hand has drawn the thread, or a piece of it, out of a hole during a step."""
+    """Raise `ConstraintError` if a hand has drawn the thread, or a piece of it, out of a hole during a step."""
     ends, piece = system.thread.spline.piece_ends, system.thread.spline.piece_of(old.s)
     beyond = (new.s <= ends[piece] + system.width) | (new.s >= ends[piece + 1] - system.width)
     in_hand = np.logical_or(*system.in_hand(old.time))
@@ -232,14 +239,17 @@ def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -
         low, high = ends[piece[k] : piece[k] + 2]
         cause = (
             f"the thread is drawn out of piercing {system.piercings[k].name!r} (s = {new.s[k]:.6g} m, and its piece "
-            f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more"
+            f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more thread"
         )
         raise ConstraintError(new.time, cause)
 
 
 def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], gone: Flags) -> None:
-    """Raise `StepError` where the thread left the holes `gone` (holds,) during a step over an end that is fixed,
-    clamped or driven: it cannot leave what still holds it."""
+    """Raise `StepError` if the thread left the holes `gone` (holds,) during a step over a fixed,
+    clamped or driven end.
+
+    The thread cannot leave a hole over an end that is held.
+    """
     spline = system.thread.spline
     beyond = gone & (new.s <= spline.start + system.width), gone & (new.s >= spline.end - system.width)
     for name, end, left in zip(("start", "end"), system.ends, beyond, strict=True):

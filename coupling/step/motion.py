@@ -1,4 +1,4 @@
-"""What the thread does, in words."""
+"""The motion of the thread, in words."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from coupling.arrays import Array
 from coupling.interfaces import Body
 from coupling.system import State, System
 
-SLACK = 1e-6  # of EA: a part of the thread under less tension is slack
-TURNED_BACK = 0.3  # cosine of the angle between thread and directed hole (73°) below which a thread is turned back
+SLACK = 1e-6  # of EA: a thread under less tension is slack
+TURNED_BACK = 0.3  # cosine of the angle between thread and directed hole (73°): below, the thread is turned back
 
 
 def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
-    """Say what the thread does in a state, and at which piercing: what is worth saying most."""
+    """Return the most important motion of the thread in a state, in words, and its piercing."""
     names, p = [piercing.name for piercing in system.piercings], len(system.piercings)
     if not p:
         return "the thread moves freely", ""
@@ -30,8 +30,10 @@ def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
 
 
 def alignment(system: System[Body], state: State[Body]) -> Array:
-    """Return the cosine between thread and hole on the side where the piercing began, 1 where no direction is imposed,
-    shape `(holds,)`."""
+    """Return the cosine between thread and hole in the sense in which the thread passes it, shape `(holds,)`.
+
+    It is 1 for holds without a direction.
+    """
     T = system.passage_of(state).T
     normal = np.cross(state.y[:, 3:6], state.y[:, 6:])
     size = np.linalg.norm(T, axis=1) * np.linalg.norm(normal, axis=1)

@@ -1,8 +1,10 @@
-"""Packets of knots that fit the thread (`thread.packets`): made anew where it bends over another length at its holes.
+"""Packets of knots that fit the thread (`thread.packets`), made anew if the bending length at its
+holes changes.
 
-Between steps, and at rest on the way of a thread that goes far: in a solve the knots χ stay, and a hole takes its
-packet with it. New packets cost no transfer. The thread's inertia is from the curves as they were solved,
-each on its own knots, and its shape is solved for anew.
+They are made between steps, and at rest on the way of a thread that moves far. In a solve the knots
+χ do not change, and a hole takes its packet with it. New packets need no transfer: the inertia of
+the thread is computed from the curves as they were solved, each on its own knots, and the shape is
+solved again.
 """
 
 from collections.abc import Sequence
@@ -30,13 +32,13 @@ Exchange = tuple[System[Body], State[Body]]
 
 
 def travel_of(system: System[Body]) -> Travel:
-    """Return how the knots of a system's thread travel."""
+    """Return the travel of the knots of a system's thread."""
     assert isinstance(system.thread.spline, Placed)
     return system.thread.spline.travel
 
 
 def fits(system: System[Body], state: State[Body]) -> bool:
-    """Whether the knots of a state are those for its holes, its tension and its bends."""
+    """Return whether the knots of a state fit its holes, its tension and its bends."""
     if not know_holes(system, state):
         return False
     T = pull_at(system, state.s, state.N, state.present)
@@ -45,13 +47,13 @@ def fits(system: System[Body], state: State[Body]) -> bool:
 
 
 def know_holes(system: System[Body], state: State[Body]) -> bool:
-    """Whether the knots of a state are made for the holes that it is in."""
+    """Return whether the knots of a state are made for its present holes."""
     here = np.flatnonzero(holds_in_force(system, state))
     return not system.thread.travels or np.array_equal(here, np.sort(travel_of(system).holds))
 
 
 def fit_of(thread: Thread) -> Fit:
-    """Return when the knots of a thread fit; of one whose knots stand still, nothing."""
+    """Return the conditions under which the knots of a thread fit; empty if knots do not travel."""
     spline, least, of_bending = thread.spline, REST * float(thread.EA), float(thread.EI)
     if not isinstance(spline, Placed):
         none, no_ends, no_points = np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
@@ -81,8 +83,12 @@ def fit_of(thread: Thread) -> Fit:
 
 
 def bends_of_curve(system: System[Body], q: Array, solved: bool = True) -> Bends:
-    """Return where a thread at `q` (n, c) [m] bends between its packets, by the turns of its polygon; nowhere where its
-    shape is not `solved` for yet, whose wiggles would ask for more and more knots."""
+    """Return the bends of a thread at `q` (n, c) [m] between its packets, from the turns of its
+    control polygon.
+
+    There are none if its shape is not `solved` yet, because its oscillations would require more and
+    more knots.
+    """
     spline, travel = system.thread.spline, travel_of(system)
     legs, at = np.diff(q[:, :3], axis=0), spline.greville
     turn = np.arctan2(np.linalg.norm(np.cross(legs[:-1], legs[1:]), axis=1), np.vecdot(legs[:-1], legs[1:]))
@@ -98,8 +104,11 @@ def bent_over(system: System[Body], state: State[Body]) -> Array:
 def due(
     system: System[Body], state: State[Body], layers: Array, cuts: Sequence[float] = (), solved: bool = True
 ) -> Travel:
-    """Return the knots for the holes of a state at which the thread bends over `layers` (m,) [m], with further `cuts`
-    [m]; `solved` as for `bends_of_curve`."""
+    """Return the knots for the holes of a state, with bending lengths `layers` (m,) [m] and
+    additional `cuts` [m].
+
+    `solved` is as for `bends_of_curve`.
+    """
     travel, here = travel_of(system), np.flatnonzero(holds_in_force(system, state))
     first, directed = travel.wanted(layers), system.rows[:, 3]
     holds = [Hold(int(k), float(state.s[k]), bool(directed[k]), float(first[k])) for k in here]
@@ -114,8 +123,10 @@ def due(
 
 
 def fitted(system: System[Body], state: State[Body], solved: bool = True) -> Exchange[Body]:
-    """Return system and state on packets that fit, the same ones where they do, and where knots stand still; `solved`
-    as for `bends_of_curve`."""
+    """Return system and state on packets that fit; the same objects if they fit or if knots do not travel.
+
+    `solved` is as for `bends_of_curve`.
+    """
     system = system.at(state)
     if not system.thread.travels or fits(system, state):
         return system, state
@@ -123,8 +134,11 @@ def fitted(system: System[Body], state: State[Body], solved: bool = True) -> Exc
 
 
 def fitting(take: Take[Body]) -> Take[Body]:
-    """Return a way to make a step or a part of one that, where it fails, is made on knots that fit its beginning. It is
-    from the state as it was, so that what other knots change of its energy is what the integrator took."""
+    """Return a way to make a step that is repeated on knots that fit its start if it fails.
+
+    The step is from the original state, so that the change of its energy by other knots is booked
+    as the integrator's.
+    """
 
     def take_on_knots(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
         try:
@@ -139,7 +153,7 @@ def fitting(take: Take[Body]) -> Take[Body]:
 
 
 def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Exchange[Body]:
-    """Return system and state on other knots: the shape is put on them before it is solved for there."""
+    """Return system and state on other knots: the shape is put on them before it is solved there."""
     old, new = system.thread.spline, Placed(travel.knots, travel.places(state.s), travel)
     other = system.on(new)
     q, v = (new.through(old.curve(x, new.greville, new.home)[:, 0]) for x in (state.q, state.v))
@@ -161,8 +175,11 @@ def through_holes(system: System[Body], state: State[Body], passed: Flags) -> Ar
 
 
 def points_at_start(system: System[Body], old: State[Body], new: State[Body]) -> Array:
-    """Return the control values of an `old` state on the knots χ of a `new` one, where the holes of the old one have
-    them, shape `(n, c)`. In a strand that has grown much they need not rise."""
+    """Return the control values of an `old` state on the knots χ of a `new` one, shape `(n, c)`.
+
+    The holes have their old abscissae. In a strand that has grown much, the abscissae of the
+    control points need not rise.
+    """
     if not isinstance(old.spline, Placed) or not isinstance(new.spline, Placed):
         return old.q
     if new.spline.travel.is_like(old.spline.travel):
@@ -174,7 +191,7 @@ def points_at_start(system: System[Body], old: State[Body], new: State[Body]) ->
 
 
 def with_holes(system: System[Body], state: State[Body], present: Flags) -> Exchange[Body]:
-    """Return system and state with knots for the holds `present` (m,), the same ones where knots stand still."""
+    """Return system and state with knots for the holds `present` (m,); the same objects if knots do not travel."""
     if not system.thread.travels:
         return system, state
     system, there = system.at(state), replace(state, present=present)

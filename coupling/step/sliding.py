@@ -1,40 +1,45 @@
-"""The law of sliding at a hole: the one scalar equation per piercing that fixes its abscissa.
+"""The law of sliding at a hole: one scalar equation per piercing that determines its abscissa.
 
-With t = T/|T| the tangent of the thread, f = Φ_sᵀλ/|T| the driving force along the thread and N the force
+With the tangent t = T/|T| of the thread, the driving force f = Φ_sᵀλ/|T| along it, and the force N
 that presses it on the hole:
 
     ideal hole     ε s̈ = Φ_sᵀλ                      (eq. 7; eq. 6 at ε = 0)
     stick          s = s_old,            |f| ≤ F₀ + μ_s N
-    drawn          s = s_old − Δd        a hand draws the length Δd through the hole, whatever it takes
-    pulled         f = F                 a hand draws with the force F, whatever it takes to hold that
+    drawn          s = s_old − Δd        a hand draws the length Δd through the hole with any force
+    pulled         f = F                 a hand draws with the force F at any speed
     slip           f = σ (F₀ + μ_k N),   σ = sign(ds/dt)
-    barb           F₀ + σ B in place of F₀, on either side: the grip is another one in each sense
+    barb           F₀ + σ B in place of F₀ on both sides: the grip depends on the sense
 
-N = |λ_n| of a hole without length, λ_n the part of λ across the thread (§4.3). A channel of length ℓ_c that imposes the
-direction presses at both its ends: each bears half of λ_n, and the couple t × m, m = μ_u u + μ_v v, is a force m/ℓ_c at
-the one and −m/ℓ_c at the other, so
+For a hole without length N = |λ_n|, where λ_n is the part of λ across the thread (§4.3). A channel
+of length ℓ_c that imposes the direction presses at both its ends. Each end bears half of λ_n. The
+couple t × m, m = μ_u u + μ_v v, is a force m/ℓ_c at one end and −m/ℓ_c at the other, so that
 
     N = |λ_n/2 + m/ℓ_c| + |λ_n/2 − m/ℓ_c|
 
-which is max(|λ_n|, 2|m|/ℓ_c) where both lie in a plane with the thread. The thread's velocity relative to the hole is
-v_t = −|T| ds/dt, so friction dissipates (F₀ + μ_k N)|T||ds/dt|.
+This is max(|λ_n|, 2|m|/ℓ_c) if both lie in a plane with the thread. The thread's velocity relative
+to the hole is v_t = −|T| ds/dt, so that friction dissipates (F₀ + μ_k N)|T||ds/dt|.
 
-Φ_sᵀλ is what changes over the hole of the force conjugate to s, T + T²/2EA of a strand under the tension T: the
-difference of the tensions times 1 + T̄/EA, T̄ their mean. Where knots travel, which leave a corner at a hole that is
-smaller than the spans beside it, that is in the place of |T|, of the tensions at the start of the step, at rest at the
-end (`coupling.step.tension.stretches_at`).
+Φ_sᵀλ is the jump over the hole of the force conjugate to s, which is T + T²/2EA of a strand under
+the tension T. The jump is the difference of the tensions times 1 + T̄/EA with their mean T̄.
+Travelling knots leave a corner at a hole that is smaller than the adjacent spans. With these knots
+|T| is replaced by 1 + T̄/EA, with the tensions at the start of the step, at rest at the end
+(`coupling.step.tension.stretches_at`).
 
-Both bounds have a law of one's own added where a hole has one, F₀ + μN + F(N) (`coupling.interfaces.FrictionLaw`).
+A user's law of friction is added to both bounds, F₀ + μN + F(N)
+(`coupling.interfaces.FrictionLaw`).
 
-Which of stick and slip holds is an active set, σ ∈ {−1, 0, 1} a hold. Newton's method changes it only between solved
-iterates: one on the way has forces that mean nothing, and where μ_k < μ_s both may hold, so that a wrong change would
-stand. A way downhill knows the forces that hold the sites, and changes it on the way (`coupling.step.descent`).
+Stick and slip are an active set, with σ ∈ {−1, 0, 1} per hold. Newton's method changes it only
+between solved iterates. The forces of an unsolved iterate have no meaning, and for μ_k < μ_s both
+stick and slip can be valid, so that a wrong change would remain. A way downhill knows the forces
+that hold the sites, and changes the set on the way (`coupling.step.descent`).
 
-A tie that slides does so as one (`coupling.ties`): its strands have two equations together, joined from those above. So
-have the first and the last hole of a loop that hands draw, who keep the knot where it is between them, and of one that
-is tied in holes without friction: nothing else keeps it from running round in them.
+A tie slides as one (`coupling.ties`): its two strands have two joined equations instead of those
+above. The same holds for the first and the last hole of two kinds of loops. A loop that hands draw
+has them because the hands keep the place of the knot between the two holes. A loop that is tied in
+holes without friction has them because it could otherwise slide round in the holes.
 
-That force enters as a given one, f = `injected`. So does a friction found elsewhere (the two-pass algorithm of §4.3).
+The force of hands is a given one, f = `injected`. So is a friction from another algorithm (the two
+passes of §4.3).
 """
 
 from dataclasses import dataclass, field, replace
@@ -56,15 +61,23 @@ NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
 
 @dataclass(frozen=True)
 class Law:
-    """What the law of sliding needs besides the iterate, over `m` holds.
+    """The data of the law of sliding without the iterate, over `m` holds.
 
-    `s_old` (m,) [m]; `s_held` (m,) [m], where a thread that does not slide is at the end of the step; `static`,
-    `kinetic`, `grip`, `barb`, `per_channel` (m,); `inertia` = ε a [N/m], of all holds or of each, and `s_free` (m,) [m]
-    make ε s̈ = inertia (s − s_free), and c ds/dt of a tie that is drawn; `rough` and `may_slide` (m,); `injected` (m,)
-    [N], a given force along the thread where it slides, added to the friction of the rough holds; `stretch` (m,) [-],
-    in the place of |T| where knots travel; `strands` (t, 2) of ties in force; `loops` (k, 2), first and last hole of
-    those that slide in them as one; `by_hand` (m,), where hands draw; `own`, the law of one's own of each hold, None or
-    empty where there is none; `tie_compliance` [m/N] of the thread, by which the balance of a tie becomes a length.
+    - `s_old` (m,) [m]: abscissae at the start of the step.
+    - `s_held` (m,) [m]: abscissae at the end of the step of holds that do not slide.
+    - `static`, `kinetic`, `grip`, `barb`, `per_channel` (m,): coefficients.
+    - `rough`, `may_slide` (m,): holds with friction, and holds that can slide.
+    - `inertia` [N/m], of all holds or of each, and `s_free` (m,) [m]: the term inertia (s −
+      s_free), which is ε s̈ with inertia = ε a, or c ds/dt of a tie that is drawn.
+    - `injected` (m,) [N]: a given force along the thread where it slides, added to the friction.
+    - `stretch` (m,) [-]: replaces |T| if knots travel.
+    - `strands` (t, 2): holds of active ties.
+    - `loops` (k, 2): first and last hole of loops that slide in them as one.
+    - `by_hand` (m,): holds at which hands draw.
+    - `own`: user's law of friction of each hold, None for a hold without one; empty if no hold has
+      one.
+    - `tie_compliance` [m/N]: compliance of the thread, by which the balance of a tie becomes a
+      length.
     """
 
     s_old: Array
@@ -93,7 +106,7 @@ class Law:
 
     @cached_property
     def table(self) -> Table:
-        """The law as the kernels read it, without laws of one's own."""
+        """The law as arrays for the kernels, without users' laws."""
         none = np.zeros(len(self.s_old))
         return Table(
             s_old=plain(self.s_old),
@@ -118,12 +131,12 @@ class Law:
 
     @cached_property
     def has_own(self) -> bool:
-        """Whether a hold has a law of friction of one's own."""
+        """Whether a hold has a user's law of friction."""
         return any(own is not None for own in self.own)
 
     @cached_property
     def ideal(self) -> bool:
-        """Whether no force but that of ε acts along the thread."""
+        """Whether no force except that of ε acts along the thread."""
         return not (self.rough.any() or self.injected.any())
 
 
@@ -138,9 +151,12 @@ def law_of(
     time: float = np.inf,
     stretch: Array | None = None,
 ) -> Law:
-    """Return the law at the start of a step, at `time` [s], in which lengths `drawn` (m,) [m] are drawn through, and at
-    whose end hands pull with the forces `pulls` (m,) [N], of a thread with the `stretch` (m,) [-], else 1; an absent
-    hold keeps its abscissa. Without a time no tie is drawn."""
+    """Return the law at the start of a step at `time` [s].
+
+    Lengths `drawn` (m,) [m] are drawn through the holes, and hands pull with the forces `pulls`
+    (m,) [N] at the end of the step. The thread has the `stretch` (m,) [-]; None means 1. An absent
+    hold keeps its abscissa. If `time` is inf, no tie is drawn.
+    """
     drawn_ties, (by_length, by_force) = system.drawn_ties(time), system.in_hand(time)
     in_hand, tied = by_length | by_force, system.of_ties & ~drawn_ties
     rough = system.rough & ~drawn_ties & ~in_hand
@@ -159,11 +175,12 @@ def law_of(
 
 
 def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Flags, in_hand: Flags) -> Indices:
-    """Return the first and the last hole of every closed loop that slides in them as one, shape `(k, 2)`: a loop that
-    hands draw, or that is tied in holes without friction. `drawn_ties` (m,), strands that are drawn;
-    `in_hand` (m,), holes at which a hand has the thread.
+    """Return the first and the last hole of every closed loop that slides in them as one, shape `(k, 2)`.
 
-    A loop that is held in a hole runs round in none, nor does one that friction in one of these two holds back.
+    Such a loop is drawn by hands, or tied in holes without friction. `drawn_ties` (m,) are the
+    strands that are drawn, and `in_hand` (m,) the holes at which a hand holds the thread. A loop
+    that is held in one of its holes does not slide round, nor does one with friction in only one of
+    these two holes.
     """
     out, p = [], len(system.piercings)
     slides, rough = (system.may_slide & ~in_hand)[:p], system.rough[:p]
@@ -176,22 +193,27 @@ def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Fla
 
 
 def prescribed(law: Law, held: Flags, injected: Array) -> Law:
-    """Return the law with its friction given: fixed points where `held`, elsewhere sliding points under the force
-    `injected` (m,) [N] of the hole on the thread along t, in addition to that of a hand."""
+    """Return the law with a given friction.
+
+    Points are fixed where `held`. Others slide under the force `injected` (m,) [N] of the hole on
+    the thread along t, in addition to that of a hand.
+    """
     smooth = np.zeros_like(law.rough)
     return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=law.injected + injected)
 
 
 def side_by_side(law: Law, times: int) -> Law:
-    """Return the law of the same holds so many times, one after the other, as if nothing tied one to another."""
+    """Return the law of several copies of the same holds, one after the other, without ties."""
     alike = {name: x for name, x in vars(law).items() if isinstance(x, np.ndarray) and x.shape == law.s_old.shape}
     tiled: dict[str, Any] = {name: np.tile(x, times) for name, x in alike.items()}
     return replace(law, own=law.own * times, strands=NO_PAIRS, loops=NO_PAIRS, **tiled)
 
 
 def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0) -> Ruled:
-    """Evaluate the law of sliding of all holds: forces, bounds, residual, and the active set that fits where a stuck
-    point may exceed its bound by the `margin` [N] of the solve."""
+    """Evaluate the law of sliding of all holds: forces, bounds, residual, and the active set that fits.
+
+    A sticking point may exceed its bound by the `margin` [N] of the solve.
+    """
     m = len(s)
     N, f, met, static, kinetic, fits = np.empty((6, m))
     out = Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
@@ -203,8 +225,7 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
 
 
 def with_own_laws(law: Law, N: Array) -> Table:
-    """Return the law as the kernels read it, with the holds' own laws of friction under the normal forces N (m,)
-    [N]."""
+    """Return the law as arrays for the kernels, with users' laws at the normal forces N (m,) [N]."""
     own = {part: np.zeros(len(N)) for part in ("static", "kinetic", "slope")}
     for part, values in own.items():
         for k, each in enumerate(law.own):
@@ -214,9 +235,10 @@ def with_own_laws(law: Law, N: Array) -> Table:
 
 
 def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
-    """Return by how much the force along the thread breaks Coulomb's law, shape `(m,)` [N], zero where it is obeyed.
+    """Return the violation of Coulomb's law by the force along the thread, shape `(m,)` [N].
 
-    Stick: what |f| exceeds F₀ ± B + μ_s N by; slip: how far f is from σ (F₀ + μ_k N). Zero for a hold without friction.
+    Stick: the excess of |f| over F₀ ± B + μ_s N. Slip: the difference of f from σ (F₀ + μ_k N). It
+    is zero for a hold without friction.
     """
     now = ruled(law, sigma, thread, s, lam, y)
     stuck = np.maximum(np.abs(now.f - law.table.barb) - now.static, 0.0)
@@ -225,23 +247,29 @@ def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array,
 
 
 def admissible_sigma(law: Law, sigma: Array) -> Array:
-    """Fit the active set to the holds: an ideal hole slides, one that may not slide sticks, and those that slide as one
-    do so against one another, shape `(m,)`."""
+    """Return the active set fitted to the holds, shape `(m,)`.
+
+    A hole without friction slides, and a hold that cannot slide sticks. Holds that slide as one
+    slide in opposite directions.
+    """
     fitted = np.array(sigma, dtype=float)
     fit(law.table, fitted)
     return fitted
 
 
 def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
-    """Return the holds that slide as one, at which ties that slide hold their strands and loops go through their holes,
-    shape `(k,)` each. The equation of the first says that their abscissae have the same sum, that of the second is the
-    difference of both."""
+    """Return the two holds of each pair that slides as one: strands of sliding ties and holes of
+    loops, shape `(k,)` each.
+
+    The equation of the first is that the sum of their abscissae is constant, and that of the second
+    is the difference of both laws.
+    """
     one, other = law.pairs[sigma[law.pairs[:, 0]] != 0.0].T
     return one, other
 
 
 def driven(law: Law, sigma: Array, drive: Array) -> Array:
-    """Return what driving forces `drive` (m,) [N] add to the residuals of the law, shape `(m,)` [N]."""
+    """Return the change of the residuals of the law by driving forces `drive` (m,) [N], shape `(m,)` [N]."""
     out = np.where(sigma != 0.0, drive, 0.0)
     one, other = sliding_strands(law, sigma)
     out[other] -= out[one]

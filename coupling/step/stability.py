@@ -1,16 +1,18 @@
-"""Whether a thread resists every motion from a solution that Newton's method found, and where it goes if not.
+"""The stability of the thread in a solution of Newton's method, and a way off an unstable solution.
 
-An equilibrium, and an implicit step likewise, is a stationary point of a potential, and the one that mechanics means a
-minimum. A thread that is pressed, turned or loaded across passes points where it buckles or snaps, and Newton's method
-may go on along stationary points that do not hold: their residuals are as small. The sign of the potential's second
-derivative tells them.
+An equilibrium, and likewise an implicit step, is a stationary point of a potential, and the correct
+one is a minimum. A thread under compression, torsion or a transverse load passes points at which it
+buckles or snaps, and Newton's method may then follow unstable stationary points, with residuals
+that are as small. The sign of the second derivative of the potential distinguishes them.
 
-It is taken over the motions in which the thread stays in its holes and these where they are, abscissae and organ held:
-where it is not positive among them, it is not among all. What falls by sliding or with the tissue alone is not seen.
+The second derivative is taken over the motions in which the thread stays in its holes, with
+constant abscissae and a fixed organ. If it is not positive in these motions, it is not positive in
+all. Instabilities by sliding, or of the tissue alone, are not detected.
 
-A step in time ends at such a point where the motion away from it is faster than the step sees: one that grows by more
-than e² in a step is damped by backward Euler. A straight strand that is pushed from one end would stay straight and be
-squeezed. It is moved aside there, and goes downhill to the next minimum (`coupling.step.descent`).
+A step in time ends at such a point if the motion away from it is faster than the step can resolve:
+backward Euler damps a motion that grows by more than e² in a step. A straight strand that is pushed
+from one end would remain straight and be compressed. It is moved aside at this point, and goes
+downhill to the next minimum (`coupling.step.descent`).
 """
 
 from dataclasses import replace
@@ -42,22 +44,27 @@ from coupling.system import State
 from thread.banded import diagonal_of, half_band_of
 from thread.thread import Thread
 
-NEUTRAL = 1e-3  # of the stiffness against the softest bending, or of inertia: what a motion that costs nothing is given
-FIRM = 30.0  # times the thread's own stiffness: what holes give way by then is 1e-4 of that stiffness
-ASIDE = (0.36, 0.48, 0.8)  # where a thread goes that might go any way: along no axis
-BENT = 1e-6  # of the distance of control points, by which they lie aside of one another: a bow that there is grows
-MANY = 1500  # coordinates of control points: the second derivatives of more, in full, take minutes
+NEUTRAL = 1e-3  # of the softest bending stiffness, or of the inertia: stiffness added for motions without energy change
+FIRM = 30.0  # times the thread's own stiffness: the compliance of the holes then changes that stiffness by 1e-4
+ASIDE = (0.36, 0.48, 0.8)  # direction of a thread that can go in any direction; it is along no axis
+BENT = 1e-6  # of the distance of control points: an existing bow with a larger deflection grows
+MANY = 1500  # coordinates of control points: dense second derivatives of more coordinates take minutes
 
 
 def would_stay(solution: Solution[Body], new: State[Body]) -> bool:
-    """Tell whether the thread resists every motion of its own from an equilibrium, with its state there."""
+    """Return whether the thread is stable against its own motions in an equilibrium, with its state
+    `new` there.
+    """
     problem = replace(given_a_little(solution), frame=new.frame)
     return resists(problem, solution.iterate, evaluate(problem, solution.iterate))
 
 
 def given_a_little(solution: Solution[Body]) -> Problem[Body]:
-    """Return the problem of an equilibrium in which motions that cost nothing, such as the turn of a planar bow about
-    its pinned ends, are given a little stiffness, as a mass."""
+    """Return the problem of an equilibrium with a small added stiffness, as a mass.
+
+    It stabilises motions without a change of energy, such as the rotation of a planar bow about its
+    pinned ends.
+    """
     return replace(
         solution.problem, mass_factor=NEUTRAL * softest(solution.problem.system.thread), q_ref=solution.iterate.q
     )
@@ -69,8 +76,11 @@ def softest(thread: Thread) -> float:
 
 
 def costs_nothing(problem: Problem[Body], force: float, way: Array) -> bool:
-    """Tell whether a thread in one piece that does not slide has gone a `way` (n, c) under a `force` [N] along motions
-    that cost nothing: against its softest bending it would have taken more."""
+    """Return whether a thread in one piece without sliding moved along motions without a change of energy.
+
+    It has gone a `way` (n, c) under a `force` [N]. Against its softest bending, the force would
+    have been larger.
+    """
     system = problem.system
     if (problem.law.may_slide & problem.rows[:, 0]).any() or system.thread.spline.cuts.size:
         return False
@@ -78,9 +88,9 @@ def costs_nothing(problem: Problem[Body], force: float, way: Array) -> bool:
 
 
 def resists(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
-    """Tell whether the potential of a problem has a minimum in the thread's own motions at a solution.
+    """Return whether the potential of a problem has a minimum in the thread's own motions at a solution.
 
-    The holes hold the thread more firmly there than it holds itself.
+    The holes are given a higher stiffness than the thread itself.
     """
     band, border = thread_matrix(problem, z, r), border_of(problem, z, r.passage)
     firm = add_constraint_stiffness(problem, FIRM * band, border, r)[0] - (FIRM - 1.0) * band
@@ -89,15 +99,21 @@ def resists(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
 
 
 def holds(solution: Solution[Body]) -> bool:
-    """Tell whether the thread resists every motion of its own from the solution of a step in time. A bow of a straight
-    thread may turn about its ends by inertia alone, which is given a little more."""
+    """Return whether the thread is stable against its own motions in the solution of a step in time.
+
+    A bow of a straight thread can rotate about its ends with its inertia as the only resistance; a
+    small mass is added for it.
+    """
     problem = replace(solution.problem, mass_factor=(1.0 + NEUTRAL) * solution.problem.mass_factor)
     return resists(problem, solution.iterate, solution.residual)
 
 
 def is_squeezed(solution: Solution[Body], mass_factor: float = 0.0) -> bool:
-    """Tell whether a solution may be one that the thread does not resist: it is twisted, or a strand of it is pressed
-    along itself by more than `borne_pressure`, with the `mass_factor` of the time scheme [1/s²], none at rest."""
+    """Return whether a solution may be unstable: the thread is twisted, or a strand is under compression.
+
+    The compression is above `borne_pressure`, with the `mass_factor` of the time scheme [1/s²],
+    zero at rest.
+    """
     problem, z = solution.problem, solution.iterate
     thread = problem.system.thread
     if not thread.EI:
@@ -109,12 +125,13 @@ def is_squeezed(solution: Solution[Body], mass_factor: float = 0.0) -> bool:
 
 
 def borne_pressure(thread: Thread, mass_factor: float) -> float:
-    """Return the force along itself that the longest thread bears by its bending and its inertia [N], any where it does
-    not bend.
+    """Return the compression [N] that a thread of any length bears by its bending and its inertia;
+    inf without bending.
 
-    A wave of number k is held by EI k⁴ + ϱA a and driven by F k², with a the `mass_factor` of the time scheme [1/s²]:
-    for F below 2 √(EI ϱA a) there is none that is not held (a column on an elastic foundation; Timoshenko and Gere,
-    Theory of Elastic Stability, 1961, §2.10), nor at rest below π² EI/4L².
+    A wave of number k is resisted by EI k⁴ + ϱA a and driven by F k², with the `mass_factor` a of
+    the time scheme [1/s²]. For F below 2 √(EI ϱA a) every wave is stable (a column on an elastic
+    foundation; Timoshenko and Gere, Theory of Elastic Stability, 1961, §2.10). At rest this holds
+    below π² EI/4L².
     """
     if not thread.EI:
         return np.inf
@@ -123,35 +140,38 @@ def borne_pressure(thread: Thread, mass_factor: float) -> float:
 
 
 def go_aside(solution: Solution[Body]) -> Solution[Body]:
-    """Return the solution of a step that the thread resists: the same, or one downhill of it where the thread would
-    buckle. Raises `StepError` where none is found."""
+    """Return a stable solution of a step: the same one, or one downhill of it if the thread would buckle.
+
+    Raises `StepError` if none is found.
+    """
     problem, z = solution.problem, solution.iterate
     if not is_squeezed(solution, problem.mass_factor) or holds(solution):
         return solution
     found = solve(problem, aside(problem, z), BOWING)
     if not holds(found):
-        cause = "the thread is pressed along itself where it would buckle, and no way aside was found"
+        cause = "the thread is under compression and would buckle, and no stable solution was found"
         raise nowhere(problem, cause)
     return replace(found, iterations=solution.iterations + found.iterations)
 
 
 def nowhere(problem: Problem[Body], cause: str) -> StepError:
-    """Return the error of a step from whose solution no way aside was found."""
+    """Return the error of a step without a way off its solution."""
     return StepError(problem.time - problem.dt, problem.dt, cause)
 
 
 def aside(problem: Problem[Body], z: Iterate) -> Iterate:
-    """Return a solution that the thread does not resist, moved off the saddle by a diameter at most: the way downhill
-    begins there. Raises `StepError` for a thread of more than MANY coordinates."""
+    """Return an unstable solution moved off the saddle by at most a diameter: the start of the way downhill.
+
+    Raises `StepError` for a thread of more than MANY coordinates.
+    """
     if z.q.size > MANY:
-        cause = f"the thread buckles, and has more than {MANY} coordinates of control points to seek the way aside in"
+        cause = f"the thread buckles; a way off is sought only with at most {MANY} coordinates of control points"
         raise nowhere(problem, cause)
     return replace(z, q=z.q + outset(problem, z))
 
 
 def own_motions(problem: Problem[Body], z: Iterate) -> Array:
-    """Return an orthonormal basis of the motions in which what holds the thread, its abscissae and the organ rest,
-    shape `(c n, k)`."""
+    """Return an orthonormal basis of the motions with constant holders, abscissae and organ, shape `(c n, k)`."""
     system, (n, c) = problem.system, z.q.shape
     at = system.passage(z.q, z.s)
     Phi_q = border_of(problem, z, at).Phi_q[:, :, :, None]
@@ -161,9 +181,12 @@ def own_motions(problem: Problem[Body], z: Iterate) -> Array:
 
 
 def outset(problem: Problem[Body], z: Iterate) -> Array:
-    """Return the motion with which the thread goes off a saddle, shape `(n, c)`: of those that it does not resist the
-    one of the bow that there is, of a straight thread one aside, the furthest point by a diameter. Raises `StepError`
-    where it resists all."""
+    """Return the motion of the thread off a saddle, shape `(n, c)`.
+
+    It is a combination of the unstable motions: that of the existing bow, or one aside for a
+    straight thread. Its largest displacement is one diameter. Raises `StepError` if there is no
+    unstable motion.
+    """
     thread, q, free = problem.system.thread.placed(z.s), z.q, own_motions(problem, z)
     points = thread.points(q, problem.frame)
     band = thread.tangent(points, thread.EA * points.strain) + problem.mass_factor * thread.mass_band
@@ -172,7 +195,7 @@ def outset(problem: Problem[Body], z: Iterate) -> Array:
     sizes, axes = np.linalg.eigh(free.T @ (matrix @ free))
     yielding = free @ axes[:, sizes < 0.0]
     if not yielding.size:
-        cause = "the thread hardly resists what moves it, and no way is found in which it gives way"
+        cause = "the thread is at the limit of stability, and no unstable motion was found"
         raise nowhere(problem, cause)
     bow, any_way = np.zeros_like(q), np.zeros_like(q)
     bow[1:-1, :3] = np.diff(q[:, :3], 2, axis=0)

@@ -1,4 +1,4 @@
-"""What the compiled loops read of a thread, made once, and what one step adds to it."""
+"""The arrays of a thread for the compiled loops, made once, and the additional arrays of a step."""
 
 import logging
 from collections.abc import Iterator
@@ -30,9 +30,9 @@ from thread.thread import Thread
 log = logging.getLogger(__name__)
 
 REACH = ORDERS - 1
-OVER = {"over": True}  # of what is logged: nothing is waited for any more
-COMPILING = 15  # s, of a step or of steps at once: 13 and 16 s on a quiet machine, 26 and 28 s on one with eight jobs
-KEPT = "iteration.solve_of."  # begins the names of the loops' files on disk
+OVER = {"over": True}  # mark of a log record: the wait is over
+COMPILING = 15  # s, for a step or for steps at once: 13 and 16 s on an idle machine, 26 and 28 s with eight jobs
+KEPT = "iteration.solve_of."  # first part of the file names of the loops on disk
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Tables:
     @cached_property
     def curve(self) -> Curve:
         """The elastic thread."""
-        assert isinstance(self.thread.axial, Continuous)  # `coupling.step.solver.covers` no springs
+        assert isinstance(self.thread.axial, Continuous)  # `coupling.step.solver.covers` excludes springs
         return self.thread.axial.curve
 
     @cached_property
@@ -57,8 +57,11 @@ class Tables:
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """What the loops came to: `how` they ended (`coupling.kernels.iteration`), the `corrections` made, the largest
-    force [N], the last iterate `z`, and the residual `found` there."""
+    """The result of the loops.
+
+    `how` they ended (`coupling.kernels.iteration`), the number of `corrections`, the largest force
+    [N], the last iterate `z`, and the residual `found` there.
+    """
 
     how: int
     corrections: int
@@ -67,16 +70,16 @@ class Ended:
     found: Found
 
 
-RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes another system in every step
+RECENT: Recent[Tables] = Recent()  # a host program that moves an end makes a new system in every step
 
 
 def tables_of(thread: Thread) -> Tables:
-    """Return the tables of a thread, where they are among the last that were made those."""
+    """Return the tables of a thread; cached for the last ones."""
     return RECENT.of((thread,), lambda: Tables(thread))
 
 
 def given_of(problem: Problem) -> Given:
-    """Return what a step is solved under."""
+    """Return the constant data of a step."""
     system, (y_free, C) = problem.system, problem.organ_at_holds
     spans, piece = pieces_of(system.thread, problem.law.s_old)
     piece = piece + np.array([system.width, -system.width])
@@ -100,8 +103,10 @@ def given_of(problem: Problem) -> Given:
 
 
 def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
-    """Return the outer spans (m, 2) and the ends (m, 2) [m] of the pieces of a cut thread that hold abscissae `home`
-    (m,) [m]."""
+    """Return the first and last spans (m, 2) and the ends (m, 2) [m] of the pieces of a cut thread.
+
+    The pieces contain the abscissae `home` (m,) [m].
+    """
     spline = thread.spline
     piece = spline.piece_of(home)[:, None] + np.arange(2)
     ends = np.searchsorted(spline.breaks, spline.piece_ends)
@@ -109,7 +114,7 @@ def pieces_of(thread: Thread, home: Array) -> tuple[Indices, Array]:
 
 
 def bounds_of(problem: Problem) -> Bounds:
-    """Return what counts as solved, and how far a correction goes."""
+    """Return the tolerances and limits of an iteration."""
     thread, spline = problem.system.thread, problem.system.thread.spline
     return Bounds(
         newton.FORCE_TOLERANCE,
@@ -128,7 +133,7 @@ def bounds_of(problem: Problem) -> Bounds:
 
 
 def empty_found(z: Iterate | Unknowns, points: int) -> Found:
-    """Return room for a residual at an iterate, with so many `points` of the bending on a span."""
+    """Return arrays for a residual at an iterate; `points` is the number of bending points per span."""
     (n, _), (spans, axial), m = z.q.shape, z.N.shape, len(z.s)
     return Found(
         elastic=np.empty((n, 3)),
@@ -151,33 +156,35 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
 
 
 def own_curve(curve: Curve) -> Curve:
-    """Return a copy of a curve, whose functions and weights are written anew where knots travel."""
+    """Return a copy of a curve with its own functions and weights, which change if knots travel."""
     names = "slope", "bend", "w", "axial_slope", "axial_w"
     return curve._replace(**{name: getattr(curve, name).copy() for name in names})
 
 
 def folder_of_loops() -> Path | None:
-    """Return the folder that the loops are kept in; None where there is none that one may write, or Numba is switched
-    off."""
+    """Return the folder of the cached loops; None if no folder can be written or Numba is disabled."""
     return folder_of(iteration.solve)
 
 
 def folder_of(loops: object) -> Path | None:
-    """Return the folder that compiled loops are kept in, likewise."""
+    """Return the folder of cached compiled loops; None as in `folder_of_loops`."""
     stats = getattr(loops, "stats", None)
     return Path(stats.cache_path) if stats is not None and stats.cache_path else None
 
 
 @cache
 def is_ready() -> bool:
-    """Whether the loops were on disk, compiled since a module of theirs last changed, when this was first asked; where
-    Numba is switched off nothing is to be compiled."""
+    """Return whether the compiled loops were on disk at the first call, newer than all their
+    modules; True if Numba is disabled.
+    """
     return is_kept(iteration.solve, KEPT, iteration.__file__)
 
 
 def is_kept(loops: object, name: str, module: str) -> bool:
-    """Whether loops, whose files on disk begin with a `name`, were compiled since one of the kernels that their
-    `module` may call last changed; also where Numba is switched off."""
+    """Return whether loops were compiled after the last change of the kernels that their `module` can call.
+
+    Their files on disk begin with `name`. True if Numba is disabled.
+    """
     folder = folder_of(loops)
     if folder is None:
         return not hasattr(loops, "stats")
@@ -192,14 +199,14 @@ def run_loops(*given: object) -> tuple[int, float]:
 
 
 def solver_for(*given: object) -> int:
-    """Return the address of the loops for such arrays, zero where Numba is switched off."""
+    """Return the address of the loops for such arrays; zero if Numba is disabled."""
     with telling(iteration.solve, is_ready(), "the step"):
         return address_of(iteration.solve, given)
 
 
 @contextmanager
 def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
-    """Where loops are neither `ready` nor in memory, say that they are compiled, of what, and how long it took."""
+    """Log the compilation of loops and its time if they are neither `ready` nor in memory; `what` names them."""
     if ready or loops.signatures:
         yield
         return

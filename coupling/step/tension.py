@@ -1,5 +1,6 @@
-"""The tension of the strands next to the holes, and over what length the thread bends there
-(`coupling.kernels.steps.tension`)."""
+"""The tensions of the strands next to the holes, and the bending lengths there
+(`coupling.kernels.steps.tension`).
+"""
 
 import numpy as np
 
@@ -10,11 +11,11 @@ from coupling.kernels.steps.tension import INSIDE, Along
 from coupling.system import System
 from thread.placed import Placed
 
-REST = 1e-9  # of EA: a thread under less tension than this bends over all its length
+REST = 1e-9  # of EA: a thread under less tension bends over its whole length
 
 
 def along_of(system: System[Body]) -> Along:
-    """Return the abscissae of a thread as the kernels want them."""
+    """Return the abscissae of a thread as arrays for the kernels."""
     spline, axial = system.thread.spline, np.ascontiguousarray(system.thread.axial.s)
     axial = axial.reshape(len(axial), -1)
     greville = spline.greville
@@ -27,14 +28,17 @@ def along_of(system: System[Body]) -> Along:
 
 
 def pull_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return the tensions before and after the holds at `s` (m,) [m], shape `(m, 2)` [N], under the axial forces `N`
-    [N]. The answer to the last question is remembered: the end of a step is the start of the next."""
+    """Return the tensions before and after the holds at `s` (m,) [m], shape `(m, 2)` [N], under the
+    axial forces `N` [N].
+
+    The last results are cached: the end of a step is the start of the next one.
+    """
     there = tuple(present.tolist())
     return system.recent_pulls.of((s, N), lambda: make_pull(system, s, N, present), there)
 
 
 def make_pull(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return what `pull_at` does."""
+    """Return the result of `pull_at`, without a cache."""
     along, pull = along_of(system), np.empty((len(s), 2))
     forces = np.ascontiguousarray(N.reshape(along.axial.shape))
     tension.tensions(along, np.ascontiguousarray(s), forces, np.ascontiguousarray(present), pull)
@@ -42,9 +46,11 @@ def make_pull(system: System[Body], s: Array, N: Array, present: Flags) -> Array
 
 
 def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return 1 + T/EA + ε̄ of every hold, T the mean of the tensions before and after it and ε̄ the natural strain of a
-    thread that relaxes, shape `(m,)` [-]; 1 of a thread whose knots stand still, which has |T| at its holes in the
-    place of that."""
+    """Return 1 + T/EA + ε̄ of every hold, shape `(m,)` [-].
+
+    T is the mean of the tensions before and after the hold, and ε̄ the natural strain of a thread
+    that relaxes. If knots do not travel, it is 1, because the law then uses |T| at the holes.
+    """
     if not system.thread.travels:
         return np.ones(len(s))
     elastic = pull_at(system, s, N, present).mean(axis=1) / system.thread.EA
@@ -52,21 +58,26 @@ def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Ar
 
 
 def lengths_bent_over(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m], T the larger of the tensions before
-    and after it."""
+    """Return √(EI/T) of every hold, at most the thread's length, shape `(m,)` [m].
+
+    T is the larger of the tensions before and after the hold.
+    """
     thread = system.thread
     pull = np.maximum(pull_at(system, s, N, present).max(axis=1), REST * thread.EA)
     return np.asarray(np.minimum(np.sqrt(thread.EI / pull), thread.spline.end - thread.spline.start))
 
 
 def within(system: System[Body], s: Array) -> Flags:
-    """Return which abscissae `s` (m,) [m] part the thread."""
+    """Return which abscissae `s` (m,) [m] divide the thread."""
     return np.asarray(tension.within(system.thread.spline.breaks, s))
 
 
 def is_pressed(system: System[Body], s: Array, strain: Array, borne: float, here: Flags) -> bool:
-    """Whether half of the points of a part of the thread are pressed along themselves to a `strain` beyond the one
-    `borne` [-], with holds at `s` (m,) [m] of which those that are `here` part it."""
+    """Return whether a part of the thread is under compression at more than half of its points.
+
+    A point counts if its strain is below −`borne` [-]. The holds at `s` (m,) [m] that are `here`
+    divide the thread into parts.
+    """
     along = along_of(system)
     strain = np.ascontiguousarray(strain.reshape(along.axial.shape))
     return bool(tension.pressed(along, strain, float(borne), np.ascontiguousarray(s), np.ascontiguousarray(here)))
