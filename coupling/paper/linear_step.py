@@ -348,7 +348,7 @@ def solve_posed(posed: Posed[Body], solver: Solver = solve_whole) -> Step[Body]:
         frame=system.thread.transport_frame(state.frame, q),
     )
     if system.thread.turns_too_far(state.frame, q):
-        raise StepError(state.time, dt, "a tangent turned by more than 120°, too far for the frame of the twist")
+        raise StepError(state.time, dt, "a tangent turned by more than 120°, too far for the twist's frame")
     at = passage(system.thread.spline, q, s)
     refuse_missed(posed, phi(at, lam, y))
     new = with_sense(system, state, new, at)

@@ -334,9 +334,7 @@ class Run(Generic[Body]):
         system, state = fitted(self.system, self.state)
         if state is self.state:
             return self
-        loss = stored(self.system, self.state) - stored(
-            system, state
-        )  # without an event, because nothing is transferred
+        loss = stored(self.system, self.state) - stored(system, state)  # not an event: nothing is transferred
         return replace(self, system=system, state=state, energies=booked(system, self.energies, state, loss=loss))
 
     def _scheduled(self, earlier: float, dt: float) -> "Run[Body]":

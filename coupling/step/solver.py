@@ -1,5 +1,8 @@
-"""A step solved by the compiled iteration (`coupling.kernels.iteration`) where the system asks for it and it covers
-the problem, else by the same kernels called from Python (`coupling.step.newton`)."""
+"""The solution of a step, by compiled loops or by the same kernels called from Python.
+
+The compiled iteration (`coupling.kernels.iteration`) is used if the system asks for it and it
+covers the problem; otherwise `coupling.step.newton` is used.
+"""
 
 import logging
 from dataclasses import replace
@@ -26,9 +29,12 @@ log = logging.getLogger(__name__)
 
 
 def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, patience: int = 0) -> Solution[Body]:
-    """Solve a problem near a guess or, if Newton's method does not converge from there, downhill from where it is to
-    `begin`, None for the guess (`coupling.step.descent`); with `patience` times the corrections of a plain solve, 0 for
-    PATIENCE. Raises `StepError`."""
+    """Solve a problem close to a guess, or downhill if Newton's method does not converge from there.
+
+    The way downhill starts at `begin`; None means the guess (`coupling.step.descent`). `patience`
+    is the allowed number of its corrections, in those of a plain solve; 0 means PATIENCE. Raises
+    `StepError`.
+    """
     try:
         return solve(problem, guess)
     except StepError as error:
@@ -37,13 +43,17 @@ def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, p
 
 
 def solve(problem: Problem[Body], start: Iterate, downhill: int = 0) -> Solution[Body]:
-    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer: by compiled
-    loops where the system asks for them and they cover the problem, else by `coupling.step.newton`; by
-    `coupling.step.descent` if it is to go `downhill`, with so many times the corrections. Raises `StepError`.
+    """Iterate from `start` until every equation holds, and stick and slip, contact and opening fit
+    the solution.
 
-    What an organ answered in a space too narrow for the forces that are found is solved again with the answer that
-    holds under them, from the same start: a step may have several solutions, and what another organ came to may lead to
-    another one. Where no solution is found, nor is one with the answer that holds under all forces."""
+    If `downhill` is not zero, the step is solved by `coupling.step.descent`, with `downhill` times
+    the corrections. Raises `StepError`.
+
+    If the answer of an organ in a smaller space is not accurate under the forces found, the step is
+    solved again with an accurate answer, from the same start: a step can have several solutions,
+    and a start at the solution with another answer could lead to another one. If no solution is
+    found, the step is solved again with the answer that is accurate under all forces.
+    """
     try:
         solution = solve_once(problem, start, downhill)
     except StepError:
@@ -63,7 +73,7 @@ def solve(problem: Problem[Body], start: Iterate, downhill: int = 0) -> Solution
 
 
 def solve_once(problem: Problem[Body], start: Iterate, downhill: int) -> Solution[Body]:
-    """Solve with the organ's answer as it is, as `solve` says. Raises `StepError`."""
+    """Solve with the organ's answer as given, as described in `solve`. Raises `StepError`."""
     if downhill:
         return descend(problem, start, downhill)
     if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
@@ -75,34 +85,37 @@ def solve_once(problem: Problem[Body], start: Iterate, downhill: int) -> Solutio
 
 
 def are_kept() -> bool:
-    """Whether compiled loops are kept on disk, for the next process: there is a folder that one may write, and Numba is
-    not switched off."""
+    """Return whether compiled loops are cached on disk for the next process.
+
+    This needs a folder that can be written, and Numba must not be disabled.
+    """
     from coupling.step.tables import folder_of_loops
 
     return folder_of_loops() is not None
 
 
 def covers(system: System[Body]) -> bool:
-    """Return whether the kernels know the thread, with stretch and bending as integrals, and the holes' laws of
-    friction, Coulomb's."""
+    """Return whether the kernels cover the thread and the friction of the holes.
+
+    The thread has stretch and bending as integrals, and the friction is Coulomb's.
+    """
     thread, own = system.thread, any(law is not None for law in system.own_friction)
     plain = not (thread.twist or thread.coil or thread.springs is not None or thread.relaxation is not None)
     return plain and not (own or system.bears)
 
 
 def is_covered(problem: Problem[Body]) -> bool:
-    """Return whether the kernels know all of a problem: besides the thread and its holes a linear organ none of whose
-    surfaces may touch."""
+    """Return whether the kernels cover the whole problem: the system, and a linear organ without contact."""
     return problem.answer.linear and problem.contact is None and covers(problem.system)
 
 
 def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body]:
-    """Solve by the loops, as `solve` says. Raises `StepError`, where they end as `coupling.step.newton` does."""
+    """Solve by the loops, as described in `solve`. Raises the `StepError` of `coupling.step.newton`."""
     from coupling.step.tables import run, tables_of
 
     ask_before_correction()
     ended = run(tables_of(problem.system.thread), problem, start)
-    for _ in range(ended.corrections - 1):  # the loops do not ask themselves, and each correction counts
+    for _ in range(ended.corrections - 1):  # each correction counts, and the loops do not ask
         ask_before_correction()
     cause = cause_of(ended)
     if cause:
@@ -111,7 +124,7 @@ def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body]:
 
 
 def cause_of(ended: "Ended") -> str:
-    """Return why the loops found no solution, in the words of `coupling.step.newton`; empty where they found one."""
+    """Return why the loops found no solution, in the words of `coupling.step.newton`; empty if they found one."""
     from coupling.kernels import iteration
 
     if ended.how == iteration.SOLVED:
@@ -122,14 +135,16 @@ def cause_of(ended: "Ended") -> str:
         iteration.NOT_CONVERGED: newton.too_many(newton.MAX_ITERATIONS),
         iteration.ALTERNATES: newton.STICK_OR_SLIP,
     }
-    if not np.isfinite(ended.found.balance).all():  # no number compares, and what has one in it may pass for singular
+    if not np.isfinite(ended.found.balance).all():  # a matrix with nan may look singular
         return newton.RAN_AWAY
     return causes.get(ended.how, newton.RAN_AWAY)
 
 
 def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
-    """Return the residual at a solved iterate from the arrays that the loops left. The thread itself is evaluated as a
-    run that goes on from there evaluates it, to the same bits."""
+    """Return the residual at a solved iterate from the arrays of the loops.
+
+    The thread is evaluated as in a run that continues from there, with the same bits.
+    """
     z, found = ended.z, ended.found
     drive = -found.ridden.by_s if problem.system.thread.travels else None
     now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, drive)

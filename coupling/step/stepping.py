@@ -1,4 +1,4 @@
-"""Implicit steps with the constraints at their end, and what a step that fails does: halve itself.
+"""Implicit steps with the constraints at their end, and the halving of a failed step.
 
 A step that did not converge is never accepted.
 """
@@ -32,21 +32,25 @@ from thread.thread import Thread
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
 
-HALVINGS = 8  # a step is given up below dt / 2^8
-RUN_OUT = 4  # halvings until a hole that the thread is about to run out of is let go before a step
-CURVED = 4  # halvings that a step may take because it makes energy on a curved way
-REFINED = 6  # halvings for accuracy: a jump of velocity is an error of first order in any step
-MOST_TRIES = 256  # of steps and parts of steps until one is given up: as many as the smallest parts
+HALVINGS = 8  # a step fails finally at dt / 2^8
+RUN_OUT = 4  # halvings after which a hole is released before the step in which the thread would run out of it
+CURVED = 4  # halvings of a step that creates energy on a curved way, at most
+REFINED = 6  # halvings for accuracy, at most: a jump of velocity is an error of first order in every step
+MOST_TRIES = 256  # steps and parts of steps, at most: the number of the smallest parts
 
 GROWTH = 2.0  # largest ratio of a step to the one before; zero-stability ends at 1 + √2
 
 
 @dataclass(frozen=True)
 class Step(Generic[Body]):
-    """One accepted step from `old` to `new` over `dt` [s], its solution, and the thread's configuration at its end;
-    whether the tissue `snapped` to an equilibrium that was not near, and whether a load step was found `along` its
-    branch (`coupling.rest.branch`); where the thread would have been `beyond` the holes that it left in it, one state
-    for each time that the step was taken again."""
+    """One accepted step from `old` to `new` over `dt` [s].
+
+    - `solution`, and the thread's configuration at its `end`.
+    - `snapped`: whether the tissue snapped to a distant equilibrium.
+    - `along`: whether a load step was found along its branch (`coupling.rest.branch`).
+    - `beyond`: the states of the thread beyond the holes that it left in the step, one for each
+      time that the step was repeated.
+    """
 
     old: State[Body]
     new: State[Body]
@@ -59,8 +63,10 @@ class Step(Generic[Body]):
 
 
 def end_load(system: System[Body], time: float, share: float = 1.0) -> Array:
-    """Return the weight and pulling forces on the control points at `time` [s], or in statics at a `share` of the load
-    steps, which end at `time`, shape `(n, c)` [N]."""
+    """Return the weight and the pulling forces on the control points at `time` [s], shape `(n, c)` [N].
+
+    In statics they are those at a `share` of the load steps, which end at `time`.
+    """
     load = share * system.weight
     load[0, :3] += system.ends[0].force(time, share)
     load[-1, :3] += system.ends[1].force(time, share)
@@ -68,8 +74,10 @@ def end_load(system: System[Body], time: float, share: float = 1.0) -> Array:
 
 
 def prescribed_values(system: System[Body], time: float) -> list[tuple[int, slice, Array | float]]:
-    """Return the control points that are held, which of their values, and these at `time`: P(start) = q_0 and
-    P(end) = q_(n−1) [m], with twist angles [rad]."""
+    """Return the held control points, which of their values are held, and these values at `time`.
+
+    P(start) = q_0 and P(end) = q_(n−1) [m], with twist angles [rad].
+    """
     out: list[tuple[int, slice, Array | float]] = []
     for point, end in zip((0, -1), system.ends, strict=True):
         place, angle = end.position(time), end.angle(time) if system.thread.twist else None
@@ -87,31 +95,36 @@ def with_ends(q: Array, system: System[Body], time: float) -> Array:
 
 
 def past_states(scheme: Scheme, state: State[Body]) -> tuple[State[Body], ...]:
-    """Return the states that a scheme looks back at, the newest first."""
+    """Return the earlier states that a scheme uses, newest first."""
     states = (state,) if state.before is None else (state, state.before)
     return states[: len(scheme.weights)]
 
 
 def thread_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
-    """Return q, v of the thread at the start of the step, and of the one before where the scheme looks back."""
+    """Return q, v of the thread at the start of the step, and those of the state before if the scheme uses it."""
     return tuple(x for past in past_states(scheme, state) for x in (past.q, past.v))
 
 
 def sliding_motion(scheme: Scheme, state: State[Body]) -> tuple[Array, ...]:
-    """Return s, ds/dt of the holds, likewise."""
+    """Return s, ds/dt of the holds at the start of the step, and those of the state before if the
+    scheme uses it.
+    """
     return tuple(x for past in past_states(scheme, state) for x in (past.s, past.s_dot))
 
 
 def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> Answer[Body]:
-    """Return the organ's answer to the step of a scheme from a state. Raises `StepError` where it has none."""
+    """Return the organ's answer to the step of a scheme from a state. Raises `StepError` if it has none."""
     return ask_organ(system, scheme, past_states(scheme, state), state.time + scheme.dt)
 
 
 def ask_organ(
     system: System[Body], scheme: Scheme, past: Sequence[State[Body]], time: float, share: float = 1.0
 ) -> Answer[Body]:
-    """Return the organ's answer from the states `past`, the newest first, under a `share` of the loads at `time` [s].
-    Raises `StepError` where it has none."""
+    """Return the organ's answer from the states `past`, newest first, under a `share` of the loads
+    at `time` [s].
+
+    Raises `StepError` if the organ has no answer.
+    """
     try:
         now, *before = past
         bodies = [touching_organ(system, now, now if scheme.a else past[-1]), *(each.organ for each in before)]
@@ -127,7 +140,7 @@ def dynamic_problem(
     answer: Answer[Body],
     scheme: Scheme | None = None,
 ) -> Problem[Body]:
-    """Return the step of a scheme, backward Euler unless another is given, from `state` with the organ's `answer`."""
+    """Return the problem of a step from `state` with the organ's `answer`; `scheme` None means backward Euler."""
     scheme, system = scheme or BackwardEuler(dt), system.over(state, dt)
     thread, time = system.thread, state.time + dt
     if thread.travels:
@@ -143,8 +156,10 @@ def dynamic_problem(
 def travelling_problem(
     system: System[Body], state: State[Body], dt: float, answer: Answer[Body], scheme: Scheme
 ) -> Problem[Body]:
-    """Return the step of a scheme, as `dynamic_problem` does, of a thread whose knots travel: its inertia is from where
-    the earlier curves are at the material points."""
+    """Return the problem of a step, as `dynamic_problem`, of a thread whose knots travel.
+
+    Its inertia is relative to the earlier curves at the material points.
+    """
     damping, curves = scheme.d * system.thread.damping, [solved_curve(past) for past in past_states(scheme, state)]
     factor = scheme.a + damping
     fields = tuple(
@@ -165,7 +180,7 @@ def problem_of(
     q_ref: Array,
     load: Array,
 ) -> Problem[Body]:
-    """Return the step of a scheme whose inertia is from `q_ref` (n, c) under a `load` (n, c) [N]."""
+    """Return the problem of a step with the inertia relative to `q_ref` (n, c), under a `load` (n, c) [N]."""
     time, motion_s = state.time + dt, sliding_motion(scheme, state)
     s_free = np.where(system.of_ties, scheme.damping_reference(*motion_s[::2]), scheme.inertia_reference(*motion_s))
     rows = system.rows & state.present[:, None]
@@ -196,17 +211,22 @@ def problem_of(
 
 
 def tie_gaps(system: System[Body], state: State[Body], time: float) -> Array:
-    """Return the gaps at `time` [s] between the strands of the ties that are in force in a state, shape `(t, 3)`
-    [m]."""
+    """Return the gaps at `time` [s] between the strands of the ties that are active in a state,
+    shape `(t, 3)` [m].
+    """
     one, other = system.strands.T
     gaps = gap_left(system.ties, state.y[one, :3] - state.y[other, :3], state.time, time)
     return gaps[state.present[one]]
 
 
 def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Predict the first iterate: the thread goes on as it went, knots that travel with their holes, under the forces
-    that it had, and the sites are where these forces held them. (From the sites of an organ without forces a step at
-    rest in holes that turned far does not come back to its own answer.)"""
+    """Return the predicted first iterate.
+
+    The thread continues with its velocity, and travelling knots with their holes. The forces are
+    unchanged, and the sites are at their places under these forces. (If the sites start at their
+    places without forces, a step at rest in holes that turned far does not return to its own
+    solution.)
+    """
     q, spline = state.q + problem.dt * state.v, problem.system.thread.spline
     if isinstance(spline, Placed):
         q = q + carried(spline, problem.ride, state.q, state.s_dot, problem.dt)
@@ -218,17 +238,20 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
 
 
 def where_it_is(problem: Problem[Body], state: State[Body]) -> Iterate:
-    """Return the iterate in which the thread stays where it is, but for its prescribed ends and the strands that they
-    take along."""
+    """Return the iterate with the thread at its place, except for its prescribed ends and the
+    strands that move with them.
+    """
     q = state.q + taken_along(problem.system, state, with_ends(state.q, problem.system, problem.time) - state.q)
     pressed, rubbing = first_sets(problem.contact, problem.system, state)
     return Iterate(q, state.N, state.s, state.lam, state.y, state.sigma, pressed=pressed, rubbing=rubbing)
 
 
 def taken_along(system: System[Body], state: State[Body], moves: Array) -> Array:
-    """Return how control points move that prescribed ends, which make the `moves` (n, c), take along: the less, the
-    nearer they are to the next hole or the other end of their piece. A strand is then strained by a part of what its
-    last span would be."""
+    """Return the moves of control points that follow the `moves` (n, c) of the prescribed ends.
+
+    The moves decrease to zero at the next hole or the other end of the piece. The strain of the
+    strand is then much smaller than that of its last span alone would be.
+    """
     spline, out = system.thread.spline, np.zeros_like(moves)
     stops = np.concatenate([state.s[state.present], spline.piece_ends])
     for point, end, stop in (
@@ -240,8 +263,7 @@ def taken_along(system: System[Body], state: State[Body], moves: Array) -> Array
 
 
 def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme | None = None) -> Step[Body]:
-    """Try one step of `dt` [s] by `scheme`, backward Euler unless another is given. Raises `StepError`,
-    `InversionError`; the state is not touched."""
+    """Return one step of `dt` [s] by `scheme`; None means backward Euler. Raises `StepError`, `InversionError`."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
     solution = find(problem, predict(problem, state), where_it_is(problem, state))
@@ -249,7 +271,7 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
 
 
 def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> Step[Body]:
-    """Return the step from `state` that a solution of its problem makes. Raises `InversionError`."""
+    """Return the step from `state` of a solution of its problem. Raises `InversionError`."""
     problem, z, residual = solution.problem, solution.iterate, solution.residual
     system, thread = problem.system, residual.configuration.thread
     new: State[Body] = State(
@@ -275,8 +297,11 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
 
 
 def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
-    """Return Σ w_k x_k of a scheme, shape `(n, c)` [m]; where knots travel, of the curves at the material points, put
-    on the knots of the `thread` by its mass, which keeps momentum and moment of momentum."""
+    """Return Σ w_k x_k of a scheme, shape `(n, c)` [m].
+
+    If knots travel, it is from the earlier curves at the material points. They are put on the knots
+    of the `thread` by its mass, which conserves momentum and moment of momentum.
+    """
     if not thread.travels:
         return scheme.damping_reference(*thread_motion(scheme, state)[::2])
     curves = [solved_curve(past) for past in past_states(scheme, state)]
@@ -284,8 +309,9 @@ def earlier_places(thread: Thread, scheme: Scheme, state: State[Body]) -> Array:
 
 
 def riding(residual: Residual) -> dict[str, Any]:
-    """Return what a state has besides: what the thread remembered in the step and, where knots travel, its spline and
-    −∂Π/∂s."""
+    """Return the additional fields of a state: the memory of the thread and, if knots travel, its
+    spline and −∂Π/∂s.
+    """
     thread = residual.configuration.thread
     known: dict[str, Any] = {"memory": thread.memory}
     return known | {"spline": thread.spline, "drive": residual.passage.drive} if thread.travels else known
@@ -298,22 +324,26 @@ def accept_organ(solution: Solution[Body]) -> Body:
 
 
 def end_configuration(new: State[Body], solution: Solution[Body]) -> Configuration:
-    """Return the thread's configuration at the end of a solved step: the one Newton ended with, but that the twist is
-    measured from the frame carried to the end."""
+    """Return the thread's configuration at the end of a solved step.
+
+    It is that of the solution, but with twist it refers to the frame carried to the end.
+    """
     if new.frame is None or new.spline is not None:
         return solution.residual.configuration
     return configuration_of(solution.problem.system, new)
 
 
 def abscissa_rates(scheme: Scheme, state: State[Body], z: Iterate) -> Array:
-    """Return ds/dt of every hold at the end of the step, `(m,)` [m/s]: none where the thread sticks."""
+    """Return ds/dt of every hold at the end of the step, `(m,)` [m/s]; zero if the thread sticks."""
     rate = scheme.d * (z.s - scheme.damping_reference(*sliding_motion(scheme, state)[::2]))
     return np.where(z.sigma == 0.0, 0.0, rate)
 
 
 def reactions(problem: Problem[Body], residual: Array) -> Array:
-    """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist their torque too [N m]: the
-    reaction where an end is held, else its load without the weight."""
+    """Return the force of the holders on the thread's ends, `(2, c)` [N], with twist also their torque [N m].
+
+    It is the reaction if an end is held, otherwise its load without the weight.
+    """
     system, load = problem.system, problem.load
     weight = np.zeros_like(load) if system.thread.travels else problem.weights * system.weight
     out = np.array([load[k] - weight[k] for k in (0, -1)])
@@ -323,11 +353,11 @@ def reactions(problem: Problem[Body], residual: Array) -> Array:
 
 
 def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> State[Body]:
-    """Return the new state with the sense in which the thread passes its holes. Raises `InversionError` where the
-    tangent reversed in a directed hole.
+    """Return the new state with the sense in which the thread passes its holes.
 
-    T·(u × v) may change its sign although the thread does not jump: a linear organ under a couple shrinks its frame by
-    the cosine of the turn, to nothing at 90° and through itself beyond.
+    T·(u × v) can change its sign without a jump of the thread: a linear organ under a couple
+    shrinks its frame by the cosine of the turn, to zero at 90° and to a flipped frame beyond.
+    Raises `InversionError` if the tangent reversed in a directed hole.
     """
     now = np.where(new.present, sense(at, new.y), new.sense)
     turned = (old.sense * now < 0.0) & system.rows[:, 3] & new.present
@@ -340,13 +370,18 @@ def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Pas
 
 
 def sense(at: Passage, y: Array) -> Array:
-    """Return the sign of T·(u × v) of every hold, shape `(m,)`: +1 where the thread leaves along the frame's normal."""
+    """Return the sign of T·(u × v) of every hold, shape `(m,)`: +1 if the thread leaves along the
+    frame's normal.
+    """
     return np.sign(dot(at.T, cross(y[:, 3:6], y[:, 6:])))
 
 
 def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
-    """Return the holes that the thread has left, shape `(m,)`: present, with an abscissa beyond an end of the piece
-    of thread that was in them, or as near to it as `System.width`; of a tie both strands."""
+    """Return the holes that the thread has left, shape `(m,)`; of a tie both strands.
+
+    They are present, and their abscissa is beyond an end of their piece of the thread, or closer to
+    it than `System.width`.
+    """
     spline, near = system.thread.spline, system.width
     piece, way = spline.piece_of(old.s), new.s - old.s
     low, high = spline.piece_ends[piece] + near, spline.piece_ends[piece + 1] - near
@@ -357,12 +392,14 @@ def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> F
 
 
 def further_on(state: State[Body], dt: float) -> State[Body]:
-    """Return a state whose holes have gone on for `dt` [s] at the rate they have."""
+    """Return a state whose holes have moved on for `dt` [s] at their present rate."""
     return replace(state, time=state.time + dt, s=state.s + dt * state.s_dot)
 
 
 def release(state: State[Body], gone: Flags) -> State[Body]:
-    """Release the holes `gone`; what the thread did in them is no guide to what it does next."""
+    """Return the state with the holes `gone` released and without memory: their motion does not
+    predict the next one.
+    """
     lam = np.where(gone[:, None], 0.0, state.lam)
     s_dot, sigma = (np.where(gone, 0.0, x) for x in (state.s_dot, state.sigma))
     return replace(forgetful(state), present=state.present & ~gone, lam=lam, s_dot=s_dot, sigma=sigma)
@@ -385,18 +422,24 @@ def advance(
     watch: Watcher[Body] = accept,
     tolerance: float = np.inf,
 ) -> list[Step[Body]]:
-    """Go `dt` [s] further, in one step or, where it fails, in halves of it down to dt/2⁸. Parts of a step that fails
-    are of backward Euler without memory: it is no smooth motion, and an organ with inertia then has one operator for
-    each length of a part. One whose `local_error` exceeds the `tolerance` [m] is halved too, down to dt/2⁶, by the
-    integrator that it has; the parts behind it are as long again as the motion allows.
+    """Go `dt` [s] further in one step, or in halves of it down to dt/2⁸ if it fails; return the steps.
 
-    `take` makes one step and is the monolithic implicit one unless another is named; `watch` sees each before it is
-    accepted, in their order, and raises `StepError` where it is not to be; one that makes energy is halved, down to
-    dt/2⁴, by the integrator that it has, and one of BDF2 that still does, or gives back what a shock took, is taken
-    again by backward Euler. A step at whose end the thread has left a hole is taken again without that hole, one in
-    which it flipped through a hole in halves: it may have jumped where the motion would have gone. Raises `StepError`
-    when the smallest step fails too or MOST_TRIES did not reach the end, `ConstraintError` where the constraints are at
-    fault or a hand has drawn the thread out, `InversionError` where it flips in the smallest step.
+    - `take` makes one step; the default is the monolithic implicit step.
+    - `watch` is called with each step before it is accepted, in their order, and raises `StepError`
+      to refuse it.
+    - `tolerance` [m]: a step with a larger `local_error` is halved.
+
+    The parts of a failed step are backward Euler without memory: such a motion is not smooth, and
+    an organ with inertia then has one operator for each length of a part. Two other kinds of steps
+    keep their integrator in their halves: a step with a too large `local_error`, down to dt/2⁶, and
+    a step that creates energy, down to dt/2⁴. A step of BDF2 that still creates energy, or returns
+    the energy of a shock, is repeated by backward Euler.
+
+    If the thread has left a hole at the end of a step, the step is repeated without this hole. If
+    the thread flipped through a hole, the step is halved, because it may have jumped over the real
+    motion. Raises `StepError` if the smallest step fails too or MOST_TRIES did not reach the end,
+    `ConstraintError` if the constraints are the cause or a hand has drawn the thread out, and
+    `InversionError` if the thread flips in the smallest step.
     """
     taken: list[Step[Body]] = []
     pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()
@@ -449,13 +492,16 @@ def advance(
 
 
 def local_error(step: Step[Body]) -> float:
-    """Return what a step adds to the error of the motion by itself: the largest of a control point that is not held,
-    and of an abscissa in its hole [m] (`coupling.integrators.Scheme.local_error`)."""
+    """Return the local error of a step [m]: the largest over free control points and abscissae of
+    present holds.
+
+    See `coupling.integrators.Scheme.local_error`.
+    """
     old, new, system = step.old, step.new, step.solution.problem.system
     scheme: Scheme = BackwardEuler(step.dt) if new.before is None else scheme_of(old, step.dt)
     past = past_states(scheme, old)
     thread, rates = step.solution.residual.configuration.thread, [each.v for each in (new, *past)]
-    if thread.travels:  # the rates of the same material points, on the knots of the end
+    if thread.travels:  # rates of the same material points, on the knots of the end
         rates[1:] = [put_on(thread, [(curve.spline, curve.v)]) for curve in map(solved_curve, past)]
     of_points = scheme.local_error(*(v[:, :3] for v in rates))
     of_holes = scheme.local_error(*(each.s_dot for each in (new, *past)))
@@ -464,25 +510,30 @@ def local_error(step: Step[Body]) -> float:
 
 
 def given_up(system: System[Body], state: State[Body], left: float) -> StepError:
-    """Return the error of a step that went on for MOST_TRIES, with `left` [s] of it to go."""
+    """Return the error of a step that used MOST_TRIES, with `left` [s] remaining."""
     doing, piercing = what_it_does(system, state)
     cause = (
         f"{MOST_TRIES} parts of a step were tried and {left:.3g} s of it are left; {doing}; let the loads grow more "
-        "slowly (ramp), take up the slack in the path, or take a smaller solve.dt"
+        "slowly (ramp), remove slack from the path, or use a smaller solve.dt"
     )
     return StepError(state.time, left, cause, piercing)
 
 
 def refuse_impossible(system: System[Body], step: Step[Body]) -> Flags:
-    """Refuse a step in which holes cross or a held end leaves one; returns the holes that it has left, shape `(m,)`."""
+    """Refuse a step in which holes cross or a held end leaves a hole; return the holes that it has
+    left, shape `(m,)`.
+    """
     gone = left_by(system, step.old, step.new)
     refuse_crossing(system, step.old, step.new)
     return gone
 
 
 def left_by(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
-    """Return the holes that the thread has left, as `emptied_holds`. Raises `ConstraintError` where a hand has drawn it
-    out, `StepError` where a held end cannot leave."""
+    """Return the holes that the thread has left, as `emptied_holds`.
+
+    Raises `ConstraintError` if a hand has drawn the thread out, and `StepError` if a held end would
+    leave a hole.
+    """
     refuse_drawn_out(system, old, new)
     gone = emptied_holds(system, old, new)
     refuse_held_end(system, old, new, gone)
@@ -490,18 +541,18 @@ def left_by(system: System[Body], old: State[Body], new: State[Body]) -> Flags:
 
 
 def scheme_of(state: State[Body], dt: float) -> Scheme:
-    """Return BDF2 where there is a step to look back at, else backward Euler."""
+    """Return BDF2 if there is an earlier step of suitable size, else backward Euler."""
     if state.dt_before is None or dt > GROWTH * state.dt_before:
         return BackwardEuler(dt)
     return BDF2(dt, state.dt_before)
 
 
 def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
-    """Make one step of `dt` [s] by BDF2 where it can. Raises `StepError`, `InversionError`; the state is not
-    touched.
+    """Return one step of `dt` [s] by BDF2, or by backward Euler if BDF2 is not possible.
 
-    Where Newton's method does not come from the motion so far to that of BDF2, the thread snaps: a jump, and a step
-    of backward Euler without memory, and so is the next.
+    If Newton's method does not converge from the prediction to the solution of BDF2, the thread
+    snaps. Such a jump is a step of backward Euler without memory, and so is the next step. Raises
+    `StepError`, `InversionError`.
     """
     scheme = scheme_of(state, dt)
     if isinstance(scheme, BackwardEuler):
@@ -515,5 +566,5 @@ def bdf2_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]
 
 
 def remembering(step: Step[Body], old: State[Body], dt: float) -> Step[Body]:
-    """Return the step with a new state that remembers the one from `old` that led to it."""
+    """Return the step with a new state that keeps the earlier state `old`."""
     return replace(step, new=replace(step.new, before=forgetful(old), dt_before=dt))
