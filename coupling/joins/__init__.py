@@ -1,1 +1,1 @@
-"""What joins the organ to itself within a step: surfaces that touch, with and without friction."""
+"""Contact of the organ with itself and with the thread within a step, with and without friction."""

@@ -1,22 +1,26 @@
-"""Unilateral contact of a wound's lips: in every pair a gap g ≥ 0, a force p ≥ 0 that pushes them apart, and p g = 0.
+"""Unilateral contact of a wound's lips: in every pair a gap g ≥ 0, a force p ≥ 0 that pushes them
+apart, and p g = 0.
 
-The p are multipliers of the same system as those of the piercings. The organ exactly condensed says
+The p are multipliers of the same system as those of the piercings. The organ is condensed exactly
+to
 
     y = y_free + C f_y + C_yc p,    g = g_free + C_cy f_y + C_cc p,    f_y = Φ_yᵀλ
 
-and where the pairs 𝒜 are pressed, p_𝒜 = −C_𝒜𝒜⁻¹ (g_free + C_cy f_y)_𝒜 and g_𝒜 = 0, the others being open with p = 0.
-The thread then meets an organ of compliance C − C_y𝒜 C_𝒜𝒜⁻¹ C_𝒜y: Newton's method stays what it is without contact.
+For the pressed pairs 𝒜, p_𝒜 = −C_𝒜𝒜⁻¹ (g_free + C_cy f_y)_𝒜 and g_𝒜 = 0; the others are open with p
+= 0. The organ then has the compliance C − C_y𝒜 C_𝒜𝒜⁻¹ C_𝒜y for the thread, and Newton's method is
+that without contact.
 
-Which pairs are pressed is an active set. Under given site forces it is the answer of a linear complementarity problem
-with a symmetric positive definite matrix: there is one, and only one, and it is found by exchanging all pairs that are
-wrong at once, or the first of them where that makes no headway (block principal pivoting, Júdice & Pires, Computers &
-Operations Research 21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip,
-Newton's method judges it by the forces of solved iterates only (`coupling.step.newton.solve`), a way downhill by those
-that hold the sites (`coupling.step.descent`).
+The pressed pairs are an active set. Under given site forces it is the solution of a linear
+complementarity problem with a symmetric positive definite matrix, which has exactly one solution.
+The solution is found by an exchange of all wrong pairs at once, or of the first wrong pair if their
+number does not decrease (block principal pivoting, Júdice & Pires, Computers & Operations Research
+21, 1994; the single exchange is Murty's rule, which always ends). As with stick and slip, Newton's
+method judges the set only by the forces of solved iterates (`coupling.step.newton.solve`), and a
+way downhill by those that hold the sites (`coupling.step.descent`).
 
-Pairs that rub have slips behind the gaps and forces along them behind the p (`coupling.joins.rubbing`). Then the
-active set is that of Coulomb's law, C_𝒜𝒜⁻¹ is what its tangent makes of it, and what the thread meets is no longer
-symmetric.
+Pairs with friction have slips after the gaps, and forces along them after the p
+(`coupling.joins.rubbing`). The active set is then that of Coulomb's law, C_𝒜𝒜⁻¹ is replaced by its
+tangent, and the condensed compliance is no longer symmetric.
 """
 
 from collections.abc import Callable
@@ -38,16 +42,19 @@ from tissue.errors import OrganError
 
 Factor = TypeVar("Factor")
 
-ROUND_OFF = 1e-12  # of the largest gap without contact: a compliance of condition 10³ times what is rounded
-CHANCES = 3  # exchanges of all wrong pairs that may pass without fewer being wrong
-EXCHANGES = 20  # per pair, at most; some ten in all are the rule
+ROUND_OFF = 1e-12  # of the largest gap without contact: round-off times a condition number of 10³ of the compliance
+CHANCES = 3  # exchanges of all wrong pairs without a decrease of their number, at most
+EXCHANGES = 20  # per pair, at most; about ten in all are usual
 NO_FORCES = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class Contact(Generic[Body]):
-    """What the pairs see of a step: `g_free` (k,) [m], `C_cy` (k, 9m), the organ's answer, and the coefficient of
-    `friction` of each pair [-], none at all where none rubs."""
+    """The pairs in a step.
+
+    `g_free` (k,) [m], `C_cy` (k, 9m), the organ's `answer`, and the coefficient of `friction` of
+    each pair [-], empty if no pair has friction.
+    """
 
     g_free: Array
     C_cy: Array
@@ -61,12 +68,12 @@ class Contact(Generic[Body]):
 
     @cached_property
     def law(self) -> Law:
-        """Coulomb's law of pairs that rub; as expensive as `C_cc`."""
+        """Coulomb's law of pairs with friction; as expensive as `C_cc`."""
         return law_of_pairs(self)
 
     @property
     def stuck(self) -> Rubbing:
-        """The active set of the rough pairs that all stick."""
+        """The active set in which all pairs with friction stick."""
         return stuck(int(np.count_nonzero(self.friction)))
 
     @property
@@ -89,13 +96,13 @@ class Contact(Generic[Body]):
         return np.asarray(self.g_free + self.C_cy @ f)
 
     def slack(self, open_gaps: Array, force: float) -> float:
-        """Return what a gap may be off by [m] where the holes' forces are known to within `force` [N]."""
+        """Return the tolerance of a gap [m] if the holes' forces have an error of `force` [N]."""
         by_forces = np.abs(self.C_cy[:, np.arange(self.C_cy.shape[1]) % NINE < 3]).sum(axis=1)
         return float(ROUND_OFF * np.abs(open_gaps).max() + force * by_forces.max())
 
 
 def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
-    """Return the forces p and gaps g of all pairs, `(k,)` each [N, m], where the pairs `pressed` are closed."""
+    """Return the forces p and gaps g of all pairs with the pairs `pressed` closed, `(k,)` each [N, m]."""
     if not pressed.any():
         return np.zeros_like(open_gaps), open_gaps
     p = closing_pushes(contact, pressed, open_gaps)
@@ -103,16 +110,21 @@ def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) ->
 
 
 def closing_pushes(contact: Contact[Body], pressed: Flags, opened: Array) -> Array:
-    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` without friction, where they would be
-    `opened` without forces."""
+    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` without friction.
+
+    `opened` are the gaps without forces.
+    """
     p = np.zeros_like(opened)
     p[pressed] = -cho_solve(factorize_pressed(contact.pressing(pressed)[pressed], cho_factor), opened[pressed])
     return p
 
 
 def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: Array) -> Array:
-    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed`, as they rub, where they would be
-    `opened` [m] without forces; pulls too."""
+    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` with their
+    friction; they can be tensile.
+
+    `opened` [m] are the gaps without forces.
+    """
     if not pressed.any():
         return np.zeros_like(opened)
     if contact.rubs:
@@ -121,17 +133,23 @@ def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: 
 
 
 def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
-    """Return the Cholesky factor of C_cc of the pairs that are pressed, `C` (j, j) [m/N]. Raises `OrganError` where a
-    force on the lips would draw them together: beyond a point where tissue at finite strain snaps."""
+    """Return the Cholesky factor of C_cc of the pressed pairs, `C` (j, j) [m/N].
+
+    Raises `OrganError` if a force on the lips would draw them together: beyond a point at which
+    tissue at finite strain snaps.
+    """
     try:
-        return factorize(0.5 * (C + C.T))  # whose columns are symmetric to what the organ's solver leaves
+        return factorize(0.5 * (C + C.T))  # C is symmetric up to the residual of the solver
     except np.linalg.LinAlgError as error:
         raise OrganError(NO_HOLD) from error
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
-    """Find the pairs that are pressed and pull, or open and cross, under the site forces `f` (9m,) known to within
-    `force` [N], shape `(k,)`. A force counts by the gap that it opens."""
+    """Return the pressed pairs with tension and the open pairs that cross, under the site forces
+    `f` (9m,), shape `(k,)`.
+
+    The site forces have an error of `force` [N]. A contact force counts by the gap that it opens.
+    """
     open_gaps = contact.gaps_when_open(f)
     (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
     g[pressed] = p[pressed] * np.diag(contact.pressing(pressed)[pressed])
@@ -139,10 +157,10 @@ def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0
 
 
 def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
-    """Find the pairs that are pressed under the site forces `f` (9m,), starting from `pressed`, shape `(k,)`.
+    """Return the pairs that are pressed under the site forces `f` (9m,), shape `(k,)`.
 
-    The answer does not depend on where the search begins. Raises `CouplingError` where there is none, which a body
-    that something holds never comes to.
+    The search starts from `pressed`, and its result does not depend on the start. Raises
+    `CouplingError` if there is no such set, which does not happen for a body with a holder.
     """
     fewest, chances = len(pressed) + 1, CHANCES
     for _ in range(EXCHANGES * (1 + len(pressed))):
@@ -156,12 +174,14 @@ def find_pressed(contact: Contact[Body], f: Array, pressed: Flags) -> Flags:
 
 
 def first_of(flags: Flags) -> Flags:
-    """Keep only the first flag that is set."""
+    """Return the flags with only the first set flag."""
     return flags & (np.cumsum(flags) == 1)
 
 
 def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: Array, C: Array) -> tuple[Array, Array]:
-    """Close the pairs `pressed` in `y_free` (m, 9) and `C` (9m, 9m) of the organ, as they rub."""
+    """Return `y_free` (m, 9) and `C` (9m, 9m) of the organ with the pairs `pressed` closed, with
+    their friction.
+    """
     if contact.rubs:
         given = np.column_stack([contact.C_cy, contact.g_free])
         P = forces_by_tangent(contact.law, pressed, rubbing, given)
@@ -177,7 +197,7 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
 
 
 def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
-    """Return the contact of a step, None where the organ has no lips that may touch; no other hold opens any."""
+    """Return the contact of a step; None if the organ has no lips that may touch. Other holds open no gap."""
     count = lip_count(system, answer)
     if not count:
         return None
@@ -186,21 +206,26 @@ def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | No
 
 
 def lip_count(system: System[Body], answer: Answer[Body]) -> int:
-    """Return how many of the gaps and slips of an answer are those of lips; those of the thread's points follow."""
+    """Return the number of gaps and slips of an answer that are those of lips; those of the
+    thread's points follow.
+    """
     if system.contact is None or not system.contact.bears:
         return len(answer.g_free)
     return len(answer.g_free) - len(answer.points) * (3 if system.contact.friction else 1)
 
 
 def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:
-    """Return the pairs that the site forces of a state press in the step of a contact, shape `(k,)`, and how they rub;
-    those of the state, sticking, where an organ that is nonlinear, or surfaces that rub, cannot tell before the step is
-    solved."""
+    """Return the pairs that the site forces of a state press in the step of a contact, shape
+    `(k,)`, and their friction.
+
+    With a nonlinear organ, or with friction, the sets can be unknown before the step is solved;
+    they are then those of the state, sticking.
+    """
     if contact is None:
         return np.zeros(0, dtype=bool), Rubbing()
     f = site_force(system.passage_of(state), state.lam, state.y).ravel()
     before = system.organ.lips(state.organ)[1] > 0.0
-    if before.any():  # what has slid off the other surface since faces nothing that could press
+    if before.any():  # a node that has slid off the other surface has nothing to press on
         before[before] = np.diag(contact.pressing(before)[np.flatnonzero(before)]) > 0.0
     try:
         return find_sets(contact, f, before, contact.stuck)[:2]
@@ -211,8 +236,11 @@ def first_sets(contact: Contact[Body] | None, system: System[Body], state: State
 
 
 def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
-    """Find the pairs that are pressed under the site forces `f` (9m,), how they rub, and their forces (k,) [N],
-    starting from `pressed` and `rubbing`. Raises `CouplingError`, and `OrganError` of surfaces that rub."""
+    """Return the pairs pressed under the site forces `f` (9m,), their friction, and their forces (k,) [N].
+
+    The search starts from `pressed` and `rubbing`. Raises `CouplingError`, and with friction
+    `OrganError`.
+    """
     if not contact.rubs:
         pressed = find_pressed(contact, f, pressed)
         return pressed, rubbing, forces(contact, pressed, f)
@@ -223,13 +251,16 @@ def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing
 
 
 def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> Array:
-    """Return what the pairs `pressed` and how they rub ask for under the site forces `f` (9m,), pulls too, which end
-    the set, shape `(k,)` [N]."""
+    """Return the forces of the pairs `pressed` with their friction under the site forces `f` (9m,),
+    shape `(k,)` [N].
+
+    They can be tensile; such a set is then changed.
+    """
     return closed_by(contact, pressed, rubbing, contact.gaps_when_open(f))
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:
-    """Solve for the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
+    """Return the contact forces of a step under given site forces `f_y` (9p,), shape `(k,)` [N]."""
     contact = contact_of(system, answer)
     if contact is None:
         return NO_FORCES
@@ -238,15 +269,20 @@ def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Arr
 
 
 def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
-    """Return p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; a pull of round-off is set to zero."""
+    """Return p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; tension by round-off
+    is set to zero.
+    """
     return np.maximum(forces_and_gaps(contact, pressed, contact.gaps_when_open(f))[0], 0.0)
 
 
 @dataclass(frozen=True)
 class ContactObservation:
-    """The lips at one time: `gap` (k,) [m] and `force` (k,) [N] of every pair, its `slide` (k,) [m], how far its
-    nodes have moved past one another along the lips, its `friction` (k, 3) [N], of the node on what it faces, and
-    whether it `slips` (k,)."""
+    """The lips at one time.
+
+    The `gap` (k,) [m] and `force` (k,) [N] of every pair, its `slide` (k,) [m], which is the
+    relative motion of its nodes along the lips, its `friction` (k, 3) [N] of the node on the
+    opposite surface, and whether it `slips` (k,).
+    """
 
     gap: Array
     force: Array
@@ -255,22 +291,22 @@ class ContactObservation:
     slips: Flags
 
     def of(self, pairs: slice) -> "ContactObservation":
-        """Return the same of some pairs."""
+        """Return the observation of some pairs."""
         along = self.slide[pairs], self.friction[pairs], self.slips[pairs]
         return ContactObservation(self.gap[pairs], self.force[pairs], *along)
 
     @property
     def pressed(self) -> int:
-        """Number of pairs under a force."""
+        """Number of pairs with a force."""
         return int(np.count_nonzero(self.force > 0.0))
 
     @property
     def complementarity(self) -> float:
-        """Largest |p g| over the pairs [J], zero but for round-off."""
+        """Largest |p g| over the pairs [J], zero except for round-off."""
         return float(np.abs(self.force * self.gap).max())
 
 
 def observe_contact(system: System[Body], state: State[Body]) -> ContactObservation | None:
-    """Observe the lips of a state; None where the organ has none that may touch."""
+    """Return the observation of the lips of a state; None if the organ has no lips that may touch."""
     lips = system.organ.lips(state.organ)
     return ContactObservation(*lips) if lips[0].size else None

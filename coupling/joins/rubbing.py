@@ -1,21 +1,23 @@
-"""Coulomb's law of surfaces that press on one another: a slip w in the tangent plane of every rough pair, a force τ.
+"""Coulomb's law of pressed surfaces: a slip w in the tangent plane of every pair with friction, and a force τ.
 
-    |τ| ≤ μ p,   w = 0 where |τ| < μ p,   τ = −μ p w/|w| where w ≠ 0
+    |τ| ≤ μ p,   w = 0 if |τ| < μ p,   τ = −μ p w/|w| if w ≠ 0
 
-with w counted from the start of the step, so that what sticks stays where it is and nothing else is remembered. With
-g ≥ 0, p ≥ 0 and p g = 0 it says that these are zero (Alart & Curnier, Computer Methods in Applied Mechanics and
-Engineering 92, 1991), with any r > 0 [N/m]:
+w counts from the start of the step, so that a sticking pair keeps its place and no other memory is
+needed. With g ≥ 0, p ≥ 0 and p g = 0 the law is that these are zero (Alart & Curnier, Computer
+Methods in Applied Mechanics and Engineering 92, 1991), for any r > 0 [N/m]:
 
     p − ⟨p − r g⟩,   τ − b min(1, μ p/|b|) with b = τ − r w
 
-The pairs and slips answer as c = c_open + C_cc P does, c = (g, w) and P = (p, τ). Under given site forces the law is
-solved by a semismooth Newton method: each pair is open, sticks or slips as the last forces say, and where it slips b
-turns as it did. That law is homogeneous, so that its tangent is linear, with the unit vector n = b/|b| and β = μ p/|b|:
+Pairs and slips respond by c = c_open + C_cc P, with c = (g, w) and P = (p, τ). Under given site
+forces the law is solved by a semismooth Newton method. Each pair is open, sticks or slips according
+to the last forces, and if it slips, b rotates according to its tangent. The law is homogeneous, so
+that its tangent is linear, with the unit vector n = b/|b| and β = μ p/|b|:
 
     (1 − β (1 − n nᵀ)) τ + β r (1 − n nᵀ) w − μ p n = 0
 
-It is the part that contact takes in a correction of the coupled system too (`coupling.joins.contact`). Where the
-method does not settle, some rounds from pair to pair lead it on (Jourdan, Alart & Jean, ibid. 155, 1998).
+This is also the part of contact in a correction of the coupled system (`coupling.joins.contact`).
+If the method does not converge, some rounds from pair to pair give a new start (Jourdan, Alart &
+Jean, ibid. 155, 1998).
 """
 
 from dataclasses import dataclass, field
@@ -28,20 +30,23 @@ from coupling.arrays import Array, Flags, Indices
 from tissue.errors import OrganError
 
 NO_PAIRS = np.zeros(0, dtype=bool)
-LAW = 1e-10  # of the largest contact force: what the law may be broken by, where corrections do not better it any more
-BETTER = 0.5  # part of what it was that a correction must leave
-FIRM = 1e-12  # part of its own give that a pair which sticks may slip: a roller may hold a node of it besides
-CORRECTIONS = 40
-SWEEPS = 60  # rounds from pair to pair, between two tries
-TRIES = 8
+LAW = 1e-10  # of the largest contact force: allowed violation of the law when corrections no longer reduce it
+BETTER = 0.5  # ratio of the violation after and before a correction that still reduces it
+FIRM = 1e-12  # of its own compliance: slip of a sticking pair, because a roller may hold one of its nodes too
+CORRECTIONS = 40  # of a try
+SWEEPS = 60  # rounds from pair to pair between two tries
+TRIES = 8  # before the law counts as unsolved
 TINY = np.finfo(float).tiny
 NO_HOLD = "surfaces that press on each other do not hold each other apart, as if the tissue snaps"
 
 
 @dataclass(frozen=True)
 class Rubbing:
-    """Which of the m rough pairs slip where they are pressed, `slips` (m,), and the tangent of their law: n, `along`
-    `(m, 2)`, and β, `share` `(m,)`."""
+    """The active set of m pairs with friction, and the tangent of their law.
+
+    `slips` (m,) are those that slip if they are pressed. The tangent has n, `along` `(m, 2)`, and
+    β, `share` `(m,)`.
+    """
 
     slips: Flags = field(default_factory=lambda: NO_PAIRS)
     along: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -49,12 +54,12 @@ class Rubbing:
 
 
 def stuck(pairs: int) -> Rubbing:
-    """Return the active set of so many rough pairs that all stick."""
+    """Return the active set of `pairs` pairs with friction that all stick."""
     return Rubbing(np.zeros(pairs, dtype=bool), np.zeros((pairs, 2)), np.zeros(pairs))
 
 
 class Pairs(Protocol):
-    """What the law asks of a contact."""
+    """The members of a contact that the law needs."""
 
     @property
     def friction(self) -> Array:
@@ -67,8 +72,11 @@ class Pairs(Protocol):
 
 @dataclass(frozen=True)
 class Law:
-    """Coulomb's law of `k` pairs with compliance `C` `(k + 2m, k + 2m)` [m/N]: the `rough` ones `(m,)`, μ `(m,)` [-],
-    and r of gaps `(k,)` and of slips `(m,)` [N/m]."""
+    """Coulomb's law of `k` pairs with compliance `C` `(k + 2m, k + 2m)` [m/N].
+
+    `rough` `(m,)` are those with friction, `mu` `(m,)` [-] is μ, and `r_gap` `(k,)` and `r_slip`
+    `(m,)` [N/m] are r of gaps and of slips.
+    """
 
     C: Array
     k: int
@@ -79,7 +87,7 @@ class Law:
 
 
 def law_of_pairs(pairs: Pairs) -> Law:
-    """Return the law of a contact, with r about as stiff as each pair is."""
+    """Return the law of a contact, with r about equal to the stiffness of each pair."""
     C, k, rough = pairs.C_cc, len(pairs.friction), np.flatnonzero(pairs.friction)
     give = np.diag(C)
     least = TINY + np.finfo(float).eps * give.max()
@@ -105,14 +113,16 @@ def rows_of(law: Law, pressed: Flags, rubbing: Rubbing) -> tuple[csr_array, csr_
 
 
 def on_diagonal(blocks: Array) -> bsr_array:
-    """Put blocks (m, 2, 2) on the diagonal of a sparse matrix."""
+    """Return a sparse matrix with blocks (m, 2, 2) on its diagonal."""
     m = len(blocks)
     return bsr_array((blocks, np.arange(m), np.arange(m + 1)), shape=(2 * m, 2 * m))
 
 
 def forces_by_tangent(law: Law, pressed: Flags, rubbing: Rubbing, c_open: Array) -> Array:
-    """Return P by the tangent of the law where the pairs would be at `c_open` without forces; `c_open` and P of shape
-    `(k + 2m, …)`, so that several columns may be given. Raises `OrganError`."""
+    """Return P by the tangent of the law for gaps and slips `c_open` without forces.
+
+    `c_open` and P have shape `(k + 2m, …)`, for one or several columns. Raises `OrganError`.
+    """
     L_c, L_P = rows_of(law, pressed, rubbing)
     acts = np.concatenate([pressed, np.repeat(pressed[law.rough], 2)])
     P = np.zeros_like(c_open)
@@ -132,12 +142,12 @@ def targets(law: Law, P: Array, c: Array) -> tuple[Array, Array]:
 
 
 def bounds(law: Law, P: Array) -> Array:
-    """Return μ p of the rough pairs, shape `(m,)` [N]."""
+    """Return μ p of the pairs with friction, shape `(m,)` [N]."""
     return np.asarray(law.mu * np.maximum(P[law.rough], 0.0))
 
 
 def projected(law: Law, P: Array, c: Array) -> Array:
-    """Return what P has to be by the law, shape `(k + 2m,)` [N]."""
+    """Return P projected on the law, shape `(k + 2m,)` [N]."""
     push, b = targets(law, P, c)
     size = np.linalg.norm(b, axis=1)
     share = np.minimum(1.0, bounds(law, P) / np.maximum(size, TINY))
@@ -145,7 +155,9 @@ def projected(law: Law, P: Array, c: Array) -> Array:
 
 
 def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
-    """Return which pairs are pressed and slip at forces and gaps, and the tangent of the law there."""
+    """Return which pairs are pressed and which slip at given forces and gaps, with the tangent of
+    the law there.
+    """
     push, b = targets(law, P, c)
     size, bound = np.linalg.norm(b, axis=1), bounds(law, P)
     along = b / np.maximum(size, TINY)[:, None]
@@ -153,16 +165,18 @@ def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
 
 
 def breach(law: Law, P: Array, c: Array) -> float:
-    """Return what forces and gaps break the law by, over the largest force [-]."""
+    """Return the violation of the law by forces and gaps, over the largest force [-]."""
     return float(np.abs(P - projected(law, P, c)).max() / np.abs(P).max(initial=TINY))
 
 
 def find_forces(
     law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing, tries: int = TRIES
 ) -> tuple[Flags, Rubbing, Array]:
-    """Solve the law where the pairs would be at `c_open` (k + 2m,) [m] without forces, starting from an active set:
-    the pairs pressed, how they rub, and P (k + 2m,) [N]. Raises `OrganError` after so many `tries`, for the step to be
-    taken again in halves."""
+    """Solve the law for gaps and slips `c_open` (k + 2m,) [m] without forces, from a given active set.
+
+    Returns the pressed pairs, their friction, and P (k + 2m,) [N]. Raises `OrganError` after
+    `tries` tries, so that the step is halved.
+    """
     for _ in range(tries):
         last = np.inf
         for _ in range(CORRECTIONS):
@@ -173,12 +187,14 @@ def find_forces(
                 return pressed, rubbing, P
             (pressed, rubbing), last = active_sets(law, P, c), off
         pressed, rubbing = active_sets(law, *swept(law, c_open, projected(law, P, c)))
-    raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; take shorter steps, or less friction")
+    raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; use shorter steps, or less friction")
 
 
 def swept(law: Law, c_open: Array, P: Array) -> tuple[Array, Array]:
-    """Return forces and gaps after some rounds from pair to pair, each of which obeys the law while the others' forces
-    stay."""
+    """Return forces and gaps after some rounds from pair to pair.
+
+    Each pair in turn obeys the law with constant forces of the others.
+    """
     P, slips = P.copy(), np.full(law.k, -1)
     slips[law.rough] = np.arange(len(law.rough))
     c = c_open + law.C @ P

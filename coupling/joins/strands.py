@@ -1,15 +1,18 @@
-"""The thread on the surface of the organ: points of it between the holes bear on what they face (`tissue.organs.skin`).
+"""The thread on the surface of the organ: its points between the holes bear on opposite facets
+(`tissue.organs.skin`).
 
-Each span of the thread has two points P(χ_j), and each free end one. With d from the point to the surface, the
-thread's radius r, tangents t across d and x on the surface, the gap and the slip since the start of the step are
+Each span of the thread has two points P(χ_j), and each free end one. d is the direction from the
+point to the surface, r the thread's radius, t the tangents across d, and x the opposite point of
+the surface. The gap and the slip since the start of the step are
 
     g = d·(x − P) − r ≥ 0,   p ≥ 0,   p g = 0,     w = t·(x − x₀) − t·(P(χ_j) − P₀(S(χ_j)))
 
-P₀ is the curve at the start of the step: a thread that slides through its holes slips on the surface too, S(χ_j) being
-the abscissa of the material at χ_j. The forces P = (p, τ) obey the law of `coupling.joins.rubbing`. Without friction
-they are the gradient of a convex potential of the thread's place, that of the organ's own compliance. So they are no
-unknowns of a step: they are found anew at every iterate (`Strands.touch`), and `Strands.directed` closes the pressed
-points in a correction, by one more solution for each.
+P₀ is the curve at the start of the step, and S(χ_j) the abscissa of the material at χ_j: a thread
+that slides through its holes also slips on the surface. The forces P = (p, τ) obey the law of
+`coupling.joins.rubbing`. Without friction they are the gradient of a convex potential of the
+thread's place, that of the organ's own compliance. For this reason they are not unknowns of a step:
+they are computed at every iterate (`Strands.touch`). `Strands.directed` closes the pressed points
+in a correction, with one additional solution for each.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,21 +39,23 @@ from tissue.errors import OrganError
 from tissue.organs.lips import tangents
 
 ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
-LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, way from the thread's middle, radius left there
-CLEAR = 1.0  # diameters along the thread from a hole, nearer to which no point bears: the thread emerges there
-SLIGHT = 0.02  # of the radius: a point that is so much nearer to the surface than that is pushed out, no more
-FIRM = 1e-4  # of the softest point's compliance: what each yields besides, since several may bear on nodes that are few
-HARD = 0.1  # of radius over EA: what each yields at least, on facets that are held, whose gaps round-off would decide
-NEAR = 0.05  # radii: points with smaller gaps, before any force, are those that a correction may press
-PER_SPAN = 2  # points: one leaves long spans between, and more say the same of a cubic
-WIDEST, MOST = 0.95, 64  # of the radius: points across the thread, a facet apart, reach so far aside; as many at most
+LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, offset from the thread's axis, radius there
+CLEAR = 1.0  # diameters along the thread from a hole in which no point bears: the thread emerges there
+SLIGHT = 0.02  # of the radius: largest penetration of a point at the start that is still pushed out
+FIRM = 1e-4  # of the softest point's compliance, added to each point: several points may bear on few nodes
+HARD = 0.1  # of radius over EA: least added compliance, for held facets, whose gaps round-off would decide
+NEAR = 0.05  # radii: points with smaller gaps without their forces can be pressed in a correction
+PER_SPAN = 2  # points: one leaves long spans between, and more are redundant for a cubic
+WIDEST, MOST = 0.95, 64  # of the radius: largest offset of points across the thread, a facet apart; their number
 
 Directions = Callable[[Sequence[tuple[Array, Array, Array]]], list[tuple[Array, Array]]]
 
 
 def abscissae(system: System[Body], state: State[Body], looks: int) -> Array:
-    """Return the abscissae of points on strands outside the organ, `looks` of them to a span, and of the ends, shape
-    `(j,)` [m]."""
+    """Return the abscissae of points on strands outside the organ, and of the ends, shape `(j,)` [m].
+
+    There are `looks` points per span.
+    """
     spline = system.at(state).thread.spline
     breaks = spline.breaks
     s = (breaks[:-1, None] + np.diff(breaks)[:, None] * (np.arange(looks) + 0.5) / looks).ravel()
@@ -59,8 +64,11 @@ def abscissae(system: System[Body], state: State[Body], looks: int) -> Array:
 
 
 def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
-    """Return which points of a thread at abscissae `s` (j,) [m] may bear on the organ, shape `(j,)`: outside, and not
-    where the thread emerges from a hole, nor its ends that are held."""
+    """Return which points of a thread at abscissae `s` (j,) [m] may bear on the organ, shape `(j,)`.
+
+    They are outside the organ, not next to a hole from which the thread emerges, and not at held
+    ends.
+    """
     spline, contact = system.at(state).thread.spline, system.contact
     assert contact is not None
     of_organ = np.arange(system.holds) < len(system.piercings)
@@ -71,13 +79,15 @@ def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
     places = np.append(state.s, [spline.start, spline.end])
     for low, high in contact.inside:
         k, m = system.holds if low == END else low, system.holds + 1 if high == END else high
-        out &= (s < places[k]) | (s > places[m])  # the channel of a hole that was left stays
+        out &= (s < places[k]) | (s > places[m])  # the channel of a hole that was left remains
     return np.asarray(out)
 
 
 def touching_organ(system: System[Body], state: State[Body], origin: State[Body]) -> Body:
-    """Return the organ's state in front of a step of a thread that bears on it; `origin`, the state at the start of the
-    step in time or of the load step."""
+    """Return the organ's state before a step of a thread that bears on it.
+
+    `origin` is the state at the start of the step in time or of the load step.
+    """
     if not (system.bears and isinstance(system.organ, Bearing)):
         return state.organ
     touched: Body = system.organ.touched(state.organ, bearing_points(system, system.organ, state, origin))
@@ -85,9 +95,12 @@ def touching_organ(system: System[Body], state: State[Body], origin: State[Body]
 
 
 def bearing_points(system: System[Body], organ: Bearing, state: State[Body], origin: State[Body]) -> Array:
-    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`. Those that were nearer
-    to the surface than their radius at the `origin` of a step, such as next to a hole, reach no farther than they did:
-    contact forbids to go deeper, and pries nothing up."""
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 14)`.
+
+    Points that were closer to the surface than their radius at the `origin` of a step, such as next
+    to a hole, get their distance there as radius. Contact then prevents a deeper penetration but
+    lifts no point.
+    """
     points = points_facing(system, organ, state)
     away = points[:, AWAY] if origin is state else faced_again(system, organ, origin, points)[:, AWAY]
     nearer = points[:, REACH] - away > SLIGHT * 0.5 * system.thread.section.diameter
@@ -97,18 +110,21 @@ def bearing_points(system: System[Body], organ: Bearing, state: State[Body], ori
 
 
 def faced_again(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
-    """Return what points `(j, 14)` of a thread face in another state, `(j, 14)`."""
+    """Return the facing data of points `(j, 14)` of a thread in another state, `(j, 14)`."""
     places = places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
     return organ.faced(state.organ, places, points[:, LABEL:])
 
 
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
-    """Return what the points of a thread that may bear on the organ face in a state, `(j, 14)`: PER_SPAN of each span
-    and the free ends, and where facets are finer than the thread a row of points across it."""
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 14)`.
+
+    There are PER_SPAN points per span, the free ends, and rows of points across the thread if
+    facets are finer than the thread.
+    """
     spline = system.at(state).thread.spline
 
     def faced(s: Array, aside: Array, reach: Array) -> Array:
-        """Return what points at abscissae face that are so far from the middle of the thread."""
+        """Return the facing data of points at abscissae `s` with offsets `aside` from the thread's axis."""
         return organ.faced(state.organ, places_of(spline, state.q, s) + aside, np.column_stack([s, aside, reach]))
 
     radius, s = 0.5 * system.thread.section.diameter, abscissae(system, state, PER_SPAN)
@@ -126,14 +142,18 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
 
 
 def places_of(spline: Spline, q: Array, s: Array) -> Array:
-    """Return the places of a curve with control values `q` (n, c) at abscissae `s` (j,) [m], shape `(j, 3)` [m]."""
+    """Return the places of a curve with control values `q` (n, c) at abscissae `s` (j,) [m], shape
+    `(j, 3)` [m].
+    """
     return spline.curve(q[:, :3], np.clip(s, spline.start, spline.end))[:, 0]
 
 
 def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> float:
-    """Return the largest distance [m] by which points of the thread are deeper than on the surface that they face now,
-    or the pressed ones higher, or the way that d of these has turned by, a diameter from its foot; `origin` as for
-    `touching_organ`."""
+    """Return the largest misplacement of the thread's points on the surface [m].
+
+    It is the penetration of the surface that points face now, the distance of pressed points from
+    it, or the rotation of their d times a diameter. `origin` is as for `touching_organ`.
+    """
     organ = system.organ
     if not (system.bears and isinstance(organ, Bearing)):
         return 0.0
@@ -148,9 +168,15 @@ def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> 
 
 @dataclass(frozen=True)
 class Touch:
-    """Forces `P` (K,) [N] of points on the organ, those along slips behind those of gaps; the points `near` (l,), the
-    `law` that they obey, None if none is near, their gaps and slips without forces, `c_open` [m], which of them are
-    `pressed` (l,), as they are `rubbing`, and site variables by their forces, `by_points` (9m, …)."""
+    """Forces of points on the organ.
+
+    - `P` (K,) [N]: the forces of gaps, then those along slips.
+    - `near` (l,): the close points.
+    - `law`: their law; None if there are none.
+    - `c_open` [m]: their gaps and slips without forces.
+    - `pressed` (l,), `rubbing`: their active sets.
+    - `by_points` (9m, …): site variables by their forces.
+    """
 
     P: Array
     near: Indices
@@ -163,8 +189,11 @@ class Touch:
 
 @dataclass(frozen=True)
 class Strands(Generic[Body]):
-    """The points of the thread of a `system` in a step from the state `start`: the organ's `answer`, with the pairs of
-    its `lips` that are `closed`, as they are `rubbing`."""
+    """The points of the thread of a `system` in a step from the state `start`.
+
+    `answer` is the organ's, with the pairs of its `lips` that are `closed`, with their friction,
+    `rubbing`.
+    """
 
     system: System[Body]
     start: State[Body]
@@ -175,7 +204,7 @@ class Strands(Generic[Body]):
 
     @property
     def points(self) -> Array:
-        """What the points face, shape `(j, 14)`."""
+        """Facing data of the points, shape `(j, 14)`."""
         return self.answer.points
 
     @cached_property
@@ -229,7 +258,7 @@ class Strands(Generic[Body]):
 
     @cached_property
     def _before(self) -> int:
-        """Number of the gaps and slips of lips, which stand before those of points."""
+        """Number of the gaps and slips of lips, which come before those of points."""
         return 0 if self.lips is None else len(self.lips.g_free)
 
     @cached_property
@@ -238,8 +267,10 @@ class Strands(Generic[Body]):
         return np.zeros(0, dtype=np.intp) if self.lips is None else self.lips.acting(self.closed)
 
     def _closing(self, opened: Array) -> tuple[Array, Array]:
-        """Return the forces of closed lips where their gaps and slips would be `opened` `(lips, i)`, and what these add
-        to those of points, `(K, i)`."""
+        """Return the forces of closed lips, and the gaps and slips of points by these forces, `(K, i)`.
+
+        `opened` `(lips, i)` are the gaps and slips of lips without forces.
+        """
         assert self.lips is not None
         P = closed_by(self.lips, self.closed, self.rubbing, opened)
         return P, np.asarray(self.answer.gaps_by_forces(self._shut)[self._before :] @ P[self._shut])
@@ -259,7 +290,9 @@ class Strands(Generic[Body]):
         return np.pad(own, ((0, 0), (0, NINE * self.system.holds - own.shape[1])))
 
     def columns(self, some: Indices) -> tuple[Array, Array]:
-        """Return gaps and slips, `(K, i)`, and site variables, `(9m, i)`, by the forces of `some` of them `(i,)`."""
+        """Return gaps and slips, `(K, i)`, and site variables, `(9m, i)`, by the forces of `some`
+        of them `(i,)`.
+        """
         whole, C = self.answer.gaps_by_forces(self._before + some), self.answer.C_cy
         own, sites = whole[self._before :], C[self._before + some].T
         if self._shut.size and some.size:
@@ -268,13 +301,14 @@ class Strands(Generic[Body]):
         return own, np.pad(sites, ((0, NINE * self.system.holds - len(sites)), (0, 0)))
 
     def opened_lips(self, P: Array) -> Array:
-        """Return how far forces `P` (K,) of points open the gaps and slips of lips, shape `(lips,)` [m]."""
+        """Return the opening of the gaps and slips of lips by forces `P` (K,) of points, shape `(lips,)` [m]."""
         acts = np.flatnonzero(P)
         return np.asarray(self.answer.gaps_by_forces(self._before + acts)[: self._before] @ P[acts])
 
     def opens(self, q: Array, s: Array) -> Array:
-        """Return the thread's part of gaps and slips at control points `q` (n, c) and abscissae `s` (m,), `(K,)`
-        [m]."""
+        """Return the thread's part of gaps and slips at control points `q` (n, c) and abscissae `s`
+        (m,), `(K,)` [m].
+        """
         P = np.einsum("ji,jix->jx", self.b, q[self.first[:, None] + LOCAL, :3])
         gaps = -np.vecdot(self.along[: self.count], P + self.points[:, ASIDE]) - self.points[:, REACH]
         if not self.friction:
@@ -283,8 +317,11 @@ class Strands(Generic[Body]):
         return np.append(gaps, -slipped)
 
     def material(self, s: Array) -> tuple[Array, Array]:
-        """Return where the material of the points was at the start of the step, `(j, 3)` [m], and how that moves with
-        the abscissae, its derivative by those of the holds, `(j, 3, m)`."""
+        """Return the places of the material of the points at the start of the step, `(j, 3)` [m],
+        and their derivatives.
+
+        The derivatives are by the abscissae of the holds, `(j, 3, m)`.
+        """
         if not isinstance(self.spline, Placed):
             labels = self.points[:, LABEL]
             return places_of(self.spline, self.start.q, labels), np.zeros((self.count, 3, len(s)))
@@ -338,14 +375,14 @@ class Strands(Generic[Body]):
         return out
 
     def drive(self, P: Array, s: Array) -> Array:
-        """Return the forces along the thread that the friction of points adds at the holds, `(m,)` [N]."""
+        """Return the forces along the thread at the holds due to the friction of points, `(m,)` [N]."""
         if not self.friction:
             return np.zeros(len(s))
         slips = self.at[self.count :]
         return np.einsum("k,kx,kxm->m", P[self.count :], self.along[self.count :], self.material(s)[1][slips])
 
     def sites(self, touch: Touch) -> Array:
-        """Return how far the points move the sites, shape `(m, 9)`."""
+        """Return the motion of the sites by the points, shape `(m, 9)`."""
         if touch.law is None:
             return np.zeros((self.system.holds, NINE))
         return np.asarray((touch.by_points @ touch.P[self.chosen(touch.near)]).reshape(-1, NINE))
@@ -359,13 +396,16 @@ class Strands(Generic[Body]):
         solve: Directions,
         forces: Callable[[Array, Array], Array],
     ) -> tuple[Array, Array]:
-        """Return Newton's direction dq (n, c), dz (m, 15) to where thread and organ, as linearised, obey the law of
-        contact together: a linear complementarity problem in each correction (Josephy, Newton's method for generalized
-        equations, 1979), with friction by the tangent of the law. Raises `SingularError`.
+        """Return Newton's direction dq (n, c), dz (m, 15) with which linearised thread and organ
+        obey the law of contact together.
 
-        `residuals` as for `coupling.kernels.bordered.newton_directions`; `at_holds` makes residuals of the laws of
-        sliding (m,) of driving forces there (m,), `solve` the directions of several residuals, and `forces` the change
-        of site forces (9m,) of a direction."""
+        It is a linear complementarity problem in each correction (Josephy, Newton's method for
+        generalized equations, 1979), with friction by the tangent of the law. `residuals` are as
+        for `coupling.kernels.bordered.newton_directions`. `at_holds` makes residuals of the laws of
+        sliding (m,) from driving forces there (m,). `solve` returns the directions of several
+        residuals, and `forces` the change of site forces (9m,) in a direction. Raises
+        `SingularError`.
+        """
         if touch.law is None:
             return solve([residuals])[0]
         some, law = self.chosen(touch.near), touch.law
@@ -401,9 +441,11 @@ class Strands(Generic[Body]):
 
 
 def forces_of(law: Law, c_open: Array) -> tuple[Flags, Rubbing, Array]:
-    """Return which points are pressed whose gaps and slips would be `c_open` without forces, how they rub, and their
-    forces, shape `(k + 2m,)` [N]. With friction the search begins with the points that would be pressed without it.
-    Raises `OrganError`."""
+    """Return the pressed points, their friction, and their forces, shape `(k + 2m,)` [N].
+
+    `c_open` are the gaps and slips without forces. With friction the search starts with the points
+    that are pressed without it. Raises `OrganError`.
+    """
     k, C = law.k, law.C[: law.k, : law.k]
     try:
         L = cholesky(0.5 * (C + C.T), lower=True)
@@ -416,8 +458,11 @@ def forces_of(law: Law, c_open: Array) -> tuple[Flags, Rubbing, Array]:
 
 
 def forces_together(law: Law, c_open: Array, touch: Touch) -> Array:
-    """Return the forces of points by the law of thread and organ together, `(k + 2m,)` [N]; with friction, if these are
-    not found at once, by the tangent of the law at a `touch`. Raises `OrganError`."""
+    """Return the forces of points by the law of thread and organ together, `(k + 2m,)` [N].
+
+    With friction, if they are not found in one try, they are those by the tangent of the law at a
+    `touch`. Raises `OrganError`.
+    """
     if not len(law.rough):
         return forces_of(law, c_open)[2]
     try:

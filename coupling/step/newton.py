@@ -1,13 +1,15 @@
-"""Full Newton on the condensed monolithic system of one implicit step, the constraints at its end.
+"""The full Newton method on the condensed monolithic system of one implicit step, with the
+constraints at its end.
 
     inertia (q − q_ref) + ∂E/∂q − F − Φ_qᵀλ = 0        thread
-    law of sliding                                     one a hold
-    Φ(q, s, y) = 0                                     five a hold
+    law of sliding                                     one per hold
+    Φ(q, s, y) = 0                                     five per hold
     y − y_free − C Φ_yᵀλ = 0                           organ, exactly condensed
 
-Where the lips of a wound touch, y_free and C are those of the organ with these pairs closed (`coupling.joins.contact`).
-Every second-order term is kept. The axial force at each quadrature point is iterated on its own (mixed integration
-points, Magisano, Leonetti & Garcea 2017): plain Newton diverges at the stretch-to-inertia ratio of a real suture.
+If lips of a wound touch, y_free and C are those of the organ with these pairs closed
+(`coupling.joins.contact`). All second-order terms are included. The axial force at each quadrature
+point is a separate iterate (mixed integration points, Magisano, Leonetti & Garcea 2017): the plain
+Newton method diverges at the stretch-to-inertia ratio of a real suture.
 """
 
 from collections import Counter
@@ -53,15 +55,15 @@ from thread.thread import Points
 from tissue.errors import OrganError
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
-MAX_SETS = 20  # and one more for every pair of lips that may touch
-RETURNS = 2  # to one active set: the first asks for another way on, the second goes round again
-WAYS = 6  # digits in which the ways of pairs that slip are compared
-MARGIN = 4.0  # of the force tolerance: two solved sets differ by two of them
+MAX_SETS = 20  # plus one for every pair of lips that may touch
+RETURNS = 2  # to one active set, at most: after the first one hole or pair changes, the second is a cycle
+WAYS = 6  # digits for the comparison of the directions of slip
+MARGIN = 4.0  # of the force tolerance; two solved sets can differ by twice the tolerance
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
 GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
-ALONG = 4.0  # of that round-off: the force along a thread whose knots travel is a difference of sums over two strands
-LONGEST_MOVE = 0.01  # of the thread's length; a Newton correction is cut down to it
+ALONG = 4.0  # of the round-off of forces: with travelling knots the force along the thread is from two strands
+LONGEST_MOVE = 0.01  # of the thread's length; a longer Newton correction is shortened
 RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
 STICK_OR_SLIP = "stick and slip of the friction alternate without end"
 TOUCH_OR_OPEN = "friction's or the lips' active sets alternate without end"
@@ -70,19 +72,27 @@ NO_GAPS = np.zeros((0, 3))
 
 @dataclass(frozen=True)
 class Problem(Generic[Body]):
-    """One step, ready to be solved.
+    """The problem of one step.
 
-    `time` [s] at its end; `mass_factor` [1/s²] with `q_ref` (n, c): the inertia and viscous force is mass_factor·M (q −
-    q_ref); `load` (n, c) [N, with twist N m]; `answer`, the organ's; `rows` (m, 5) constraints in force; `stiffen`: add
-    the constraints' own stiffness to the thread's band, needed where there is no inertia (an exact row operation);
-    `frame`, that of the start of the step, of a thread with twist; `closed` (k,), the pairs of lips that are held
-    closed, whatever their force, and how they are `rubbing`; `gaps` (t, 3) [m], between the strands of every tie;
-    `fields`, of a thread whose knots travel: earlier curves on their own splines, control values (n, 3) [m], whose sum
-    is in the place of `q_ref`, empty for `q_ref` on the thread's own spline, and the part of its `weight` that acts, on
-    all of it or on each control point (n,), which is then no part of `load`; `stands`: the organ's answer is kept,
-    whatever the forces are; `start`, the state at the start of the step where the thread bears on the organ, else None;
-    `along` makes a correction where the loads are unknown too, and returns the problem under
-    others with it, None where they are given (`coupling.rest.branch`).
+    - `time` [s]: at its end; `dt` [s].
+    - `mass_factor` [1/s²], `q_ref` (n, c): the inertia and viscous force is mass_factor·M (q −
+      q_ref).
+    - `load` (n, c) [N, with twist N m]; `answer`: the organ's.
+    - `rows` (m, 5): active constraints; `law`: the law of sliding.
+    - `stiffen`: whether the constraints' own stiffness is added to the thread's band; needed
+      without inertia (an exact row operation).
+    - `frame`: that at the start of the step; None without twist.
+    - `closed` (k,), `rubbing`: pairs of lips that are held closed under any force, and their
+      friction.
+    - `gaps` (t, 3) [m]: gaps between the strands of every tie.
+    - `fields`: if knots travel, earlier curves on their own splines with control values (n, 3) [m],
+      whose sum replaces `q_ref`; empty if `q_ref` is on the thread's own spline.
+    - `weight`: if knots travel, the active part of the weight, for all or for each control point
+      (n,), which is not part of `load`.
+    - `stands`: whether the organ's answer is kept under any forces.
+    - `start`: the state at the start of the step if the thread bears on the organ, otherwise None.
+    - `along`: makes a correction if the loads are unknown too, and returns it with the problem
+      under other loads; None if the loads are given (`coupling.rest.branch`).
     """
 
     system: System[Body]
@@ -107,28 +117,28 @@ class Problem(Generic[Body]):
 
     @cached_property
     def earlier(self) -> tuple[tuple[Spline, Array], tuple[Spline, Array]]:
-        """The earlier curves of a thread whose knots travel, always two; one is zero where there is none."""
+        """The two earlier curves of a thread whose knots travel; a missing one is zero."""
         fields = self.fields or ((self.system.thread.spline, self.q_ref[:, :3]),)
         return fields[0], (fields[1] if len(fields) > 1 else (fields[0][0], np.zeros_like(fields[0][1])))
 
     @cached_property
     def ride(self) -> Ride:
-        """How the knots travel, under the part of the weight that acts."""
+        """Travel of the knots, under the active part of the weight."""
         return ride_of(self.system.thread, self.gravity)
 
     @property
     def weights(self) -> Array:
-        """The part of the thread's weight that acts on each control point, shape `(n, 1)`."""
+        """Active part of the thread's weight on each control point, shape `(n, 1)`."""
         return np.broadcast_to(self.weight, self.system.thread.n)[:, None]
 
     @property
     def gravity(self) -> Array:
-        """Gravity by the part of the weight that acts on each span, shape `(spans, 3)` [m/s²]."""
+        """Gravity times the active part of the weight on each span, shape `(spans, 3)` [m/s²]."""
         return self.weights[self.system.thread.spline.first] * self.system.gravity
 
     @cached_property
     def fields_read(self) -> tuple[Field, Field]:
-        """The earlier curves as the kernels read them."""
+        """Earlier curves as arrays for the kernels."""
         one, other = self.earlier
         return field_of(*one), field_of(*other)
 
@@ -139,25 +149,28 @@ class Problem(Generic[Body]):
 
     @property
     def floats(self) -> bool:
-        """Whether nothing holds the thread, no hole and no end: where it is as a whole matters to no force, and a dead
-        load takes it many lengths away in a step."""
+        """Whether no hole and no end holds the thread.
+
+        Its mean place then does not affect any force, and a dead load moves it by many lengths in a
+        step.
+        """
         return not (self.rows.any() or self.system.held.size)
 
     @cached_property
     def contact(self) -> Contact[Body] | None:
-        """Contact of the lips, None where nothing may touch."""
+        """Contact of the lips; None if nothing may touch."""
         return contact_of(self.system, self.answer)
 
     @cached_property
     def strands(self) -> Strands[Body] | None:
-        """Points of the thread that may bear on the organ, None if there are none."""
+        """Points of the thread that may bear on the organ; None if there are none."""
         if self.start is None or not len(self.answer.points):
             return None
         return Strands(self.system, self.start, self.answer, self.contact, self.closed, self.rubbing)
 
     @cached_property
     def organ_at_holds(self) -> tuple[Array, Array]:
-        """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the pairs that are closed."""
+        """y_free, shape `(m, 9)`, and C, shape `(9m, 9m)`, of all holds, with the closed pairs."""
         y_free, C = all_holds(self.system, self.answer.y_free), pad_compliance(self.system, self.answer.C)
         if self.contact is None or not self.closed.any():
             return y_free, C
@@ -176,8 +189,10 @@ class Problem(Generic[Body]):
 
 @dataclass(frozen=True)
 class Iterate:
-    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9); active sets `sigma` (m,)
-    of the friction and `pressed` (k,) of the contact, with how it is `rubbing`, whose forces follow from the others.
+    """Unknowns of a step: `q` (n, c), `N` (spans, g), `s` (m,), `lam` (m, 5), `y` (m, 9), and active sets.
+
+    The sets are `sigma` (m,) of the friction in holes, and `pressed` (k,) of the contact with its
+    friction, `rubbing`. The contact forces follow from the other unknowns.
     """
 
     q: Array
@@ -192,12 +207,15 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Residual:
-    """Residuals at an iterate, and what the tangent needs again.
+    """Residuals at an iterate, and data for the tangent.
 
-    `configuration`: the thread evaluated there; `f_y` (m, 9): site forces Φ_yᵀλ;
-    `push` (n, 3) [N]: Φ_qᵀλ, forces of the holes on the control points, and of the organ's surface, `touch`;
-    `thread` (n, c) [N, with twist N m] (at held unknowns: the reaction), `holds` (m, 6): law of sliding, Φ; `site`
-    (m, 9); `force_scale` [N], `torque_scale` [N m].
+    - `configuration`: the evaluated thread.
+    - `f_y` (m, 9): site forces Φ_yᵀλ.
+    - `push` (n, 3) [N]: forces on the control points of the holes, Φ_qᵀλ, and of the organ's
+      surface, `touch`.
+    - `thread` (n, c) [N, with twist N m]: residual of the thread; at held unknowns the reaction.
+    - `holds` (m, 6): law of sliding, Φ; `site` (m, 9).
+    - `force_scale` [N], `torque_scale` [N m].
     """
 
     configuration: Configuration
@@ -217,17 +235,17 @@ class Residual:
 
     @property
     def passage(self) -> Passage:
-        """The thread where it passes the holes."""
+        """The thread at the holes."""
         return self.configuration.at
 
 
 @dataclass(frozen=True)
 class Solution(Generic[Body]):
-    """A converged step: its problem, the iterate, the residual, and the number of Newton directions it took.
+    """A converged step: its problem, the iterate, the residual, and the number of Newton directions.
 
-    The constraint forces are those of `residual.passage` and `iterate.y`: the end of the step, but its start for the
-    linear one, whose elastic force does the work `linearisation` [J] beyond the true one's. `p` (k,) [N] are the
-    contact forces.
+    The constraint forces are those of `residual.passage` and `iterate.y` at the end of the step.
+    For the linear step they are those at its start, and `linearisation` [J] is the work of its
+    elastic force minus that of the true one. `p` (k,) [N] are the contact forces.
     """
 
     problem: Problem[Body]
@@ -240,7 +258,7 @@ class Solution(Generic[Body]):
 
 @dataclass
 class UnfinishedError(StepError):
-    """A step whose corrections were spent where they had `reached`, which solves nothing yet."""
+    """A step that used all its corrections; `reached` is the unsolved state of the iteration."""
 
     reached: "Solution[Any]" = field(kw_only=True)
 
@@ -279,9 +297,12 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
 def touched(
     problem: Problem[Body], z: Iterate, now: Configuration, f_y: Array
 ) -> tuple[Configuration, Touch | None, Array]:
-    """Return the thread where it bears on the organ under the forces `f_y` (m, 9) on the sites, with the driving forces
-    that friction there adds at the holes; the forces of its points, None if none may bear; and these on the control
-    points, shape `(n, 3)` [N]."""
+    """Return the thread with the driving forces of its friction on the organ, the forces of its
+    points, and their push.
+
+    `f_y` (m, 9) are the forces on the sites. The forces of the points are None if none may bear.
+    The push on the control points has shape `(n, 3)` [N].
+    """
     strands, n = problem.strands, problem.system.thread.n
     if strands is None:
         return now, None, np.zeros((n, 3))
@@ -293,10 +314,11 @@ def touched(
 
 
 def site_residual(problem: Problem[Body], z: Iterate, f_y: Array, touch: Touch | None) -> Array:
-    """Return the residuals of the sites under their forces `f_y` (m, 9) and those of the thread's points, shape
-    `(m, 9)`."""
+    """Return the residuals of the sites under their forces `f_y` (m, 9) and those of the thread's
+    points, shape `(m, 9)`.
+    """
     if len(problem.gaps) < len(problem.law.strands):
-        raise ValueError(f"{len(problem.law.strands)} ties in force, but {len(problem.gaps)} gaps; give one for each")
+        raise ValueError(f"{len(problem.law.strands)} active ties, but {len(problem.gaps)} gaps; give one for each")
     out = np.empty_like(f_y)
     y_free, C = (np.ascontiguousarray(x) for x in problem.organ_at_holds)
     if problem.strands is not None and touch is not None:
@@ -306,8 +328,11 @@ def site_residual(problem: Problem[Body], z: Iterate, f_y: Array, touch: Touch |
 
 
 def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Body], Residual, bool]:
-    """Ask the organ again under the forces of an iterate: the problem and the residual with its answer, and whether
-    the answer stood. Raises `StepError` where it has none."""
+    """Ask the organ again under the forces of an iterate.
+
+    Returns the problem and the residual with its answer, and whether the last answer was valid.
+    Raises `StepError` if the organ has no answer.
+    """
     if problem.stands:
         return problem, r, True
     sites = len(problem.system.piercings)
@@ -322,8 +347,9 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
 
 
 def force_tolerance(problem: Problem[Body], r: Residual) -> float:
-    """Return what a force may be off by in a solved step [N]: a part of the largest, or the round-off of those that
-    cancel."""
+    """Return the tolerance of a force in a solved step [N]: a part of the largest force, plus the
+    round-off of forces that cancel.
+    """
     return FORCE_TOLERANCE * r.force_scale + rounded_force(problem)
 
 
@@ -336,7 +362,7 @@ def rounded_force(problem: Problem[Body]) -> float:
 
 
 def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
-    """Whether every equation holds to its tolerance, each relative to a named scale."""
+    """Return whether every equation holds to its tolerance, each relative to a named scale."""
     thread = problem.system.thread
     force = force_tolerance(problem, r)
     gap = GAP_TOLERANCE * thread.section.diameter
@@ -353,8 +379,10 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
 
 
 def rounded_places(problem: Problem[Body]) -> Array:
-    """Return what round-off of the forces moves the sites of a nonlinear organ by, shape `(m, 9)` [m, -]: much, near a
-    limit point of the organ alone, where its compliance is without end. None of a linear one, which has no such point.
+    """Return the motion of the sites of a nonlinear organ by the round-off of forces, shape `(m, 9)` [m, -].
+
+    It is large close to a limit point of the organ alone, at which its compliance is infinite. It
+    is zero for a linear organ, which has no limit point.
     """
     m = problem.system.holds
     if problem.answer.linear:
@@ -364,7 +392,7 @@ def rounded_places(problem: Problem[Body]) -> Array:
 
 
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
-    """Linearise the holds, with the rows of constraints that are not in force replaced by λ = 0."""
+    """Linearise the holds, with the rows of inactive constraints replaced by λ = 0."""
     law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
     table = law.table
     if law.has_own:
@@ -375,8 +403,11 @@ def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
 def add_constraint_stiffness(
     problem: Problem[Body], A: Array, border: Border, r: Residual
 ) -> tuple[Array, Border, Array]:
-    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations: the same solution, and a matrix that is regular although
-    without the constraints the thread could move or turn freely (statics). Γ is of the size of the band's diagonal."""
+    """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations.
+
+    The solution does not change. The matrix becomes regular even if the thread could move or turn
+    freely without the constraints (statics). Γ has the size of the band's diagonal.
+    """
     thread, at, m = problem.system.thread, r.passage, len(r.holds)
     border = border._replace(E=border.E.copy())
     K, push = np.zeros((m, NINE, NINE)), np.zeros((m, NINE))
@@ -388,16 +419,21 @@ def add_constraint_stiffness(
 
 
 def allowed_share(problem: Problem[Body], dq: Array) -> float:
-    """Return the part of a correction that is applied: all of it, or what moves no control point further than
-    LONGEST_MOVE, of a thread that floats beside the mean of all."""
+    """Return the part of a correction that is applied.
+
+    No control point moves further than LONGEST_MOVE; if the thread floats, the mean move of all
+    does not count.
+    """
     thread = problem.system.thread
     longest = LONGEST_MOVE * (thread.spline.end - thread.spline.start)
     return float(share(longest, problem.floats, thread.lever, np.ascontiguousarray(dq)))
 
 
 def applied_share(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> float:
-    """Return the same of a correction with the holes' part `dz` (m, 15), which leaves a part of each strand between two
-    holes."""
+    """Return the part of a correction with the holes' part `dz` (m, 15) that is applied.
+
+    In addition to `allowed_share`, it leaves a part of the length of each strand between two holes.
+    """
     part, spline = allowed_share(problem, dq), r.configuration.thread.spline
     if not isinstance(spline, Placed):
         return part
@@ -413,8 +449,11 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
 
 
 def direction(problem: Problem[Body], z: Iterate, r: Residual, tie: float = 0.0) -> tuple[Array, Array]:
-    """Return Newton's direction dq (n, c), dz (m, 15) at an iterate, the whole of it, with the material points of the
-    thread tied to where they are by a mass times `tie` [1/s²]. Raises `SingularError`."""
+    """Return Newton's whole direction dq (n, c), dz (m, 15) at an iterate.
+
+    The material points of the thread are tied to their places by a mass times `tie` [1/s²]. Raises
+    `SingularError`.
+    """
     thread, at = r.configuration.thread, r.passage
     A, r_q = thread_matrix(problem, z, r), r.thread
     if tie:
@@ -432,7 +471,7 @@ def direction(problem: Problem[Body], z: Iterate, r: Residual, tie: float = 0.0)
 
 
 def change_of_site_forces(border: Border, at: Passage, dq: Array, dz: Array) -> Array:
-    """Return what a direction dq (n, c), dz (m, 15) changes of the site forces Φ_yᵀλ, shape `(9m,)`."""
+    """Return the change of the site forces Φ_yᵀλ in a direction dq (n, c), dz (m, 15), shape `(9m,)`."""
     by_thread = at.b[:, :3] @ dq[at.first[:, None] + LOCAL, :3]
     return (np.matvec(border.F, dz) + np.matvec(border.R, by_thread.reshape(-1, 9))).ravel()
 
@@ -450,8 +489,9 @@ def moved(problem: Problem[Body], z: Iterate, r: Residual, dq: Array, dz: Array)
 
 
 def next_axial_force(problem: Problem[Body], r: Residual, dq: Array, dz: Array) -> Array:
-    """Return the axial forces (spans, a) [N] of an iterate moved by dq (n, c), its abscissae by the first column of dz
-    (m, …)."""
+    """Return the axial forces (spans, a) [N] of an iterate moved by dq (n, c), and by the first
+    column of dz (m, …).
+    """
     thread = r.configuration.thread
     N = thread.next_axial_force(r.points, dq)
     return with_riding_force(thread, problem.ride, r.points, dz, N) if thread.travels else N
@@ -470,13 +510,14 @@ Corrector = Callable[[Problem[Body], Iterate, Residual], tuple[Problem[Body], It
 def solve(
     problem: Problem[Body], start: Iterate, correct: Corrector[Body] = correct, patience: int = 1
 ) -> Solution[Body]:
-    """Iterate from `start` until every equation holds, and stick and slip, touch and open fit the answer. Raises
-    `StepError`.
+    """Iterate from `start` until every equation holds, and stick and slip, contact and opening fit
+    the solution.
 
-    `correct` makes one Newton correction; the default one condenses the organ. `patience`: how many times the
-    corrections of a plain solve there may be. Each active set of friction and contact is solved out before it is judged
-    here; a way downhill changes it before too. Where a set comes back, one hole or pair changes at a time, the first
-    that has to (Murty's least-index rule); what goes round in a circle, or is not at rest after MAX_SETS, is given up.
+    `correct` makes one Newton correction; the default condenses the organ. `patience` is the
+    allowed number of corrections, in those of a plain solve. Each active set of friction and
+    contact is solved before it is judged here; a way downhill also changes it on the way. If a set
+    returns, only the first differing hole or pair changes (Murty's least-index rule). The solve
+    fails if sets cycle, or change after MAX_SETS sets. Raises `StepError`.
     """
     try:
         return solve_sets(problem, start, correct, patience)
@@ -485,10 +526,12 @@ def solve(
 
 
 def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
-    """Solve one active set after another, as `solve` says. Raises `StepError`, and `OrganError` where the lips of a
-    nonlinear organ have no answer."""
+    """Solve one active set after another, as described in `solve`.
+
+    Raises `StepError`, and `OrganError` if the lips of a nonlinear organ have no answer.
+    """
     z, iterations = replace(start, sigma=admissible_sigma(problem.law, start.sigma)), 0
-    rubs = problem.contact is not None and problem.contact.rubs  # whose directions follow in the same set
+    rubs = problem.contact is not None and problem.contact.rubs  # directions of slip may change in one set
     seen: Counter[bytes] = Counter()
     for _ in range(MAX_SETS + len(z.pressed)):
         solution = solve_set(replace(problem, closed=z.pressed, rubbing=z.rubbing), z, correct, patience)
@@ -506,15 +549,16 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 
 def sets_of(z: Iterate) -> bytes:
-    """Return the active sets of an iterate as bytes, to recognise them; what slips another way is another one."""
+    """Return the active sets of an iterate as bytes, for comparison; another direction of slip is another set."""
     ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
     return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
 
 
 def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Container[bytes]) -> Iterate:
-    """Return a solved iterate with the active sets that its forces ask for, the very same object where it has them.
+    """Return a solved iterate with the active sets that fit its forces; the same object if it has them.
 
-    Pairs are judged to round-off first, and within what the solve leaves open only where that leads back.
+    Pairs are judged to round-off at first, and within the tolerance of the solve only if that leads
+    back to an earlier set.
     """
     margin = MARGIN * force_tolerance(problem, r)
     sigma = ruled(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin).fits
@@ -537,8 +581,11 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
 def with_rubbing_sets(
     problem: Problem[Body], contact: Contact[Body], z: Iterate, r: Residual, sigma: Array, seen: Container[bytes]
 ) -> Iterate:
-    """Return a solved iterate with the active sets that its forces ask for, of the thread's friction `sigma` and where
-    surfaces rub: the very same object where their forces are those that Coulomb's law asks for, whatever the set."""
+    """Return a solved iterate with the active sets that fit its forces, of the thread's friction
+    `sigma` and of the surfaces.
+
+    It is the same object if the forces of the surfaces obey Coulomb's law, whatever the set.
+    """
     f = r.f_y.ravel()
     pressed, rubbing, P = find_sets(contact, f, z.pressed, z.rubbing)
     other, off = sigma != z.sigma, P - closing_forces(contact, z.pressed, z.rubbing, f)
@@ -551,8 +598,9 @@ def with_rubbing_sets(
 
 
 def forces_that_close(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
-    """Return what the active set of an iterate asks of the pairs, and behind it the forces of the thread's points,
-    shape `(k,)` [N]."""
+    """Return the forces of the pairs by the active set of an iterate, then those of the thread's
+    points, shape `(k,)` [N].
+    """
     P = NO_FORCES if r.touch is None else r.touch.P
     if problem.contact is None:
         return P
@@ -561,7 +609,7 @@ def forces_that_close(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
 
 
 def contact_forces(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
-    """Return p of a solved iterate, shape `(k,)` [N]; a pull of round-off between lips is set to zero."""
+    """Return p of a solved iterate, shape `(k,)` [N]; tension between lips by round-off is set to zero."""
     p = forces_that_close(problem, z, r)
     if problem.contact is not None and not problem.contact.rubs:
         lips = len(problem.contact.g_free)
@@ -569,9 +617,9 @@ def contact_forces(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     return p
 
 
-@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a try that runs away is refused in words
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # a diverging try gets its own error
 def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], patience: int) -> Solution[Body]:
-    """Iterate by Newton from `z` with its active set. Raises `StepError`."""
+    """Iterate by Newton's method from `z` with its active set. Raises `StepError`."""
     r = evaluate(problem, z)
     for iteration in range(patience * MAX_ITERATIONS):
         if not np.isfinite(r.force_scale) or not np.all(np.isfinite(r.thread)):
@@ -579,7 +627,7 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
         problem, r, stands = follow(problem, z, r)
         if stands and is_converged(problem, z, r):
             if problem.system.thread.turns_too_far(problem.frame, z.q):
-                raise failure(problem, r.holds, "a tangent turned by more than 120°, further than the twist can follow")
+                raise failure(problem, r.holds, "a tangent turned by more than 120°, too far for the twist's frame")
             return Solution(problem, z, r, iteration)
         ask_before_correction()
         try:
@@ -592,18 +640,19 @@ def solve_set(problem: Problem[Body], z: Iterate, correct: Corrector[Body], pati
 
 
 def unfinished(failed: StepError, reached: Solution[Body]) -> UnfinishedError:
-    """Return the error of a step with what its corrections `reached`."""
+    """Return the error of a step with the state that its corrections `reached`."""
     return UnfinishedError(failed.time, failed.dt, failed.cause, failed.piercing, reached=reached)
 
 
 def too_many(corrections: int) -> str:
-    """Say that so many corrections of one active set led to no solution."""
+    """Return the message that `corrections` corrections of one active set did not converge."""
     return f"no convergence in {corrections} Newton iterations"
 
 
 def failure(problem: Problem[Body], holds: Array, cause: str) -> StepError:
-    """Return the error of a step, with the piercing whose constraints are violated most; `holds` (m, 6), as of
-    `Residual`."""
+    """Return the error of a step, with the piercing whose constraints are violated most; `holds`
+    (m, 6) as in `Residual`.
+    """
     piercings = problem.system.piercings
     gap = np.nan_to_num(np.abs(holds[: len(piercings), PHI]), nan=np.inf).max(axis=1, initial=0.0)
     name = piercings[int(np.argmax(gap))].name if piercings else ""
