@@ -90,7 +90,7 @@ class CreatedEnergyError(CouplingError):
         )
         return (
             f"the linear step from t = {self.time:.6g} s with dt = {self.dt:.3g} s created {self.created:.3g} J, "
-            f"{100 * self.share:.3g} % of the energy that there is{place}; take a smaller solve.dt, or solve.scheme = "
+            f"{100 * self.share:.3g} % of the available energy{place}; take a smaller solve.dt, or solve.scheme = "
             '"newton"'
         )
 

@@ -11,9 +11,8 @@ Euler: the first step, a step after a jump (`coupling.system.forgetful`), a step
 snaps (`coupling.step.stepping.bdf2_step`), and a step much longer than the one before. The error of
 a single such step is of second order, and so is that of the run. In constrained motion this holds
 for positions and velocities. The multipliers correspond to accelerations and are of second order
-from the third step on. Motion that is not smooth (a hand at a corner of its way, a hole that begins
-to stick) is followed with first order there, as with every integrator that does not stop at the
-corner.
+from the third step on. If motion is not smooth (a hand at a corner of its way, a hole that begins
+to stick), the order is one there, as with every integrator that does not stop at the corner.
 
 BDF2 is the default of a scenario; the choice is based on measurements. A bar of 25 Hz under a step
 load has a peak that is 0.8 % too low at 1 ms (backward Euler 9.8 %). In a running stitch, friction

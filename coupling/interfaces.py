@@ -216,7 +216,7 @@ class Rubs(Protocol):
     """Optional members of an organ: friction between its surfaces."""
 
     def slipping_surfaces(self, state: Any) -> Mapping[str, bool]:
-        """Return by name the pressed surfaces with friction, and whether they slip as a whole."""
+        """Return by name, for each pressed surface with friction, whether it slips as a whole."""
 
 
 @runtime_checkable

@@ -99,8 +99,8 @@ class Piercing:
     In a hole in which the thread slides, a hand holds the thread only between the first and the
     last of its times. It may draw and pull one after the other. A row with nan as length or force
     lets go, and the next row takes the thread again. In other holes the hand always holds the
-    thread. Raises `CouplingError` if the hand would do both at once, or if there is friction at an
-    anchored thread in a hand.
+    thread. Raises `CouplingError` if the hand would draw and pull at once, for rows that contradict
+    these rules, and for friction at an anchored thread in a hand.
     """
 
     name: str
@@ -545,8 +545,8 @@ def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
     rotation from z to it.
 
     The result is continuous except at −z, where no rule is. The organ's own sites use the same
-    rule. Neither package imports the other for it, because an organ has no thread ends, and the
-    coupling only has the organ's nine numbers per site.
+    rule. Each package has its own function, because an organ has no thread ends, and the coupling
+    only has the organ's nine numbers per site.
     """
     x, y, z = tangent
     across = np.hypot(x, y)

@@ -120,10 +120,9 @@ def closing_pushes(contact: Contact[Body], pressed: Flags, opened: Array) -> Arr
 
 
 def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: Array) -> Array:
-    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` with their
-    friction; they can be tensile.
+    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` with their friction.
 
-    `opened` [m] are the gaps without forces.
+    The forces can be tensile. `opened` [m] are the gaps without forces.
     """
     if not pressed.any():
         return np.zeros_like(opened)
@@ -279,9 +278,10 @@ def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
 class ContactObservation:
     """The lips at one time.
 
-    The `gap` (k,) [m] and `force` (k,) [N] of every pair, its `slide` (k,) [m], which is the
-    relative motion of its nodes along the lips, its `friction` (k, 3) [N] of the node on the
-    opposite surface, and whether it `slips` (k,).
+    - `gap` (k,) [m], `force` (k,) [N]: of every pair.
+    - `slide` (k,) [m]: relative motion of the nodes of a pair along the lips.
+    - `friction` (k, 3) [N]: force on the node by the opposite surface.
+    - `slips` (k,): whether the pair slips.
     """
 
     gap: Array

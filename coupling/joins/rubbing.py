@@ -3,7 +3,7 @@
     |τ| ≤ μ p,   w = 0 if |τ| < μ p,   τ = −μ p w/|w| if w ≠ 0
 
 w counts from the start of the step, so that a sticking pair keeps its place and no other memory is
-needed. With g ≥ 0, p ≥ 0 and p g = 0 the law is that these are zero (Alart & Curnier, Computer
+needed. With g ≥ 0, p ≥ 0 and p g = 0 the law states that two terms are zero (Alart & Curnier, Computer
 Methods in Applied Mechanics and Engineering 92, 1991), for any r > 0 [N/m]:
 
     p − ⟨p − r g⟩,   τ − b min(1, μ p/|b|) with b = τ − r w
@@ -37,7 +37,7 @@ CORRECTIONS = 40  # of a try
 SWEEPS = 60  # rounds from pair to pair between two tries
 TRIES = 8  # before the law counts as unsolved
 TINY = np.finfo(float).tiny
-NO_HOLD = "surfaces that press on each other do not hold each other apart, as if the tissue snaps"
+NO_HOLD = "pressed surfaces give way to each other, as if the tissue snaps"
 
 
 @dataclass(frozen=True)

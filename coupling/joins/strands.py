@@ -1,18 +1,18 @@
 """The thread on the surface of the organ: its points between the holes bear on opposite facets
 (`tissue.organs.skin`).
 
-Each span of the thread has two points P(χ_j), and each free end one. d is the direction from the
-point to the surface, r the thread's radius, t the tangents across d, and x the opposite point of
-the surface. The gap and the slip since the start of the step are
+Each span of the thread has two points P(χ_j), and each free end one. The direction from the point
+to the surface is d, the opposite point of the surface is x, the tangents across d are t, and the
+thread's radius is r. The gap and the slip since the start of the step are
 
     g = d·(x − P) − r ≥ 0,   p ≥ 0,   p g = 0,     w = t·(x − x₀) − t·(P(χ_j) − P₀(S(χ_j)))
 
 P₀ is the curve at the start of the step, and S(χ_j) the abscissa of the material at χ_j: a thread
 that slides through its holes also slips on the surface. The forces P = (p, τ) obey the law of
-`coupling.joins.rubbing`. Without friction they are the gradient of a convex potential of the
-thread's place, that of the organ's own compliance. For this reason they are not unknowns of a step:
-they are computed at every iterate (`Strands.touch`). `Strands.directed` closes the pressed points
-in a correction, with one additional solution for each.
+`coupling.joins.rubbing`. Without friction they are the gradient of a potential that is convex in
+the thread's place and is due to the organ's compliance. For this reason they are not unknowns of a
+step: they are computed at every iterate (`Strands.touch`). `Strands.directed` closes the pressed
+points in a correction, with one additional solution for each.
 """
 
 from collections.abc import Callable, Sequence
@@ -151,8 +151,9 @@ def places_of(spline: Spline, q: Array, s: Array) -> Array:
 def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> float:
     """Return the largest misplacement of the thread's points on the surface [m].
 
-    It is the penetration of the surface that points face now, the distance of pressed points from
-    it, or the rotation of their d times a diameter. `origin` is as for `touching_organ`.
+    A misplacement is one of three lengths: the penetration of a point into the surface that it
+    faces now, the distance of a pressed point from that surface, or the turn of its direction d,
+    times a diameter. `origin` is as for `touching_organ`.
     """
     organ = system.organ
     if not (system.bears and isinstance(organ, Bearing)):
@@ -472,7 +473,7 @@ def forces_together(law: Law, c_open: Array, touch: Touch) -> Array:
 
 
 def under(contact: Contact[Body], strands: Strands[Body] | None, touch: Touch | None) -> Contact[Body]:
-    """Return the contact of lips under the forces of points too."""
+    """Return the contact of lips with the forces of the thread's points added."""
     if strands is None or touch is None or not touch.P.any():
         return contact
     return replace(contact, g_free=contact.g_free + strands.opened_lips(touch.P))

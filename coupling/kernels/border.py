@@ -250,10 +250,10 @@ def is_given(border: Border, r: Array, k: int, row: int) -> bool:
 def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int:
     """Number the unknowns of the holds that are solved for, and return their count.
 
-    `at` (15m,) gets the number of each unknown, or −1 if it is not solved for. Solved for are s,
-    the active multipliers and, for a strand of a tie, its x. For another number of a site the
-    unknown is its force, if the force depends on the thread. The rest of dy follows from the
-    forces.
+    `at` (15m,) gets the number of each unknown, or −1 if it is not solved for. The unknowns that
+    are solved for are s, the active multipliers and, for a strand of a tie, its x. For another
+    number of a site the unknown is its force, if the force depends on the thread. The rest of dy
+    follows from the forces.
     """
     for i in range(len(at)):
         k, j = i // BORDER, i % BORDER

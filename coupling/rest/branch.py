@@ -263,7 +263,7 @@ def walk(branch: Branch[Body], share: float) -> Iterator[Step[Body]]:
         way = way.times(1.0 / way.length)
         if branch.share <= 0.0:
             raise StepError(step.old.time, step.dt, "leads back to no loads at all")
-    raise StepError(step.old.time, step.dt, "does not reach them")
+    raise StepError(step.old.time, step.dt, "does not reach the wanted loads")
 
 
 def further(branch: Branch[Body], way: Way, length: float, share: float) -> tuple[Step[Body], float]:

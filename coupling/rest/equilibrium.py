@@ -175,8 +175,8 @@ def settle(
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads.
 
-    `given` is the organ's answer; None means that at rest. If `state` is on the way of a load step,
-    `began` is the state at its start, at whose time hands are still active; None means `state`.
+    `given` is the organ's answer; None means that at rest. `began` is the state at the start of the
+    load step if `state` is on its way; None means `state`. Hands act as at the time of `began`.
     Raises `EquilibriumError`.
     """
     began = state if began is None else began
@@ -328,11 +328,12 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
-    """Solve again with a thread that can move without a change of energy, tied to its new place.
+    """Solve again with a free thread tied to its new place.
 
-    The tie is a tenth of the last one, and the solution is repeated until the tie bears no force.
-    Each time the error is multiplied by the ratio of the tie to the thread's stiffness (the
-    proximal point algorithm: Rockafellar, SIAM J. Control Optim. 14, 1976). Raises `StepError`.
+    A free thread can move without a change of energy (`lying_tie`). The tie is a tenth of the last one, and the
+    solution is repeated until the tie bears no force. Each time the error is multiplied by the
+    ratio of the tie to the thread's stiffness (the proximal point algorithm: Rockafellar, SIAM J.
+    Control Optim. 14, 1976). Raises `StepError`.
     """
     if not solution.problem.mass_factor:
         return solution
@@ -350,12 +351,11 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
 
 
 def lying_tie(system: System[Body], state: State[Body]) -> float:
-    """Return the tie [1/s²] to its place of a thread that can move without a change of energy; zero
-    for other threads.
+    """Return the tie [1/s²] that holds a free thread at its place; zero for other threads.
 
-    Such a thread is cut, or slides freely in all its holes. The tie makes the matrix regular. It is
-    a part of the largest entry of the matrix, the stiffness of the shortest span, so that its force
-    is below the tolerance of a solve.
+    A free thread can move without a change of energy: it is cut, or slides freely in
+    all its holes. The tie makes the matrix regular. It is a part of the largest entry of the
+    matrix, the stiffness of the shortest span, so that its force is below the tolerance of a solve.
     """
     if not (system.thread.spline.cuts.size or slides_freely(system, state.present)):
         return 0.0

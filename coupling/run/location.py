@@ -154,8 +154,8 @@ def leaving_times(old: State[Body], step: Step[Body]) -> Array:
 def end_passed(old: State[Body], beyond: State[Body], k: int, end: float) -> float:
     """Return the time at which the abscissa of hold `k` passed the `end` [m] of the thread.
 
-    It lies between a state and a state `beyond` the end. It is the time of `beyond` if the cubic
-    does not reach the end.
+    The abscissa is interpolated between the states `old` and `beyond`. The time is that of `beyond`
+    if the cubic does not reach the end.
     """
     course = CubicHermiteSpline([old.time, beyond.time], [old.s[k], beyond.s[k]], [old.s_dot[k], beyond.s_dot[k]])
     passed = course.solve(end, extrapolate=False)

@@ -2,9 +2,13 @@
 
 A step that continues the motion smoothly is predicted, solved, concluded, checked and audited in
 the loops, and then the next one. Unusual steps are left to `coupling.step.stepping.advance`, which
-gives the same numbers for the same step, except for round-off. Unusual are: a step that does not
-converge, a thread under compression, a hole that is left, passed by another, or whose frame flips,
-a change from stick to slip, a strand that becomes taut or slack, and a step uphill.
+gives the same numbers for the same step, except for round-off. These steps are unusual:
+
+- a step that does not converge, or goes uphill;
+- a thread under compression;
+- a hole that is left, that is passed by another one, or whose frame flips;
+- a hold that changes from stick to slip;
+- a strand that becomes taut or slack.
 """
 
 from collections.abc import Sequence

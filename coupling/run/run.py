@@ -4,8 +4,9 @@
     while run.state.time < duration:
         run = run.step(dt)
 
-A step has four stages: packets of knots that fit its start, if knots travel; the step itself, in
-halves if it fails; its audit and events; then the cuts, and the piercings that begin or end.
+A step has four stages. If knots travel, packets of knots are made that fit its start. The step
+itself is made, in halves if it fails. Its audit and its events follow. Finally the thread is cut,
+and piercings begin or end.
 """
 
 import logging
@@ -64,8 +65,8 @@ class Run(Generic[Body]):
     - `number`: number of steps made.
     - `fresh`: whether the thread has no tension yet for packets to fit.
     - `at_once`: Newton iterations of the steps made by compiled loops.
-    - `taken`: of the last step, several if it was halved, none if the loops made it.
-    - `events`: of the last step.
+    - `taken`: the parts of the last step, several if it was halved; empty if the loops made it.
+    - `events`: the events in the last step.
     - `seen`: the thread at its end as observed by the loops.
     """
 
@@ -264,14 +265,14 @@ class Run(Generic[Body]):
         return run._audited(reach(run.system, run.state, share, duration))
 
     def rested(self) -> "Run[Body]":
-        """Return the run before its first step, from the equilibrium under the loads at its time.
+        """Return the run before its first step, at the equilibrium under the loads at its time.
 
         Slack is thus removed before the run starts. Nothing moves, holes with friction stick under
         the forces of the equilibrium, and slip counts from there. Energy released on the way is not
         part of the audit; holes that were left are events. Raises `RestError` if no equilibrium is
         found.
         """
-        log.info("looking for the rest that the run starts from")
+        log.info("looking for the equilibrium from which the run starts")
         first = replace(self, at_once=0, taken=(), events=())
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)

@@ -160,7 +160,7 @@ def strand_ranges(system: System[Body], state: State[Body], k: int) -> tuple[tup
     tie, spline, p = system.ties[k], system.thread.spline, len(system.piercings)
     lost = next((hole for hole in tie.between if not state.present[hole]), None)
     if lost is not None:
-        cause = f"the thread is not in piercing {system.piercings[lost].name!r}; let the tie begin while it is"
+        cause = f"the thread is not in piercing {system.piercings[lost].name!r}; begin the tie while it is there"
         raise FormingError(state.time, tie.name, cause, "tie")
     first, last = (float(state.s[hole]) for hole in tie.between)
     here: Array = state.s[:p][state.present[:p]]

@@ -1,7 +1,8 @@
 """A check of accepted steps: no step goes uphill (`coupling.kernels.steps.watch`).
 
 A step along a curved way also creates a little energy, of either sign: of second order in its size
-by backward Euler, of third order by BDF2. A thread that passes a hole with its knots does so too.
+by backward Euler, of third order by BDF2. A thread that passes a hole with its knots also creates
+a little energy.
 For this reason a step that creates more than CREATED of the available energy, with BDF2 more than
 CREATED_BDF2, is halved and not refused. Half a step creates a quarter of that or less, but a jump
 to another branch does not decrease. Parts of the length dt/16 may create up to a share of the
@@ -17,8 +18,9 @@ are not in the bound of the energy that BDF2 returns. Such a step may be halved 
 is correct.
 
 A thread at rest without tension only has the energy of its round-off, all of which can be created
-and dissipated in a step. The work of the round-off of forces on the way that stores the available
-energy is always allowed (`coupling.kernels.steps.watch.rounded_work`).
+and dissipated in a step. The round-off of forces does work on the way over which the thread would
+store the available energy. This work is always allowed
+(`coupling.kernels.steps.watch.rounded_work`).
 """
 
 from dataclasses import astuple, dataclass
@@ -72,8 +74,11 @@ class Watch:
         self.energies.append(new)
 
     def weigh(self, step: Step[Body], old: Energies, new: Energies) -> tuple[float, float, float, float]:
-        """Return four energies of a step [J]: created, that of the loan it may return, the bound
-        besides, and the bound of all.
+        """Return four energies of a step [J]: the created one, the part of the loan that it may
+        return, and two bounds.
+
+        The first bound is for the created energy minus the returned loan, and the second one for
+        the whole created energy.
         """
         problem = step.solution.problem
         thread, there = problem.system.thread, LOOSENED if self.refitted else TRACE

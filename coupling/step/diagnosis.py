@@ -1,9 +1,9 @@
 """The reason why constraints cannot be satisfied, in words that name the piercings.
 
-A state is checked for three faults: a hold at which the thread has no tangent, a span too long to
-bend between two holds, and dependent rows of Φ_q over the free control points. The last check uses
-the singular values of the rows scaled to length one: if a combination of rows nearly vanishes, one
-constraint repeats the others.
+A state is checked for three faults. A hold may have no tangent of the thread. Two holds may leave
+the span between them no freedom to bend. The rows of Φ_q may be dependent over the free control
+points. The last check uses the singular values of the rows scaled to length one: if a combination
+of rows nearly vanishes, one constraint repeats the others.
 """
 
 from itertools import pairwise
@@ -256,7 +256,7 @@ def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], go
         if left.any() and end.position(new.time) is not None:
             k, holes = int(np.argmax(left)), len(system.piercings)
             cause = (
-                f"the thread runs out at {hold_names(system)[k]}: its {name} is held and cannot pass it; lay out more "
-                "thread, move the end less, or let it go"
+                f"the thread runs out at {hold_names(system)[k]}: its {name} is held and cannot pass the hole; lay out "
+                "more thread, move the end less, or let it go"
             )
             raise StepError(old.time, new.time - old.time, cause, system.piercings[k].name if k < holes else "")

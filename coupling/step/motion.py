@@ -26,7 +26,7 @@ def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
     if float(np.median(state.N)) < SLACK * system.thread.EA:
         return "the thread is slack", names[fastest]
     loaded = int(np.argmax(np.linalg.norm(state.lam[:p, :3], axis=1)))
-    return "it slides and bends", names[loaded]
+    return "the thread slides and bends", names[loaded]
 
 
 def alignment(system: System[Body], state: State[Body]) -> Array:

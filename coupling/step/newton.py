@@ -297,11 +297,11 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
 def touched(
     problem: Problem[Body], z: Iterate, now: Configuration, f_y: Array
 ) -> tuple[Configuration, Touch | None, Array]:
-    """Return the thread with the driving forces of its friction on the organ, the forces of its
-    points, and their push.
+    """Return the configuration of the thread where it bears on the organ, and the forces of its points.
 
-    `f_y` (m, 9) are the forces on the sites. The forces of the points are None if none may bear.
-    The push on the control points has shape `(n, 3)` [N].
+    The configuration contains the driving forces of the friction at the holds. `f_y` (m, 9) are the
+    forces on the sites. The forces of the points are None if no point may bear. The third result
+    has their forces on the control points, shape `(n, 3)` [N].
     """
     strands, n = problem.strands, problem.system.thread.n
     if strands is None:
@@ -549,7 +549,9 @@ def solve_sets(problem: Problem[Body], start: Iterate, correct: Corrector[Body],
 
 
 def sets_of(z: Iterate) -> bytes:
-    """Return the active sets of an iterate as bytes, for comparison; another direction of slip is another set."""
+    """Return the active sets of an iterate as bytes, for comparison; sets with different directions
+    of slip are different.
+    """
     ways = np.round(z.rubbing.along, WAYS) + 0.0  # no negative zeros
     return z.sigma.tobytes() + z.pressed.tobytes() + z.rubbing.slips.tobytes() + ways.tobytes()
 

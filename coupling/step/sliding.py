@@ -38,8 +38,8 @@ above. The same holds for the first and the last hole of two kinds of loops. A l
 has them because the hands keep the place of the knot between the two holes. A loop that is tied in
 holes without friction has them because it could otherwise slide round in the holes.
 
-The force of hands is a given one, f = `injected`. So is a friction from another algorithm (the two
-passes of §4.3).
+The force of hands is a given one, f = `injected`. A friction from another algorithm (the two
+passes of §4.3) is given in the same way.
 """
 
 from dataclasses import dataclass, field, replace

@@ -49,9 +49,9 @@ def solve(problem: Problem[Body], start: Iterate, downhill: int = 0) -> Solution
     If `downhill` is not zero, the step is solved by `coupling.step.descent`, with `downhill` times
     the corrections. Raises `StepError`.
 
-    If the answer of an organ in a smaller space is not accurate under the forces found, the step is
-    solved again with an accurate answer, from the same start: a step can have several solutions,
-    and a start at the solution with another answer could lead to another one. If no solution is
+    The answer of an organ in a smaller space may not be accurate under the forces found. The step
+    is then solved again with an accurate answer, from the same start: a step can have several
+    solutions, and the solution with the first answer may be close to another one. If no solution is
     found, the step is solved again with the answer that is accurate under all forces.
     """
     try:

@@ -355,8 +355,8 @@ def reactions(problem: Problem[Body], residual: Array) -> Array:
 def with_sense(system: System[Body], old: State[Body], new: State[Body], at: Passage) -> State[Body]:
     """Return the new state with the sense in which the thread passes its holes.
 
-    T·(u × v) can change its sign without a jump of the thread: a linear organ under a couple
-    shrinks its frame by the cosine of the turn, to zero at 90° and to a flipped frame beyond.
+    T·(u × v) can change its sign without a jump of the thread. A linear organ under a couple
+    shrinks its frame by the cosine of the turn: to zero at 90°, and to a flipped frame beyond.
     Raises `InversionError` if the tangent reversed in a directed hole.
     """
     now = np.where(new.present, sense(at, new.y), new.sense)
@@ -437,9 +437,11 @@ def advance(
 
     If the thread has left a hole at the end of a step, the step is repeated without this hole. If
     the thread flipped through a hole, the step is halved, because it may have jumped over the real
-    motion. Raises `StepError` if the smallest step fails too or MOST_TRIES did not reach the end,
-    `ConstraintError` if the constraints are the cause or a hand has drawn the thread out, and
-    `InversionError` if the thread flips in the smallest step.
+    motion.
+
+    Raises `StepError` if the smallest step fails too, or if MOST_TRIES did not reach the end.
+    Raises `ConstraintError` if the constraints are the cause or a hand has drawn the thread out.
+    Raises `InversionError` if the thread flips in the smallest step.
     """
     taken: list[Step[Body]] = []
     pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()

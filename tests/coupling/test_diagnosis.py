@@ -227,7 +227,7 @@ def test_a_hole_that_turns_far_at_once_is_refused() -> None:
         return replace(old, y=y)
 
     refuse_turning(system, old, turned(np.radians(44.0)))
-    with pytest.raises(StepError, match=r"turned the hole by 46° at once.*'second'") as caught:
+    with pytest.raises(StepError, match=r"turned the hole by 46° in one step.*'second'") as caught:
         refuse_turning(system, old, turned(np.radians(46.0)))
     assert caught.value.piercing == "second"
     refuse_turning(system, old, replace(turned(1.5), present=np.array([True, False])))

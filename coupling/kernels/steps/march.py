@@ -82,9 +82,9 @@ class Scene(NamedTuple):
 
     - `weight` (n, 3) [N]: weight of the thread.
     - `along`: abscissae of the thread.
-    - `present`, `here`, `slide`, `rough`, `by_hand` (m,): holds that are present, that have an
-      active point constraint, that can slide, that have friction, and at which a hand draws the
-      thread.
+    - `present` (m,): present holds; `here` (m,): those with an active point constraint.
+    - `slide`, `rough`, `by_hand` (m,): holds that can slide, that have friction, and at which a
+      hand draws the thread.
     - `strength` (p,) [N]: largest force that the tissue bears at each piercing.
     - `damping` [1/s], `epsilon` [kg].
     - `by_place` [N/m]: largest stiffness of a control point against displacement.

@@ -31,8 +31,8 @@ class Along(NamedTuple):
 def within(breaks: Array, s: Any) -> Any:
     """Return whether holds at the abscissae `s` [m] divide the thread.
 
-    They do not if they are outside the thread or at its ends, where round-off would decide. Python
-    calls this function with arrays, and the loops with numbers.
+    Holds outside the thread or at its ends do not divide it; at an end round-off would decide.
+    Python calls this function with arrays, and the loops with numbers.
     """
     start, end = breaks[0], breaks[len(breaks) - 1]
     near = AT_END * (end - start)

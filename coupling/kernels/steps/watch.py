@@ -37,7 +37,7 @@ class Shares(NamedTuple):
     - `create`: of the available energy, in addition to the returned loan.
     - `there`, `turned`: limits of the energy created including the loan, of the available energy or
       of the turnover, whichever is larger.
-    - `give` [m/N]: length that a unit force draws the thread out.
+    - `give` [m/N]: extension of the thread per force.
     """
 
     create: float
@@ -68,19 +68,20 @@ stake, lent = loop(at_stake), loop(given_back)
 def rounded_work(give: float, rounded: float, there: float) -> float:
     """Return the work of the round-off F of forces, `rounded` [N], with the energy E that is `there` [J].
 
-    The thread's compliance L/EA is `give` [m/N]. The work has two parts: on the way √(2 E L/EA) on
-    which a thread that is drawn out stores the energy E, and on the way F L/EA on which F itself
-    draws it out.
+    The thread's compliance L/EA is `give` [m/N]. The work has two parts, on two ways. On the way
+    √(2 E L/EA) a thread that is drawn out stores the energy E. On the way F L/EA the force F itself
+    draws the thread out.
     """
     return rounded * (sqrt(2.0 * give * max(there, 0.0)) + give * rounded)
 
 
 @loop
 def weigh(shares: Shares, rounded: float, weight: float, old: Array, new: Array) -> tuple[float, float, float, float]:
-    """Return four energies of a step [J]: created, that of the loan it may return, the bound
-    besides, and the bound of all.
+    """Return four energies of a step [J]: the created one, the part of the loan that it may return,
+    and two bounds.
 
-    They follow from the energies before and after it, which are those of
+    The first bound is for the created energy minus the returned loan, and the second one for the
+    whole created energy. The energies before and after the step are those of
     `coupling.reports.audit.Energies`. Its forces have the round-off `rounded` [N]. `weight` is as
     for `given_back`; it is zero for backward Euler.
     """
