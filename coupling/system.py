@@ -544,7 +544,7 @@ def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
     """Return the unit vectors u, v with u × v = `tangent`: the axes x, y turned by the smallest
     rotation from z to it.
 
-    The result is continuous except at −z, where no rule is. The organ's own sites use the same
+    The result is continuous except at −z, where no rule can be. The organ's own sites use the same
     rule. Each package has its own function, because an organ has no thread ends, and the coupling
     only has the organ's nine numbers per site.
     """

@@ -125,11 +125,11 @@ class Run(Generic[Body]):
         return self.at_once + sum(step.solution.iterations for step in self.taken)
 
     def step(self, dt: float, time: float | None = None) -> "Run[Body]":
-        """Return the run `dt` [s] later; its time is the given `time` [s], so that round-off does
-        not accumulate.
+        """Return the run `dt` [s] later.
 
-        Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`, and `CouplingError`
-        for a dt that is not positive and finite.
+        `time` [s] is the time at its end, so that round-off does not accumulate; None means the sum
+        of the time and dt. Raises `StepError`, `ConstraintError`, `InversionError`, `FormingError`,
+        and `CouplingError` for a dt that is not positive and finite.
         """
         refuse_no_time(dt)
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
