@@ -83,9 +83,7 @@ def factorize(
     return factor
 
 
-def factorize_indefinite(
-    A: csr_matrix, places: Array | None = None, pattern: direct.Pattern | None = None
-) -> Factor:
+def factorize_indefinite(A: csr_matrix, places: Array | None = None, pattern: direct.Pattern | None = None) -> Factor:
     """Return the LU factor with row exchanges of a symmetric matrix with eigenvalues of any sign.
 
     `places` and `pattern` are those of `factorize`. Raises `FactorError` if the matrix is singular.
