@@ -164,11 +164,6 @@ def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
     return push > 0.0, Rubbing(size > bound, along, np.minimum(1.0, bound / np.maximum(size, TINY)))
 
 
-def breach(law: Law, P: Array, c: Array) -> float:
-    """Return the violation of the law by forces and gaps, over the largest force [-]."""
-    return float(np.abs(P - projected(law, P, c)).max() / np.abs(P).max(initial=TINY))
-
-
 def find_forces(
     law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing, tries: int = TRIES
 ) -> tuple[Flags, Rubbing, Array]:
@@ -182,7 +177,7 @@ def find_forces(
         for _ in range(CORRECTIONS):
             P = forces_by_tangent(law, pressed, rubbing, c_open)
             c = c_open + law.C @ P
-            off = breach(law, P, c)
+            off = float(np.abs(P - projected(law, P, c)).max() / np.abs(P).max(initial=TINY))  # breach of the law
             if off == 0.0 or BETTER * last <= off <= LAW:
                 return pressed, rubbing, P
             (pressed, rubbing), last = active_sets(law, P, c), off

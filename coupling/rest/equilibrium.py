@@ -224,7 +224,9 @@ def go_downhill(
     failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
     for _ in range(ROUNDS):
         try:
-            solution = find_rest(problem, guess(problem, now, sense_of(problem, now)), down == 0)
+            way = np.sign(now.s - problem.law.s_old)  # the sense of a hold that sticks and has moved
+            begin = guess(problem, now, np.where(now.sigma == 0.0, way, now.sigma))
+            solution = find_rest(problem, begin, down == 0)
             new = equilibrium_state(now, solution)
             fit = fitted(system, new)[1]
             if fit is new or not refits:
@@ -303,14 +305,6 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
         return solution
     again = solve(solution.problem, z)
     return replace(again, iterations=1 + again.iterations)
-
-
-def sense_of(problem: Problem[Body], now: State[Body]) -> Array:
-    """Return the sense of sliding of a thread in its state `now`, shape `(m,)`.
-
-    For a sticking hold that has moved, it is the sense of its way.
-    """
-    return np.where(now.sigma == 0.0, np.sign(now.s - problem.law.s_old), now.sigma)
 
 
 def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> None:

@@ -6,13 +6,14 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.interfaces import Body
-from coupling.kernels.constraints import LOCAL, Passage
+from coupling.kernels.constraints import LOCAL, Passage, phi
 from coupling.system import State, System
 from thread.frames import Frame
 from thread.kernels.travel import Ridden
 from thread.thread import Points, Thread
 
-PUT = 3  # times that control points are put on the constraints at most: holes near one another share some
+PUT = 3  # times that control points are put on the constraints at most
+GAP_TOLERANCE = 1e-11  # of the thread's diameter
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,19 @@ def local_rows(system: System[Body], rows: Flags, at: Passage, y: Array) -> Arra
 def inverse_of(rows: Array) -> Array:
     """Return the pseudo-inverse of the rows of each hold `(m, 5, 12)`, shape `(m, 12, 5)`."""
     return np.asarray(np.linalg.pinv(rows, rcond=1e-12))
+
+
+def onto_constraints(system: System[Body], rows: Flags, q: Array, s: Array, y: Array, home: Array | None) -> Array:
+    """Return control values `q` (n, c) moved the shortest way onto the constraints among the `rows` (m, 5) in force.
+
+    The abscissae `s` (m,) [m] and the sites `y` (m, 9) stay. Holds near one another share control points, so that a
+    few calls are needed.
+    """
+    at = system.passage(q, s, home)
+    off = phi(at, np.zeros(rows.shape), y) * rows
+    if np.abs(off).max(initial=0.0) <= GAP_TOLERANCE * system.thread.section.diameter:
+        return q
+    return q - put_back(at, inverse_of(local_rows(system, rows, at, y)), off, q)
 
 
 def put_back(at: Passage, inverse: Array, off: Array, like: Array) -> Array:

@@ -44,13 +44,11 @@ from coupling.joins.contact import find_sets
 from coupling.joins.strands import under
 from coupling.kernels.border import Border
 from coupling.kernels.bordered import SINGULAR_HOLDS, S, SingularError, Y
-from coupling.kernels.constraints import LOCAL, phi
+from coupling.kernels.constraints import LOCAL
 from coupling.kernels.friction import Ruled
 from coupling.step import newton
-from coupling.step.configuration import PUT, inverse_of, local_rows, put_back
+from coupling.step.configuration import GAP_TOLERANCE, PUT, inverse_of, local_rows, onto_constraints, put_back
 from coupling.step.newton import (
-    DIRECTION_TOLERANCE,
-    GAP_TOLERANCE,
     Iterate,
     Problem,
     Residual,
@@ -136,7 +134,12 @@ class Descent(Generic[Body]):
                 break
             share = shortened(share, slope, down)
         self.whole = share == 1.0 and self.tie == 0.0
-        return there if share == 1.0 else there.with_own_force()
+        if share == 1.0:
+            return there
+        own = (
+            there.r.configuration.thread.EA * there.r.points.strain
+        )  # a part of a correction is iterated on its strains
+        return replace(there, z=replace(there.z, N=own))
 
     def start(self, problem: Problem[Body], z: Iterate, r: Residual) -> "Place[Body]":
         """Return the place of an iterate: the result of the last correction, unless something changed since."""
@@ -275,10 +278,6 @@ class Place(Generic[Body]):
         problem = replace(self.problem, closed=pressed, rubbing=rubbing)
         return consistent(problem, replace(z, pressed=pressed, rubbing=rubbing), self.f)
 
-    def with_own_force(self) -> "Place[Body]":
-        """Return the place with the axial forces of its strains."""
-        return replace(self, z=replace(self.z, N=self.r.configuration.thread.EA * self.r.points.strain))
-
 
 @dataclass(frozen=True)
 class Way(Generic[Body]):
@@ -342,12 +341,9 @@ def put_on_constraints(problem: Problem[Body], z: Iterate, f: Array) -> Place[Bo
     for _ in range(PUT):
         if problem.strands is not None:
             z = replace(z, y=sites_under(problem, z, f))
-        passage = problem.system.passage(z.q, z.s, problem.law.s_old)
-        off = phi(passage, z.lam, z.y) * problem.rows
-        if np.abs(off).max(initial=0.0) <= DIRECTION_TOLERANCE * problem.system.thread.section.diameter:
+        q, z = z.q, replace(z, q=onto_constraints(problem.system, problem.rows, z.q, z.s, z.y, problem.law.s_old))
+        if z.q is q:
             break
-        rows = local_rows(problem.system, problem.rows, passage, z.y)
-        z = replace(z, q=z.q - put_back(passage, inverse_of(rows), off, z.q))
     return Place(problem, z, evaluate(problem, z), f)
 
 

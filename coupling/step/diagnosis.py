@@ -87,19 +87,14 @@ def drawn_together(system: System[Body], state: State[Body]) -> list[str]:
 
 def collapsed_frames(system: System[Body], state: State[Body]) -> list[str]:
     """Return sentences on directed holes whose frames no longer define a direction."""
-    size, directed = frame_areas(state.y), system.rows[:, 3] & state.present
-    names = hold_names(system)
+    size = np.linalg.norm(np.cross(state.y[:, 3:6], state.y[:, 6:]), axis=1)
+    directed, names = system.rows[:, 3] & state.present, hold_names(system)
     return [
         f"the frame of {names[k]} has shrunk to {size[k]:.2g} of its area, by the cosine of its turn in a linear "
         "organ, and hardly defines a direction: pull less, or use firmer tissue, a wider footprint, a softer suture, "
         "or tissue at finite strain (tissue.material)"
         for k in np.flatnonzero(directed & (size < COLLAPSED))
     ]
-
-
-def frame_areas(y: Array) -> Array:
-    """Return |u × v| of the frames of site variables `y` (m, 9), shape `(m,)` [-]."""
-    return np.asarray(np.linalg.norm(np.cross(y[:, 3:6], y[:, 6:]), axis=1))
 
 
 def tangent_faults(system: System[Body], state: State[Body], at: Passage) -> list[str]:

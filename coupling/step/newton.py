@@ -42,7 +42,7 @@ from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_directions
 from coupling.kernels.constraints import LOCAL, Passage, phi, pressing_force, site_force, spread, thread_force
 from coupling.kernels.iteration import force_rounded, holds_solved, share, share_between
-from coupling.step.configuration import Configuration, evaluate_thread
+from coupling.step.configuration import GAP_TOLERANCE, Configuration, evaluate_thread
 from coupling.step.sliding import Law, admissible_sigma, driven, ruled, with_own_laws
 from coupling.system import State, System
 from thread.errors import ThreadError
@@ -60,7 +60,6 @@ RETURNS = 2  # to one active set, at most: after the first one hole or pair chan
 WAYS = 6  # digits for the comparison of the directions of slip
 MARGIN = 4.0  # of the force tolerance; two solved sets can differ by twice the tolerance
 FORCE_TOLERANCE = 1e-10  # of the largest force in the step
-GAP_TOLERANCE = 1e-11  # of the thread's diameter
 DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
 ALONG = 4.0  # of the round-off of forces: with travelling knots the force along the thread is from two strands
 LONGEST_MOVE = 0.01  # of the thread's length; a longer Newton correction is shortened

@@ -15,9 +15,8 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.errors import InversionError, StepError
 from coupling.interfaces import Body
-from coupling.kernels.constraints import phi
 from coupling.kernels.steps.riding import Fit, knots_fit
-from coupling.step.configuration import PUT, inverse_of, local_rows, put_back
+from coupling.step.configuration import PUT, onto_constraints
 from coupling.step.diagnosis import holds_in_force
 from coupling.step.stepping import Step, Take
 from coupling.step.tension import REST, lengths_bent_over, pull_at
@@ -159,19 +158,10 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     q, v = (new.through(old.curve(x, new.greville, new.home)[:, 0]) for x in (state.q, state.v))
     thread, known = other.thread, system.thread.axial
     N = old.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
-    moved = replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
-    passed = np.isin(np.arange(system.holds), travel_of(system).holds)
-    return other, replace(moved, q=through_holes(other, moved, passed))
-
-
-def through_holes(system: System[Body], state: State[Body], passed: Flags) -> Array:
-    """Return the control values of a state, moved so that the curve passes the holes `passed` (m,), shape `(n, c)`."""
-    rows, q = system.rows & passed[:, None], state.q
-    for _ in range(PUT):  # holds that are near one another share control points
-        at = system.passage(q, state.s)
-        off = phi(at, state.lam, state.y) * rows
-        q = q - put_back(at, inverse_of(local_rows(system, rows, at, state.y)), off, q)
-    return q
+    passed = other.rows & np.isin(np.arange(system.holds), travel_of(system).holds)[:, None]
+    for _ in range(PUT):
+        q = onto_constraints(other, passed, q, state.s, state.y, None)
+    return other, replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
 
 
 def points_at_start(system: System[Body], old: State[Body], new: State[Body]) -> Array:

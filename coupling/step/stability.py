@@ -55,19 +55,10 @@ def would_stay(solution: Solution[Body], new: State[Body]) -> bool:
     """Return whether the thread is stable against its own motions in an equilibrium, with its state
     `new` there.
     """
-    problem = replace(given_a_little(solution), frame=new.frame)
-    return resists(problem, solution.iterate, evaluate(problem, solution.iterate))
-
-
-def given_a_little(solution: Solution[Body]) -> Problem[Body]:
-    """Return the problem of an equilibrium with a small added stiffness, as a mass.
-
-    It stabilises motions without a change of energy, such as the rotation of a planar bow about its
-    pinned ends.
-    """
-    return replace(
-        solution.problem, mass_factor=NEUTRAL * softest(solution.problem.system.thread), q_ref=solution.iterate.q
-    )
+    # The small stiffness stabilises motions without a change of energy, such as a planar bow about its pinned ends.
+    thread, z = solution.problem.system.thread, solution.iterate
+    problem = replace(solution.problem, mass_factor=NEUTRAL * softest(thread), q_ref=z.q, frame=new.frame)
+    return resists(problem, z, evaluate(problem, z))
 
 
 def softest(thread: Thread) -> float:

@@ -391,11 +391,6 @@ def emptied_holds(system: System[Body], old: State[Body], new: State[Body]) -> F
     return gone
 
 
-def further_on(state: State[Body], dt: float) -> State[Body]:
-    """Return a state whose holes have moved on for `dt` [s] at their present rate."""
-    return replace(state, time=state.time + dt, s=state.s + dt * state.s_dot)
-
-
 def release(state: State[Body], gone: Flags) -> State[Body]:
     """Return the state with the holes `gone` released and without memory: their motion does not
     predict the next one.
@@ -468,7 +463,7 @@ def advance(
             continue
         except (StepError, InversionError) as error:
             if system.thread.travels and level >= min(depth + RUN_OUT, HALVINGS):
-                ahead = further_on(state, part)
+                ahead = replace(state, time=state.time + part, s=state.s + part * state.s_dot)
                 gone = left_by(system, state, ahead)
                 if gone.any():
                     state, beyond = release(state, gone), [*beyond, ahead]

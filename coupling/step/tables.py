@@ -18,6 +18,7 @@ from coupling.kernels.border import NINE
 from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
 from coupling.recent import Recent
 from coupling.step import newton
+from coupling.step.configuration import GAP_TOLERANCE
 from coupling.step.newton import Iterate, Problem
 from thread.energies.continuous import Continuous
 from thread.kernels.curve import Curve
@@ -121,7 +122,7 @@ def bounds_of(problem: Problem) -> Bounds:
         np.array([newton.rounded_force(problem)]),
         newton.ALONG,
         float(thread.force_unit),
-        newton.GAP_TOLERANCE * thread.section.diameter,
+        GAP_TOLERANCE * thread.section.diameter,
         newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
         newton.MARGIN,

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from coupling.integrators import Equilibrium
 from coupling.rest.equilibrium import guess, static_problem
 from coupling.step import newton
+from coupling.step.configuration import GAP_TOLERANCE
 from coupling.step.descent import Descent, Place, Way
 from coupling.step.newton import Problem
 from coupling.step.stepping import ask_organ
@@ -81,7 +82,7 @@ def test_friction_drives_no_hole(sigma: float) -> None:
     for _ in range(12):
         problem, z = descent(problem, z, newton.evaluate(problem, z))
         way = z.s - problem.law.s_old
-        assert (z.sigma * way >= 0.0).all() and (np.abs(way[z.sigma == 0.0]) <= newton.GAP_TOLERANCE * RADIUS).all()
+        assert (z.sigma * way >= 0.0).all() and (np.abs(way[z.sigma == 0.0]) <= GAP_TOLERANCE * RADIUS).all()
 
 
 def slack(seed: int) -> tuple[Scenario, float]:

@@ -65,10 +65,7 @@ class Pattern:
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal. Raises `FactorError`."""
-    lu, order = _lu(A, places, pattern, exchange=0.0)
-    if not np.array_equal(lu.perm_r, lu.perm_c):
-        raise FactorError("the matrix is not positive definite: a pivot had to be taken off the diagonal")
-    return _back_substitution(lu, order)
+    return _symmetric_lu(A, places, pattern, exchange=0.0)
 
 
 def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
@@ -76,31 +73,25 @@ def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSub
 
     Raises `FactorError` if the matrix is singular.
     """
-    return _back_substitution(*_lu(A, places, pattern, exchange=SMALL_PIVOT))
+    return _symmetric_lu(A, places, pattern, exchange=SMALL_PIVOT)
 
 
-def _lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchange: float) -> tuple[SuperLU, Indices]:
-    """Return the LU factors in symmetric mode and the order of the unknowns.
+def _symmetric_lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchange: float) -> BackSubstitution:
+    """Factorise by SuperLU in symmetric mode.
 
     The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to SuperLU. A pivot on the
-    diagonal is kept if it is larger than the part `exchange` of the largest in its column. Raises `FactorError`.
+    diagonal is kept if it is larger than the part `exchange` of the largest entry in its column. If this part is 0,
+    the matrix must be positive definite. Raises `FactorError`.
     """
     order = np.arange(A.shape[0]) if places is None else pattern.once("by places", A, lambda: ordering(A, places))
     spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
+    ordered, mode = csc_matrix(A[order][:, order]), {"SymmetricMode": True}
     try:
-        lu = splu(
-            csc_matrix(A[order][:, order]),
-            permc_spec=spec,
-            diag_pivot_thresh=exchange,
-            options={"SymmetricMode": True},
-        )
+        lu = splu(ordered, permc_spec=spec, diag_pivot_thresh=exchange, options=mode)
     except RuntimeError as error:
         raise FactorError(f"the matrix is singular ({error}); hold the body or give it inertia") from error
-    return lu, order
-
-
-def _back_substitution(lu: SuperLU, order: Indices) -> BackSubstitution:
-    """Return the function that solves with the LU factors of the ordered matrix."""
+    if not exchange and not np.array_equal(lu.perm_r, lu.perm_c):
+        raise FactorError("the matrix is not positive definite: a pivot had to be taken off the diagonal")
 
     def back_substitute(b: Array) -> Array:
         x = np.empty_like(b, dtype=float)
