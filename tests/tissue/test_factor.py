@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.sparse import csc_matrix, csr_matrix, diags, identity
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity, triu
 from scipy.sparse.linalg import splu
 from skfem import MeshTet
 
@@ -74,6 +74,16 @@ def test_what_matrices_of_one_pattern_share_is_theirs_alone(method: str) -> None
     for factor in made:
         alone = np.linalg.solve(factor.A.toarray(), b)
         assert np.abs(factor.solve(b) - alone).max() <= TWO_SOLVERS * np.abs(alone).max()
+
+
+def test_parts_of_a_pattern_do_not_displace_one_another() -> None:
+    """Identity: definite and indefinite tangents alternate near a limit point, and each part is found once."""
+    body, pattern, found = block(("bottom",)), Pattern(), []
+    A = csr_matrix(body.K[body.free][:, body.free])
+    for _ in range(2):
+        for what, of in (("whole", A), ("upper", csr_matrix(triu(A)))):
+            pattern.once(what, of, lambda: found.append(0))
+    assert len(found) == 2
 
 
 def test_what_is_not_definite_is_solved_by_exchanges() -> None:

@@ -48,19 +48,16 @@ def is_installed(method: str) -> bool:
 
 @dataclass(eq=False)
 class Pattern:
-    """A cache of the symbolic factorisation for matrices with equal patterns; only the last pattern is cached."""
+    """A cache of parts of the symbolic factorisation; for each part only the last pattern is cached."""
 
-    _rows: list[Any] = field(default_factory=list, repr=False)
-    _found: dict[str, Any] = field(default_factory=dict, repr=False)
+    _found: dict[str, tuple[list[Any], Any]] = field(default_factory=dict, repr=False)
 
     def once(self, what: str, A: csr_matrix, find: Callable[[], Any]) -> Any:
         """Return the result of `find`, cached for matrices with the pattern of A."""
         rows = [A.indptr, A.indices]
-        if not self._rows or not all(map(np.array_equal, self._rows, rows)):
-            self._rows, self._found = rows, {}
-        if what not in self._found:
-            self._found[what] = find()
-        return self._found[what]
+        if what not in self._found or not all(map(np.array_equal, self._found[what][0], rows)):
+            self._found[what] = rows, find()
+        return self._found[what][1]
 
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
