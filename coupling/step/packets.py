@@ -158,9 +158,10 @@ def put_on_knots(system: System[Body], state: State[Body], travel: Travel) -> Ex
     q, v = (new.through(old.curve(x, new.greville, new.home)[:, 0]) for x in (state.q, state.v))
     thread, known = other.thread, system.thread.axial
     N = old.interpolate(thread.axial.s, thread.axial.home, known.s, known.home, state.N)
-    passed = other.rows & np.isin(np.arange(system.holds), travel_of(system).holds)[:, None]
+    # It passes neither a hole that begins nor one that it has left.
+    passed = np.isin(np.arange(system.holds), np.intersect1d(travel_of(system).holds, travel.holds))
     for _ in range(PUT):
-        q = onto_constraints(other, passed, q, state.s, state.y, None)
+        q = onto_constraints(other, other.rows & passed[:, None], q, state.s, state.y, None)
     return other, replace(state, q=q, v=v, N=N, spline=new, solved=solved_curve(state))
 
 
