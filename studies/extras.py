@@ -1,12 +1,11 @@
 """Optional libraries, and the extra of the project that installs each."""
 
-import tomllib
-from pathlib import Path
+from studies.lists import list_of
 
-LIBRARIES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+LIBRARIES = list_of(__file__, "extras.toml")
 # of Debian, without which there is no OpenGL
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
-EXTRAS = {library: told["extra"] for library, told in LIBRARIES.items()}
+EXTRAS = {library: entry["extra"] for library, entry in LIBRARIES.items()}
 
 
 def installation(library: str) -> str:

@@ -3,7 +3,7 @@
 A study is a package whose module `study` ends in `STUDY`. It consists of
 
 - `study.toml`: its question, its checks, the arguments of the preset "quick" (`described`), published numbers and
-  the sentences of its remarks (`studies.told`),
+  the sentences of its remarks (`studies.lists`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
 - `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
 - a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a run
@@ -29,13 +29,13 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
+from studies.lists import study_list
 from studies.output.files import read_json, unfinished, write_bytes, write_json, write_text
 from studies.output.lock import LOCK, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.toml import changed, read
-from studies.told import told
 from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:
@@ -100,7 +100,8 @@ def described(
     remarks: Callable[[Sequence[Any]], list[str]],
 ) -> Study:
     """Return the study of this name, described by `study.toml` in its folder."""
-    described = {key: told(name)[key] for key in ("question", "independent", "consistency", "quick")}
+    entries = study_list(name)
+    described = {key: entries[key] for key in ("question", "independent", "consistency", "quick")}
     return Study(main=main, table=table, figure=figure, remarks=remarks, **described)
 
 

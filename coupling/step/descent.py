@@ -136,9 +136,8 @@ class Descent(Generic[Body]):
         self.whole = share == 1.0 and self.tie == 0.0
         if share == 1.0:
             return there
-        own = (
-            there.r.configuration.thread.EA * there.r.points.strain
-        )  # a part of a correction is iterated on its strains
+        # After a part of a correction the axial forces are those of the strains.
+        own = there.r.configuration.thread.EA * there.r.points.strain
         return replace(there, z=replace(there.z, N=own))
 
     def start(self, problem: Problem[Body], z: Iterate, r: Residual) -> "Place[Body]":

@@ -1,6 +1,5 @@
 """Printing and storage of the benchmarks' measurements, row by row, and the clock."""
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from time import process_time
@@ -8,13 +7,12 @@ from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from studies.lists import list_of
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 R = TypeVar("R")
-COLUMNS, EVERY_CASE = (
-    tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8")) for name in ("columns.toml", "cases.toml")
-)
+COLUMNS, EVERY_CASE = list_of(__file__, "columns.toml"), list_of(__file__, "cases.toml")
 
 
 def printed(table: str, rows: Iterable[R]) -> list[R]:

@@ -132,7 +132,7 @@ CHECKS: tuple[Callable[[], Finding], ...] = (
     find_memory,
     find_gmsh,
     find_gl,
-    *(finder(told["name"], library, told["needed"]) for library, told in LIBRARIES.items() if "needed" in told),
+    *(finder(entry["name"], library, entry["needed"]) for library, entry in LIBRARIES.items() if "needed" in entry),
 )
 
 

@@ -5,7 +5,6 @@ The arguments and the module of a command are loaded only for its call, so help 
 
 import argparse
 import sys
-import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -13,7 +12,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
+from studies.lists import list_of
+
+TABLE = list_of(__file__, "commands.toml")
 SHARED = TABLE.pop("shared")
 
 

@@ -36,9 +36,9 @@ from matplotlib.figure import Figure
 
 from coupling.reports.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
+from studies.lists import study_list
 from studies.simulation import prepare
 from studies.study import Columns, Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
-from studies.told import told
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH = 0.012  # of the block [m]
@@ -51,7 +51,7 @@ DECADE = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # ticks [mm/N]
 SPANS_PER_CELL, STEPS_PER_CELL = 2.5, 1 / 32  # of the coupled ladder: spans per cell, and steps per square of cells
 # Theoretical orders; the coupled ladder has the lowest of its parts, P1 in h and backward Euler in Δt ~ h².
 FORMAL = {"P1": 2.0, "control points": 3.0, "time step": 1.0, "footprint": 2.0, "coupled": 2.0}
-QUANTITIES = told("mesh_refinement")["quantities"]  # words and unit
+QUANTITIES = study_list("mesh_refinement")["quantities"]  # words and unit
 VARIANTS = ("bare point, P1", "footprint, P1", "footprint, P2")
 FOOTPRINT_P1, FOOTPRINT_P2 = VARIANTS[1:]
 FITTED = "cells refined to the footprint, P2"

@@ -5,7 +5,6 @@ the manual (``python -m studies.output.columns`` writes those lines into it anew
 record of ``studies.output.records`` and one line to ``columns.toml``, which has name, unit and meaning of each.
 """
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.lists import list_of
 from studies.manual import with_blocks
 from studies.output import remarks
 from studies.output.records import APART, Extremes, ReductionRecord, StepRecord
@@ -86,7 +86,7 @@ def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
 # -- the quantities --------------------------------------------------------------------------------------------------
 
 
-LIST = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+LIST = list_of(__file__, "columns.toml")
 NUMBERS = {
     "APART": APART,
     "SMALL_STRAIN": remarks.SMALL_STRAIN,

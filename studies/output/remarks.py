@@ -5,12 +5,11 @@ its message. A remark of the severity "unsupported" says that a number of the ru
 says what a reader should know. Who judges a run is `studies.simulation.remarks`.
 """
 
-import tomllib
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Literal, get_args
 
+from studies.lists import list_of
 from studies.output.records import SEEN, SWITCHES
 
 Severity = Literal["unsupported", "note"]
@@ -84,7 +83,7 @@ class Remark:
 
 def catalogue() -> dict[str, Kind]:
     """Read the kinds of remarks by their codes, in the order of the manual."""
-    tables = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    tables = list_of(__file__, "remarks.toml")
     return {code: Kind(code, **table) for code, table in tables.items()}
 
 

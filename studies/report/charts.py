@@ -1,21 +1,20 @@
 """Charts of a report over time: the tables of runs as series, and the series of each chart."""
 
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from studies.arrays import Array
+from studies.lists import list_of
 from studies.output.reading import RunResults, Table
 
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
 FIRST = 3  # number of charts next to the result
-CHARTS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))["chart"]
+CHARTS = list_of(__file__, "charts.toml")["chart"]
 LOOSE = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 

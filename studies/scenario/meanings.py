@@ -1,12 +1,10 @@
 """The words of a scenario: meanings of its keys and examples of their values, and reasons for refusals."""
 
-import tomllib
-from pathlib import Path
 from typing import Any, NamedTuple
 
-KEYS, REASONS = (
-    tomllib.loads(Path(__file__).with_name(name).read_text(encoding="utf-8")) for name in ("keys.toml", "refusals.toml")
-)
+from studies.lists import list_of
+
+KEYS, REASONS = list_of(__file__, "keys.toml"), list_of(__file__, "refusals.toml")
 
 
 class Meaning(NamedTuple):
@@ -17,8 +15,8 @@ class Meaning(NamedTuple):
 
     def added_to(self, field: dict[str, Any]) -> dict[str, Any]:
         """Return the JSON schema of a key with its meaning and its examples."""
-        told = {"description": self.text, "examples": list(self.examples)}
-        return field | {name: value for name, value in told.items() if value}
+        words = {"description": self.text, "examples": list(self.examples)}
+        return field | {name: value for name, value in words.items() if value}
 
 
 def meaning_of(table: type, key: str) -> Meaning:

@@ -4,11 +4,9 @@ Each function judges one quantity by plain numbers and returns its remarks. The 
 `studies.output.remarks`.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import dist
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +16,7 @@ from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
 from studies.arrays import Array
+from studies.lists import list_of
 from studies.output import records
 from studies.output import remarks as bounds
 from studies.output.remarks import Remark, judged, remark
@@ -35,7 +34,7 @@ from thread.vectors import curvature
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
 # What organs and sutures have, with room to spare, in its unit, and others in which it may have been given.
-PLAUSIBLE = tomllib.loads(Path(__file__).with_name("plausible.toml").read_text(encoding="utf-8"))
+PLAUSIBLE = list_of(__file__, "plausible.toml")
 
 
 def foreseen(assembly: Assembly, q: Array) -> list[Remark]:

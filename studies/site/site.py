@@ -10,17 +10,17 @@ import re
 import shutil
 import sys
 import tempfile
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from studies.lists import list_of
 from studies.site.notebook import cells_of, markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("meshes", "thread", "tissue", "coupling", "studies")
 CODE = "code"  # folder of the pages made from the code
-PAGES: dict[str, str] = tomllib.loads(Path(__file__).with_name("pages.toml").read_text(encoding="utf-8"))
+PAGES: dict[str, str] = list_of(__file__, "pages.toml")
 CHECKED = ("not_found", "anchors", "absolute_links", "unrecognized_links")  # checks of every link
 LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
 NOTEBOOKS = re.compile(r"(\]\([^)\s]+)\.ipynb([)#])")

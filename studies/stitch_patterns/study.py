@@ -33,9 +33,9 @@ from coupling.run.run import Run, begin
 from studies.arrays import Array
 from studies.figure import curve, deviations, draw, laws, level, panel, series
 from studies.friction.study import laid_through
+from studies.lists import sentences
 from studies.study import Table, described, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
-from studies.told import sentences
 from thread.catalogue import suture
 from thread.ends import Pulled
 from thread.path import rounded_path

@@ -23,13 +23,13 @@ from scipy.optimize import brentq
 import tissue
 from coupling.errors import CouplingError
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series
+from studies.lists import sentences, study_list
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
-from studies.told import sentences, told
 from thread.catalogue import suture
 
 LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.
@@ -88,7 +88,7 @@ class Tissue:
         return f"{self.force:g}" + ("" if self.spread is None else f" ± {self.spread:g}")
 
 
-TISSUES = {name: Tissue(**published) for name, published in told("suture_retention")["published"].items()}
+TISSUES = {name: Tissue(**published) for name, published in study_list("suture_retention")["published"].items()}
 
 
 @dataclass(frozen=True, kw_only=True)

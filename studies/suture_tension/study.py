@@ -24,6 +24,7 @@ import tissue
 from coupling.reports.observation import site_compliance, site_forces
 from studies.arrays import Array
 from studies.figure import draw, level, panel, series
+from studies.lists import sentences, study_list
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
@@ -31,7 +32,6 @@ from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
 from studies.study import Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import TwoHoles, half_ball
-from studies.told import sentences, told
 from studies.verdicts import LINEAR, bearing_strain, beyond_bearing, beyond_linear, verdict
 from thread.catalogue import suture
 
@@ -45,9 +45,9 @@ SIX = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]  # xx, yy, zz, xy, yz, xz of a tens
 DEPARTURE = 0.05  # relative error of the linear organ's displacement at the end of its range
 MILLI, KILO = 1e-3, 1e3
 
-TISSUES = told("suture_tension")["published"]
+TISSUES = study_list("suture_tension")["published"]
 say = sentences("suture_tension")
-MATERIALS = told("suture_tension")["materials"]  # with the same E and ν at small strain
+MATERIALS = study_list("suture_tension")["materials"]  # with the same E and ν at small strain
 VARIED = {"cells": "cells", "bite width": "bite", "bite depth": "depth"}  # field by sweep
 
 

@@ -27,7 +27,8 @@ from tissue.errors import FactorError, TissueError
 REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps temporary
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
-MODULES = ("studies/arrays.py", "studies/extras.py", "studies/verdicts.py")  # used by the code in those folders
+# used by the code in those folders
+MODULES = ("studies/arrays.py", "studies/extras.py", "studies/lists.py", "studies/verdicts.py")
 # of the names, words and bounds of a summary
 LISTS = ("studies/output/columns.toml", "studies/output/remarks.toml", "studies/simulation/plausible.toml")
 PACKAGES = (  # packages that influence numbers

@@ -35,9 +35,9 @@ from scipy.optimize import brentq
 from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
+from studies.lists import sentences
 from studies.study import Columns, Table, described, each, grouped, measure, measured, require
 from studies.theory import Fibrous
-from studies.told import sentences
 from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
 SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]

@@ -31,8 +31,8 @@ from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
 from studies.arrays import Array
 from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
+from studies.lists import sentences
 from studies.study import Columns, Job, Table, described, each, measure, measured, require, require_known
-from studies.told import sentences
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 

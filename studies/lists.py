@@ -1,0 +1,26 @@
+"""Lists of words and numbers that the code reads: TOML files next to its modules, and each study's `study.toml`."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+
+def list_of(module: str, name: str) -> dict[str, Any]:
+    """Return the content of the TOML file of this name next to a module, which is given as its `__file__`."""
+    return tomllib.loads((Path(module).parent / name).read_text(encoding="utf-8"))
+
+
+def study_list(name: str) -> dict[str, Any]:
+    """Return the content of a study's `study.toml`: question, checks, published numbers, and sentences of remarks."""
+    return list_of(__file__, f"{name}/study.toml")
+
+
+def sentences(name: str) -> Callable[..., str]:
+    """Return the function that makes a sentence of a study's `[words]`, with the values that the sentence names."""
+    words = study_list(name)["words"]
+
+    def say(which: str, **values: Any) -> str:
+        return str(words[which].format(**values))
+
+    return say
