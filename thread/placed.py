@@ -14,10 +14,13 @@ from numpy.typing import ArrayLike
 
 from thread.arrays import Array, Indices
 from thread.errors import ThreadError
+from thread.kernels.travel import functions_of
 from thread.packets import Hold, Travel, travelling
 from thread.spline import ORDERS, Spline
 
 NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that contains it
+ROUND_OFF = 1e-15  # of the largest χ
+NO_THREAD_LEFT = "knots: two holes are too close, no thread remains between their knots; put them apart"
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class Placed(Spline):
         rise = np.diff(self.places)
         rise[self.piece_starts[1:] - 1] += 1.0  # across a cut
         if not np.all(rise > 0.0):
-            raise ThreadError("knots: two holes are too close, no thread remains between their knots; put them apart")
+            raise ThreadError(NO_THREAD_LEFT)
 
     def moved(self, s: Array) -> "Placed":
         """Return the spline with its holes at `s` (m,) [m]."""
@@ -102,14 +105,17 @@ class Placed(Spline):
         `span` (m,) are the spans of the parameters; None: the spans that contain them.
         """
         span = self.chi.spans_of(parameter) if span is None else span
-        b = self.chi.basis_on(span, parameter)
-        S, S1, S2, S3 = np.einsum("mki,mi->km", b, self.places[self.first[span][:, None] + np.arange(ORDERS)])
-        by_S = np.empty_like(b)
-        by_S[:, 0] = b[:, 0]
-        by_S[:, 1] = b[:, 1] / S1[:, None]
-        by_S[:, 2] = (b[:, 2] - by_S[:, 1] * S2[:, None]) / S1[:, None] ** 2
-        by_S[:, 3] = (b[:, 3] - 3.0 * by_S[:, 2] * (S1 * S2)[:, None] - by_S[:, 1] * S3[:, None]) / S1[:, None] ** 3
-        return S, S1, by_S
+        S, S1, b = self.carried(self.chi.basis_on(span, parameter)[:, None], self.first[span])
+        return S[:, 0], S1[:, 0], b[:, 0]
+
+    def carried(self, b: Array, first: Indices) -> tuple[Array, Array, Array]:
+        """Return abscissae (m, g) [m], S' (m, g) [m] and the functions (m, g, 4, 4) as in `basis`.
+
+        The functions of χ there are `b` (m, g, 4, 4), from the control points `first` (m,) on.
+        """
+        out = np.empty(b.shape[:2]), np.empty(b.shape[:2]), np.empty(b.shape)
+        functions_of(first.astype(np.int64), b, self.places, *out)
+        return out
 
     def parameter(self, s: Array, span: Indices | None = None) -> Array:
         """Return χ of abscissae `s` (m,) [m], by Newton's method.
@@ -124,7 +130,10 @@ class Placed(Spline):
         for _ in range(NEWTON):
             x = (chi - low)[:, None] ** np.arange(ORDERS)
             slope = np.sum(poly[:, 1:] * np.arange(1, ORDERS) * x[:, :-1], axis=1)
-            chi = chi - (np.sum(poly * x, axis=1) - s) / slope
+            step = (np.sum(poly * x, axis=1) - s) / slope
+            chi = chi - step
+            if np.abs(step).max(initial=0.0) <= ROUND_OFF * self.chi.end:
+                break
         return np.asarray(chi)
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:

@@ -18,9 +18,9 @@ from thread.kernels.travel import (
     riding_force_of,
 )
 from thread.placed import Placed
-from thread.quadrature import gauss_rule, rule_at
+from thread.quadrature import gauss_rule
 from thread.spline import ORDERS, Spline
-from thread.thread import BENDING_POINTS, MASS_POINTS, Points, Thread
+from thread.thread import MASS_POINTS, Points, Thread
 
 LOCAL = np.arange(ORDERS)
 
@@ -49,10 +49,8 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
     if not isinstance(spline, Placed):
         return standing(thread)
     chi, travel = spline.chi, spline.travel
-    bending, mass = gauss_rule(chi, BENDING_POINTS), gauss_rule(chi, MASS_POINTS)
-    stretch = rule_at(chi, *thread.axial_parameters)
-    edges = np.stack([chi.parameters[:-1], chi.parameters[1:]], axis=1)
-    B, A, M, ends = bending.b, stretch.b, mass.b, rule_at(chi, edges, np.zeros(edges.shape))
+    bending, stretch, ends, mass = thread.knot_rules
+    B, A, M = bending.b, stretch.b, mass.b
     first, at = chi.basis(chi.breaks[travel.at])
     return Ride(
         True,

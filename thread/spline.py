@@ -118,14 +118,6 @@ class Spline:
         """Ends of the spans in the parameter of the knots, here the abscissa, shape `(spans + 1,)`."""
         return self.breaks
 
-    def evaluate(self, parameter: Array, span: Indices) -> tuple[Array, Array, Array]:
-        """Return abscissae (m,) [m], their rates by the parameter (m,), and the functions `(m, 4, 4)` as in
-        `basis`.
-
-        `parameter` (m,) are the parameters, and `span` (m,) their spans.
-        """
-        return parameter, np.ones_like(parameter), self.basis_on(span, parameter)
-
     @cached_property
     def greville(self) -> Array:
         """Greville abscissae of the control points, the means of the knots within their functions, shape `(n,)` [m]."""

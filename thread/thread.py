@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg.blas import dsbmv
-from scipy.sparse import csr_matrix, diags_array
+from scipy.sparse import csr_matrix, dia_array
 
 from thread.arrays import Array, Indices
 from thread.banded import Elements, diagonal_of
@@ -34,7 +34,7 @@ from thread.frames import (
     untwisted_frame,
 )
 from thread.placed import Placed
-from thread.quadrature import GaussRule, gauss_rule, legendre, rule_at
+from thread.quadrature import GaussRule, carried, gauss_rule, knot_rule, legendre
 from thread.relaxation import POINTS, Memory, Series
 from thread.spline import Spline
 
@@ -43,7 +43,8 @@ POSITION = 3  # coordinates of a position
 
 MASS_POINTS = 4  # exact for the product of two cubics
 BENDING_POINTS = 2
-OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural")  # cached parts that depend on the memory
+# Cached parts that depend on the memory.
+OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural", "_placed")
 
 
 class CrossSection(Protocol):
@@ -95,17 +96,17 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
 
 
 def hole_rule(spline: Spline) -> GaussRule:
-    """Return the rule of the ends of the spans, shape `(spans, 2)`, with half of the span as weight at a hole, else
-    zero.
+    """Return the rule of the ends of the spans over the parameter of the knots, shape `(spans, 2)`.
 
-    All weights are zero without travelling knots, because then no knot is at a hole.
+    The weight is half of the span at a hole, else zero. All weights are zero without travelling knots, because then
+    no knot is at a hole.
     """
     ends = np.stack([spline.parameters[:-1], spline.parameters[1:]], axis=1)
     held = np.zeros(len(spline.parameters), dtype=bool)
     if isinstance(spline, Placed):
         held[spline.travel.at[spline.travel.holds]] = True
     half = 0.5 * (ends[:, 1:] - ends[:, :1])
-    return rule_at(spline, ends, half * np.stack([held[:-1], held[1:]], axis=1))
+    return knot_rule(spline, ends, half * np.stack([held[:-1], held[1:]], axis=1))
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
@@ -191,8 +192,11 @@ class Thread:
         spline = self.spline
         if not isinstance(spline, Placed) or np.array_equal(spline.travel.places(s), spline.places):
             return self
-        thread = replace(self, spline=spline.moved(s))
-        thread.__dict__["axial_parameters"] = self.axial_parameters  # in χ, which is constant
+        last, thread = self.__dict__.get("_placed", (None, self))  # an iterate asks for the same one several times
+        if last is None or not np.array_equal(last, s):
+            thread = replace(self, spline=spline.moved(s))
+            thread.__dict__["knot_rules"] = self.knot_rules
+            self.__dict__["_placed"] = s.copy(), thread
         return thread
 
     def with_spline(self, spline: Spline) -> "Thread":
@@ -233,9 +237,16 @@ class Thread:
         return self.spline.first[:, None] + np.arange(LOCAL)
 
     @cached_property
+    def knot_rules(self) -> tuple[GaussRule, GaussRule, GaussRule, GaussRule]:
+        """The rules of bending, of stretch, of the holes and of the mass over the parameter of the knots."""
+        knots = self.spline.chi if isinstance(self.spline, Placed) else self.spline
+        stretch = knot_rule(self.spline, *self.axial_parameters)
+        return gauss_rule(knots, BENDING_POINTS), stretch, hole_rule(self.spline), gauss_rule(knots, MASS_POINTS)
+
+    @cached_property
     def elastic_rule(self) -> GaussRule:
         """Gauss rule of the bending energy."""
-        return gauss_rule(self.spline, BENDING_POINTS)
+        return carried(self.spline, self.knot_rules[0])
 
     @cached_property
     def axial_rule(self) -> GaussRule:
@@ -254,7 +265,7 @@ class Thread:
         T·u = 0 holds for T = 0. The term `thread.kernels.curve.crushing`, on the rule of bending, prevents this,
         and `barrier` prevents it at the knots of holes.
         """
-        return rule_at(self.spline, *self.axial_parameters)
+        return carried(self.spline, self.knot_rules[1])
 
     @cached_property
     def axial_parameters(self) -> tuple[Array, Array]:
@@ -270,42 +281,44 @@ class Thread:
     # -- linear parts ------------------------------------------------------------------------------------------
 
     @cached_property
-    def _line_mass(self) -> csr_matrix:
-        rule = gauss_rule(self.spline, MASS_POINTS)
-        b = rule.b[:, :, 0, :]
+    def _line_mass(self) -> Array:
+        """∫ρA b_i b_j ds in banded storage with three diagonals on each side, shape `(7, n)`."""
+        rule, points, reach = carried(self.spline, self.knot_rules[3]), self.points_of_span, LOCAL - 1
+        b = rule.b[:, :, 0]
         blocks = self.section.rhoA * np.einsum("eg,egi,egj->eij", rule.w, b, b)
-        row, column = np.broadcast_arrays(self.points_of_span[:, :, None], self.points_of_span[:, None, :])
-        return csr_matrix((blocks.ravel(), (row.ravel(), column.ravel())), shape=(self.n, self.n))
+        at = (points[:, :, None] - points[:, None, :] + reach) * self.n + points[:, None, :]
+        summed = np.bincount(at.ravel(), blocks.ravel(), (2 * reach + 1) * self.n)
+        return summed.astype(np.float64, copy=False).reshape(-1, self.n)
+
+    @cached_property
+    def _whole_mass(self) -> Array:
+        band = self._line_mass.copy()
+        band[LOCAL - 1, [0, -1]] += self.point_masses
+        return band
 
     @cached_property
     def mass_matrix(self) -> csr_matrix:
         """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same for x, y, z."""
-        ends = np.zeros(self.n)
-        ends[[0, -1]] = self.point_masses
-        return csr_matrix(self._line_mass + diags_array(ends))
+        return csr_matrix(dia_array((self._whole_mass, np.arange(LOCAL - 1, -LOCAL, -1)), shape=(self.n, self.n)))
 
     @cached_property
     def largest_mass(self) -> float:
         """Largest entry of the mass matrix [kg]."""
-        return float(abs(self.mass_matrix).max())
-
-    @cached_property
-    def spin_matrix(self) -> csr_matrix:
-        """∫ρJ b_i b_j ds, the inertia of the sections' spin about the tangent, shape `(n, n)` [kg m²].
-
-        The turn of the spin's axis with the thread (a gyroscopic couple) is neglected. Its ratio to the inertia of
-        the mass is (diameter/wavelength)².
-        """
-        return csr_matrix(self.section.rhoJ / self.section.rhoA * self._line_mass)
+        return float(np.abs(self._whole_mass).max())
 
     @cached_property
     def mass_band(self) -> Array:
-        """The inertia of all coordinates in banded storage [kg, for θ kg m²]."""
+        """The inertia of all coordinates in banded storage [kg, for θ kg m²].
+
+        The inertia of the sections' spin about the tangent is ∫ρJ b_i b_j ds. The turn of the spin's axis with the
+        thread (a gyroscopic couple) is neglected. Its ratio to the inertia of the mass is (diameter/wavelength)².
+        """
         c, h = self.coordinates, self.half_band
         band = np.zeros((3 * h + 1, c * self.n))
+        rows = 2 * h + c * np.arange(1 - LOCAL, LOCAL)
         for axis in range(c):
-            M = (self.mass_matrix if axis < POSITION else self.spin_matrix).tocoo()
-            band[2 * h + c * (M.row - M.col), c * M.col + axis] = M.data
+            of_spin = self.section.rhoJ / self.section.rhoA * self._line_mass
+            band[rows, axis::c] = self._whole_mass if axis < POSITION else of_spin
         return band
 
     @cached_property
@@ -342,7 +355,7 @@ class Thread:
         """The energy of stretch and bending."""
         if self.spring_layout is not None:
             return Springs(self.spring_layout, self.EA, self.EI)
-        rules = self.elastic_rule, self.axial_rule, hole_rule(self.spline)
+        rules = self.elastic_rule, self.axial_rule, carried(self.spline, self.knot_rules[2])
         return Continuous(self.spline.first, *rules, self.EA, self.EI, self._natural)
 
     @cached_property

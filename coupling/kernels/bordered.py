@@ -78,13 +78,13 @@ def columns(thread: Passage, n: int, c: int) -> Array:
 
 
 def values_at_holds(thread: Passage, X: Array) -> Array:
-    """Return Vᵀ X from the four local points of each hold, shape `(9m, k)`; `X` (n, c, k)."""
-    m = len(thread.first)
-    local = X[thread.first[:, None] + LOCAL, :3]
-    values = (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(m, NINE, -1)
+    """Return Vᵀ X from the four local points of each hold, shape `(9m, k)`; `X` (k, n, c) is in C order."""
+    m, count = len(thread.first), len(X)
+    local = np.moveaxis(X[:, thread.first[:, None] + LOCAL, :3], 0, -1)
+    values = (thread.b[:, :3] @ local.reshape(m, 4, -1)).reshape(m, NINE, count)
     if thread.ridden is not None:
-        values[:, RIDING] = thread.ridden.by_qs.reshape(-1, m).T @ X[:, :3].reshape(-1, X.shape[2])
-    return values.reshape(NINE * m, -1)
+        values[:, RIDING] = (X[:, :, :3].reshape(count, -1) @ thread.ridden.by_qs.reshape(-1, m)).T
+    return values.reshape(NINE * m, count)
 
 
 def banded_solve(A: Array, b: Array) -> Array:
@@ -148,7 +148,7 @@ def newton_directions(
     if m == 0:
         return [(X[:, k].reshape(n, c), np.empty((0, BORDER))) for k in range(count)]
     own, by_push = X[:, :count], X[:, count:]
-    G, at_holds = np.zeros((NINE * m, 1 + NINE * m)), values_at_holds(thread, X.reshape(n, c, -1))
+    G, at_holds = np.zeros((NINE * m, 1 + NINE * m)), values_at_holds(thread, X.T.reshape(-1, n, c))
     G[:, 1 + pushed] = at_holds[:, count:]
     out, C = [], np.ascontiguousarray(C)
     for k, (_, r, r_y) in enumerate(residuals):

@@ -83,7 +83,8 @@ def knot_passage(spline: Spline, q: Array, s: Array, drive: Array | None, ridden
     travel = spline.travel
     chi = spline.chi.breaks[travel.at]
     if len(travel.holds) < len(s):
-        chi = np.where(np.isin(np.arange(len(s)), travel.holds), chi, spline.parameter(s))
+        others = np.setdiff1d(np.arange(len(s)), travel.holds)
+        chi[others] = spline.parameter(s[others])
     first, b = spline.chi.basis(chi)
     b = b[:, :4] * np.array([1.0, 1.0, 0.0, 0.0])[:, None]
     b[:, 1] /= np.einsum("mi,mi->m", b[:, 1], spline.places[first[:, None] + LOCAL])[:, None]

@@ -55,7 +55,7 @@ def elimination(posed: Posed[Body]) -> Elimination:
     right = np.column_stack([-posed.r_q.ravel(), columns(posed.at, *posed.r_q.shape) @ L.T])
     right[problem.system.held] = 0.0
     X = banded_solve(posed.band(), np.asfortranarray(right))
-    LX = L @ values_at_holds(posed.at, X.reshape(*posed.r_q.shape, -1))
+    LX = L @ values_at_holds(posed.at, X.T.reshape(-1, *posed.r_q.shape))
     per_inertia = np.where(slides, 1.0, 0.0) / np.where(slides, inertia, 1.0)
     s, s_of = np.where(slides, per_inertia, -1.0) * posed.r[:, S], per_inertia[:, None] * L_s.T
     matrix = LX[:, 1:] + L_s @ s_of + L_y @ problem.C @ L_y.T + np.diag(1.0 - problem.rows.ravel())

@@ -371,7 +371,7 @@ def check_accuracy(posed: Posed[Body], q: Array, dq: Array, dz: Array) -> Residu
     free = thread_residual(problem, posed.points, posed.tangent, state.q, q)
     balance, push = free.copy(), spread(thread_force(posed.at, lam, state.y), posed.at, thread.n)
     balance[:, :3] -= push
-    at = values_at_holds(posed.at, dq[..., None]).reshape(-1, NINE)
+    at = values_at_holds(posed.at, dq[None]).reshape(-1, NINE)
     B, D = posed.border.B, posed.border.D
     holds = posed.r + np.matvec(B, at) + np.matvec(D, dz)
     terms = np.abs(posed.r) + np.matvec(np.abs(B), np.abs(at)) + np.matvec(np.abs(D), np.abs(dz))

@@ -112,6 +112,28 @@ def on_span(b: Array, S: Array, first: int) -> float:
 
 
 @loop
+def carry_functions(first: Indices, b: Array, S: Array, at: Array, rate: Array, by_S: Array) -> None:
+    """Write S, S' and the functions and their derivatives by S, from the functions of χ, `b` (spans, g, 4, 4).
+
+    `at`, `rate` (spans, g), `by_S` (spans, g, 4, 4), for knots at `S` (n,) [m].
+    """
+    for e in range(len(first)):
+        for g in range(b.shape[1]):
+            of_chi, out = b[e, g], by_S[e, g]
+            S1, S2, S3 = (
+                on_span(of_chi[1], S, first[e]),
+                on_span(of_chi[2], S, first[e]),
+                on_span(of_chi[3], S, first[e]),
+            )
+            at[e, g], rate[e, g] = on_span(of_chi[0], S, first[e]), S1
+            for i in range(4):
+                T = of_chi[1, i] / S1
+                K = (of_chi[2, i] - T * S2) / S1**2
+                out[0, i], out[1, i], out[2, i] = of_chi[0, i], T, K
+                out[3, i] = (of_chi[3, i] - 3.0 * K * (S1 * S2) - T * S3) / S1**3
+
+
+@loop
 def strand_end(between: Indices, limits: Array, s: Array, e: int, side: int) -> float:
     """Return the abscissa of the strand of span e at one `side` [m].
 
@@ -395,3 +417,4 @@ def clear_ridden(out: Ridden) -> None:
 
 elastic_rates_of, inertia_of = entry(add_elastic_rates), entry(add_inertia)  # in the form that Python calls
 end_masses_of, riding_force_of, carried_of = entry(add_end_masses), entry(next_riding_force), entry(carry_points)
+functions_of = entry(carry_functions)
