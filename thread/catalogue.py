@@ -1,15 +1,14 @@
-"""Cross-sections of suture threads, and a catalogue of them: USP size × material.
-
-Every number has its source, or its range and the word assumption. "Abstract read" marks a source of which only the
-abstract was read. A range with a named source that was not read is an assumption.
-"""
+"""Cross-sections of suture threads, and a catalogue of them: USP size × material (`catalogue.toml`)."""
 
 import difflib
 import math
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from thread.errors import ThreadError
 
@@ -108,44 +107,6 @@ class Size:
         return (self.d_min + self.d_max) / 2 * 1e-3
 
 
-USP = (
-    "USP–NF, Nonabsorbable Surgical Suture and Absorbable Surgical Suture, tables of diameter (USP 32–NF 27 and "
-    "USP 29–NF 24 are public; their tables were not seen); 11-0 to 2 agree digit for digit with a public code table"
-)
-KNOT_PULL = (
-    "assumption: least averages of the same monographs, kgf × 9.80665, not looked up; a public code table differs by "
-    "1 to 22 %. Measured failures of knotted 3-0 lie above them, polypropylene 18.9 N and polyglyconate 34.2 N ("
-    "Naleway et al. 2015, abstract read). Look the monograph up before a strength is quoted"
-)
-WEB = "assumption: a public web table of thread sizes, itself in error for 2-0"
-
-SIZES = (
-    Size("11-0", 0.1, 0.010, 0.019, USP, 0.059, None),
-    Size("10-0", 0.2, 0.020, 0.029, USP, 0.186, 0.245),
-    Size("9-0", 0.3, 0.030, 0.039, USP, 0.422, 0.49),
-    Size("8-0", 0.4, 0.040, 0.049, USP, 0.588, 0.686),
-    Size("7-0", 0.5, 0.050, 0.069, USP, 1.079, 1.373),
-    Size("6-0", 0.7, 0.070, 0.099, USP, 1.961, 2.452),
-    Size("5-0", 1.0, 0.100, 0.149, USP, 3.923, 6.669),
-    Size("4-0", 1.5, 0.150, 0.199, USP, 5.884, 9.316),
-    Size("3-0", 2.0, 0.200, 0.249, USP, 9.414, 17.358),
-    Size("2-0", 3.0, 0.300, 0.339, USP, 14.122, 26.282),
-    Size("0", 3.5, 0.350, 0.399, USP, 21.182, 38.246),
-    Size("1", 4.0, 0.400, 0.499, USP, 26.674, 49.818),
-    Size("2", 5.0, 0.500, 0.599, USP, 34.519, 62.272),
-    Size("3", 6.0, 0.600, 0.699, USP, 47.856, 71.49),
-    Size("4", 6.0, 0.600, 0.699, USP, 47.856, 71.49),
-    Size("5", 7.0, 0.700, 0.799, USP, 60.409, None),
-    Size("6", 8.0, 0.800, 0.899, WEB),
-    Size("7", 9.0, 0.900, 0.999, WEB),
-)
-
-# Collagen (gut) is one size larger for the same USP number: it has the diameter of the next larger metric number.
-# Assumption after a public web table; USP–NF, Absorbable Surgical Suture, has a separate table for collagen. Known
-# from 9-0 to 3.
-COLLAGEN_SIZES = ("9-0", "8-0", "7-0", "6-0", "5-0", "4-0", "3-0", "2-0", "0", "1", "2", "3")
-
-
 @dataclass(frozen=True)
 class SutureMaterial:
     """A suture material; the `…_source` says where each number comes from."""
@@ -154,10 +115,10 @@ class SutureMaterial:
     braided: bool
     density: float  # [kg/m³]
     density_source: str
-    modulus_range: tuple[float, float] | None  # [Pa]
     range_source: str
-    modulus: float | None  # the catalogue's choice [Pa]; None if no source gives a modulus
     modulus_source: str
+    modulus_range: tuple[float, float] | None = None  # [Pa]
+    modulus: float | None = None  # the catalogue's choice [Pa]; None if no source gives a modulus
     poisson_ratio: float = POLYMER_POISSON_RATIO
     poisson_source: str = "assumption"
     collagen: bool = False
@@ -165,105 +126,19 @@ class SutureMaterial:
     synonyms: tuple[str, ...] = ()
 
 
-TEXTBOOK = (
-    "assumption: a range about what textbooks compile, not looked up there: Chu, von Fraunhofer & Greisler (eds.), "
-    "Wound Closure Biomaterials and Devices, CRC 1997; von Fraunhofer, Storey & Masterson, Biomaterials 1985"
-)
-BULK = "assumption: the usual density of the bulk material"
-NALEWAY = (
-    "Naleway, Lear, Kruzic & Maughan, J Biomed Mater Res B 2015;103:735, doi 10.1002/jbm.b.33171, initial moduli of "
-    "thirteen 3-0 sutures (abstract read)"
-)
-NINDHIA = "Nindhia et al., Int J App Pharm 2021;13 S1, doi 10.22159/ijap.2021.v13s1.Y1025 (abstract read)"
-PDS = "Polydioxanone (PDS), a novel monofilament, Surg Gynecol Obstet 1981;153:497 (abstract read)"
-WITHIN_RANGE = "assumption, within the range"
-
-MATERIALS = (
-    SutureMaterial(
-        "polypropylene", False, 905.0, BULK, (2.2e9, 6.9e9), TEXTBOOK, 3.0e9,
-        f"{WITHIN_RANGE}; five monofilaments have 4.03 GPa in the mean: {NINDHIA}",
-        synonyms=("pp",),
-    ),
-    SutureMaterial(
-        "nylon", False, 1140.0, BULK, (1.8e9, 4.5e9), TEXTBOOK, 2.0e9, f"{WITHIN_RANGE}; softer still when wet",
-        synonyms=("polyamide", "pa6", "pa66", "nylon 6", "nylon 66"),
-    ),
-    SutureMaterial(
-        "polydioxanone", False, 1360.0, BULK, (1.2e9, 1.7e9), TEXTBOOK, 1.5e9,
-        f"{WITHIN_RANGE}; more pliable than polypropylene: {PDS}",
-        absorbable=True, synonyms=("pds", "pdo"),
-    ),
-    SutureMaterial(
-        "polyglyconate", False, 1300.0, BULK, (3.0e9, 3.4e9), TEXTBOOK, 3.2e9, WITHIN_RANGE,
-        absorbable=True,
-    ),
-    SutureMaterial(
-        "polyester", True, 1380.0, BULK, (1.2e9, 6.5e9), TEXTBOOK, 4.0e9, WITHIN_RANGE,
-        synonyms=("pet", "polyethylene terephthalate"),
-    ),
-    SutureMaterial(
-        "silk", True, 1300.0, BULK, (8.4e9, 12.9e9), TEXTBOOK, 8.7e9,
-        f"8.701 GPa, the highest of the non-absorbable sutures: {NALEWAY}",
-    ),
-    SutureMaterial(
-        "polyglycolic acid", True, 1530.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 8.0e9, WITHIN_RANGE,
-        absorbable=True, synonyms=("pga", "polyglycolide"),
-    ),
-    SutureMaterial(
-        "polyglactin 910", True, 1500.0, BULK, (7.0e9, 14.0e9), TEXTBOOK, 9.0e9,
-        f"{WITHIN_RANGE}; the rapid kind has 9.32 GPa, the highest of the absorbable sutures: {NALEWAY}",
-        absorbable=True, synonyms=("polyglactin",),
-    ),
-    SutureMaterial(
-        "catgut", False, 1300.0, BULK, (2.4e9, 2.4e9), TEXTBOOK, 2.4e9, WITHIN_RANGE,
-        collagen=True, synonyms=("gut", "collagen"),
-    ),
-    SutureMaterial(
-        "steel", False, 7990.0, BULK, (190e9, 200e9), TEXTBOOK, 193e9, f"{WITHIN_RANGE}; 316L, single wire",
-        poisson_ratio=0.3, poisson_source="assumption, the usual value of austenitic steel",
-        synonyms=("stainless steel", "316l", "steel 316l"),
-    ),
-    SutureMaterial(
-        "UHMWPE", True, 970.0, BULK, None, "none found", None,
-        "none found; it is stiffer than polyester", synonyms=("polyethylene",),
-    ),
-)  # fmt: skip
+LISTS = tomllib.loads((Path(__file__).parent / "catalogue.toml").read_text(encoding="utf-8"))
+SOURCES: Mapping[str, str] = MappingProxyType(LISTS["sources"])
 
 
-MANUAL = "Covidien, product manual of sutures SL5628g (excerpt read)"
-TABLE = "a public table of major commercial polymeric sutures (excerpt read)"
-LISTS = "public lists of suture brands, which agree (excerpts read)"
-# Brand, its material, and the source of the material. The catalogue has no stiffness for a material that is not
-# listed above.
-BRANDS = (
-    ("Prolene", "polypropylene", TABLE),
-    ("Surgipro", "polypropylene", MANUAL),
-    ("Ethilon", "nylon", TABLE),
-    ("Dermalon", "nylon", MANUAL),
-    ("Monosof", "nylon", MANUAL),
-    ("PDS II", "polydioxanone", LISTS),
-    ("PDS Plus", "polydioxanone", LISTS),
-    ("Maxon", "polyglyconate", LISTS),
-    ("Dexon", "polyglycolic acid", LISTS),
-    ("Vicryl", "polyglactin 910", TABLE),
-    ("coated Vicryl", "polyglactin 910", TABLE),
-    ("Vicryl Plus", "polyglactin 910", LISTS),
-    ("Vicryl Rapide", "polyglactin 910", LISTS),
-    ("Ethibond", "polyester", LISTS),
-    ("Ethibond Excel", "polyester", LISTS),
-    ("Mersilene", "polyester", LISTS),
-    ("Ti-Cron", "polyester", TABLE),
-    ("Surgidac", "polyester", TABLE),
-    ("Perma-Hand", "silk", LISTS),
-    ("Monocryl", "poliglecaprone 25", LISTS),
-    ("Biosyn", "glycomer 631", LISTS),
-    ("Caprosyn", "polyglytone 6211", LISTS),
-    ("Polysorb", "a braid of glycolide and lactide", LISTS),
-    ("Novafil", "polybutester", LISTS),
-    ("Surgilon", "braided nylon", MANUAL),
-    ("FiberWire", "braided polyethylene", LISTS),
-    ("Gore-Tex", "polytetrafluoroethylene", LISTS),
-)
+def _with_sources(value: Any) -> Any:
+    """Return a value of the catalogue, in a text with the sources that it names."""
+    return value.format_map(SOURCES) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+
+
+SIZES = tuple(Size(*map(_with_sources, row)) for row in LISTS["sizes"])
+MATERIALS = tuple(SutureMaterial(**{key: _with_sources(x) for key, x in row.items()}) for row in LISTS["materials"])
+BRANDS = tuple((brand, of, _with_sources(source)) for brand, of, source in LISTS["brands"])
+COLLAGEN_SIZES = tuple(LISTS["collagen_sizes"])
 
 
 def _key(text: str) -> str:
@@ -316,7 +191,8 @@ def suture(name: str) -> Section:
 
 
 def knot_pull(name: str) -> float | None:
-    """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N] (`KNOT_PULL`).
+    """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N]
+    (`SOURCES`).
 
     None means that no source gives a strength: collagen and steel have separate tables. Raises `ThreadError` as
     `suture` does.

@@ -50,7 +50,7 @@ from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
 from studies.workers import WorkersError, workers_of
-from thread.catalogue import BRANDS, KNOT_PULL, TEXTBOOK, USP, knot_pull, names, suture
+from thread.catalogue import BRANDS, SOURCES, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
 
@@ -244,9 +244,8 @@ def print_catalogue(options: argparse.Namespace) -> int:
             f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
         )
     brands = ", ".join(f"{brand} ({of})" for brand, of, _ in BRANDS)
-    print_lines(
-        [f"brands  {brands}", f"sizes  {USP}", f"moduli  {TEXTBOOK}", f"knot pull, minimum average  {KNOT_PULL}"]
-    )
+    titles = {"sizes": "usp", "moduli": "textbook", "knot pull, minimum average": "knot_pull"}
+    print_lines([f"brands  {brands}", *(f"{title}  {SOURCES[name]}" for title, name in titles.items())])
     return 0
 
 
