@@ -60,6 +60,8 @@ from coupling.step.newton import (
     moved,
 )
 from coupling.step.sliding import admissible_sigma, ruled, sliding_strands
+from thread.errors import ThreadError
+from thread.placed import NO_THREAD_LEFT
 from thread.thread import Thread
 from tissue.errors import OrganError
 
@@ -167,14 +169,16 @@ class Descent(Generic[Body]):
         It is Newton's own if no tie gives such a correction, as at the level of round-off. Raises
         `SingularError`.
         """
-        whole, plain = stretching_tie(start.r.configuration.thread), correction(start, 0.0)
-        tie, way, firmer = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
+        whole, plain = stretching_tie(start.problem.system.thread), correction(start, 0.0)
+        tie, way, least = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
         while way is None or way.slope > 0.0 or way.allowed < LEAST:
-            if firmer > FIRMEST * whole:
+            tie = max(FIRMER * tie, least, tie + (0.0 if way is None else way.lacking))
+            if tie > FIRMEST * whole:
                 if plain is None:
                     raise SingularError(SINGULAR_HOLDS)
+                if way is not None and way.allowed < LEAST:
+                    raise ThreadError(NO_THREAD_LEFT)
                 return plain
-            tie, firmer = firmer, FIRMER * firmer
             way = correction(start, tie)
         self.tie = tie
         return way
@@ -295,6 +299,16 @@ class Way(Generic[Body]):
     def allowed(self) -> float:
         """Allowed part of the correction."""
         return applied_share(self.starts.problem, self.starts.r, self.dq, self.dz)
+
+    @property
+    def lacking(self) -> float:
+        """Tie [1/s²] that this correction still lacks to lead downhill and not too far.
+
+        The curvature along it is −W/(dᵀM d) in units of a tie. A mode that is too soft moves in inverse proportion to
+        its stiffness.
+        """
+        moved = np.vdot(self.starts.r.configuration.thread.momentum(self.dq), self.dq)
+        return float(abs(self.slope) / moved * (1.0 if self.slope > 0.0 else np.divide(LEAST, self.allowed) - 1.0))
 
     @cached_property
     def df(self) -> Array:
