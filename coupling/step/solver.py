@@ -15,9 +15,8 @@ from coupling.errors import StepError
 from coupling.interfaces import Body, Certified
 from coupling.kernels.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
 from coupling.step import newton
-from coupling.step.configuration import evaluate_thread
 from coupling.step.descent import PATIENCE, descend
-from coupling.step.newton import Iterate, Problem, Residual, Solution
+from coupling.step.newton import Iterate, Problem, Solution
 from coupling.system import System
 from thread.errors import ThreadError
 
@@ -120,7 +119,7 @@ def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     cause = cause_of(ended)
     if cause:
         raise newton.failure(problem, ended.found.holds, cause)
-    return Solution(problem, ended.z, residual_of(problem, ended), ended.corrections)
+    return Solution(problem, ended.z, newton.evaluate(problem, ended.z), ended.corrections)
 
 
 def cause_of(ended: "Ended") -> str:
@@ -138,14 +137,3 @@ def cause_of(ended: "Ended") -> str:
     if not np.isfinite(ended.found.balance).all():  # a matrix with nan may look singular
         return newton.RAN_AWAY
     return causes.get(ended.how, newton.RAN_AWAY)
-
-
-def residual_of(problem: Problem[Body], ended: "Ended") -> Residual:
-    """Return the residual at a solved iterate from the arrays of the loops.
-
-    The thread is evaluated as in a run that continues from there, with the same bits.
-    """
-    z, found = ended.z, ended.found
-    drive = -found.ridden.by_s if problem.system.thread.travels else None
-    now = evaluate_thread(problem.system, z.q, z.s, problem.frame, problem.law.s_old, drive)
-    return Residual(now, found.f_y, found.push, found.balance, found.holds, found.site, ended.force_scale)

@@ -60,13 +60,12 @@ class Tables:
 class Ended:
     """The result of the loops.
 
-    `how` they ended (`coupling.kernels.iteration`), the number of `corrections`, the largest force
-    [N], the last iterate `z`, and the residual `found` there.
+    `how` they ended (`coupling.kernels.iteration`), the number of `corrections`, the last iterate `z`,
+    and the residual `found` there.
     """
 
     how: int
     corrections: int
-    force_scale: float
     z: Iterate
     found: Found
 
@@ -220,10 +219,9 @@ def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
 def run(tables: Tables, problem: Problem, start: Iterate) -> Ended:
     """Run the loops from an iterate."""
     given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem)
-    arrays = (np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma))
-    z = Iterate(*arrays)
+    z = Iterate(*(np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma)))
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
     made = found.trail.made
     curve = tables.curve if not given.ride.on else own_curve(tables.curve)
-    _, scale = run_loops(curve, tables.knots, law, given, bounds, unknowns, found)
-    return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), scale, z, found)
+    run_loops(curve, tables.knots, law, given, bounds, unknowns, found)
+    return Ended(int(made[iteration.HOW]), int(made[iteration.TOTAL]), z, found)
