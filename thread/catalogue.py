@@ -191,8 +191,7 @@ def suture(name: str) -> Section:
 
 
 def knot_pull(name: str) -> float | None:
-    """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N]
-    (`SOURCES`).
+    """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N].
 
     None means that no source gives a strength: collagen and steel have separate tables. Raises `ThreadError` as
     `suture` does.

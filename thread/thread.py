@@ -283,7 +283,9 @@ class Thread:
     @cached_property
     def _line_mass(self) -> Array:
         """∫ρA b_i b_j ds in banded storage with three diagonals on each side, shape `(7, n)`."""
-        rule, points, reach = carried(self.spline, self.knot_rules[3]), self.points_of_span, LOCAL - 1
+        points, reach = self.points_of_span, LOCAL - 1
+        travels = isinstance(self.spline, Placed)  # else the rule of stretch, which springs do not have, is not needed
+        rule = carried(self.spline, self.knot_rules[3]) if travels else gauss_rule(self.spline, MASS_POINTS)
         b = rule.b[:, :, 0]
         blocks = self.section.rhoA * np.einsum("eg,egi,egj->eij", rule.w, b, b)
         at = (points[:, :, None] - points[:, None, :] + reach) * self.n + points[:, None, :]
@@ -317,8 +319,8 @@ class Thread:
         band = np.zeros((3 * h + 1, c * self.n))
         rows = 2 * h + c * np.arange(1 - LOCAL, LOCAL)
         for axis in range(c):
-            of_spin = self.section.rhoJ / self.section.rhoA * self._line_mass
-            band[rows, axis::c] = self._whole_mass if axis < POSITION else of_spin
+            spins = axis == POSITION
+            band[rows, axis::c] = self.section.rhoJ / self.section.rhoA * self._line_mass if spins else self._whole_mass
         return band
 
     @cached_property

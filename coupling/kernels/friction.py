@@ -12,7 +12,6 @@ from thread.kernels.vectors import Vector, add_row, dot, minus, norm, plus, sum_
 LAW, S, LAM, MU_U, MU_V, U, V = numbers(0, 0, 1, 4, 5, 9, 12)  # row of the law; columns as in `coupling.kernels.border`
 AT_T, AT_K = numbers(3, 6)
 TINY = 2.2250738585072014e-308
-AT_PLACE = 1e-11  # of an abscissa: a hold that moved less is where it was, within the tolerance of a solve
 
 
 class Joints(NamedTuple):
@@ -219,7 +218,7 @@ def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: 
     if it moved in the direction of its own friction.
     """
     if sigma != 0.0:
-        return 0.0 if sigma * (s - law.s_old[k]) < -AT_PLACE * abs(s) else sigma
+        return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
     sense = 1.0 if judged[0] > 0.0 else -1.0
     return sense if excess(judged, sense) > margin else 0.0
 

@@ -628,34 +628,29 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen:
 
 
 @owning
-def solve_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
-) -> tuple[int, float]:
+def solve_step(curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found) -> int:
     """Iterate until every equation holds and stick and slip fit the solution. Returns the
-    corrections and the largest force [N].
-
-    The corrections are −1 if this was not reached. The force is that of the last iterate, at which
-    the residual is.
+    corrections, −1 if this was not reached.
     """
-    (seen, made), scale = r.trail, 0.0
+    seen, made = r.trail
     for i in range(len(made)):
         made[i] = 0
     fit_sigma(law, z.sigma)
     while made[SETS] < bounds.sets:
         made[HOW], scale = solve_set(curve, knots, law, given, bounds, z, r)
         if made[HOW] != SOLVED:
-            return -1, scale
+            return -1
         copy_into(z.sigma, seen[made[SETS]])
         made[SETS] += 1
         made[OF_SET] = 0
         often = times_seen(seen, made[SETS], z.sigma)
         margin = bounds.margin * (bounds.force * scale + bounds.rounded[0])
         if not next_set(law, given, z, r, margin, seen, made[SETS]):
-            return made[TOTAL], scale
+            return made[TOTAL]
         if often > bounds.returns:
             break
     made[HOW] = ALTERNATES
-    return -1, scale
+    return -1
 
 
 def solve_of(digest: int) -> Any:
@@ -666,9 +661,7 @@ def solve_of(digest: int) -> Any:
     """
 
     @outermost
-    def solve(
-        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found
-    ) -> tuple[int, float]:
+    def solve(curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found) -> int:
         """Solve a step, as `solve_step`."""
         assert digest
         return solve_step(curve, knots, law, given, bounds, z, r)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from time import perf_counter
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -192,10 +192,10 @@ def is_kept(loops: object, name: str, module: str) -> bool:
     return any(path.stat().st_mtime > changed for path in folder.glob(f"{name}*.nbi"))
 
 
-def run_loops(*given: object) -> tuple[int, float]:
+def run_loops(*given: object) -> None:
     """Run the loops on their arrays."""
     with telling(iteration.solve, is_ready(), "the step"):
-        return cast(tuple[int, float], iteration.solve(*given))
+        iteration.solve(*given)
 
 
 def solver_for(*given: object) -> int:

@@ -142,6 +142,14 @@ def test_too_few_springs_are_refused() -> None:
         uniform(1.0, 12, springs=10)
 
 
+def test_springs_have_a_mass_on_any_knots() -> None:
+    """Independent check: on spans too unequal for the rule of stretch, springs have the mass of their length."""
+    thread = thread_on(clamped_knots(np.array([0.0, 0.01, 0.5, 0.51, 1.0])), SECTION, springs=20)
+    assert thread.mass_matrix.sum() == pytest.approx(thread.section.rhoA, rel=IDENTITY)
+    with pytest.raises(ThreadError, match="differ too much"):
+        replace(thread, springs=None).axial_rule  # noqa: B018
+
+
 @pytest.mark.parametrize("twist", [False, True])
 def test_springs_in_holes(twist: bool) -> None:
     """Consistency check: a thread of springs drawn through an organ; the condensed correction is the assembled one, the

@@ -187,6 +187,16 @@ def test_point_masses_are_where_the_ends_are(thread: Thread) -> None:
         assert placed.mass_matrix.sum() == pytest.approx(total, rel=IDENTITY)
 
 
+def test_a_thread_placed_twice_is_one(thread: Thread) -> None:
+    """Identity: the same abscissae give the same thread, others another, with the rules of its own knots' places."""
+    one, other = thread.placed(S0 + 1e-3), thread.placed(S0 + 2e-3)
+    assert one is not other and thread.placed(S0 + 2e-3) is other and one.placed(S0 + 1e-3) is one
+    for placed in (one, other):
+        anew = replace(thread, spline=placed.spline)
+        for rule, known in ((placed.elastic_rule, anew.elastic_rule), (placed.axial_rule, anew.axial_rule)):
+            assert all(np.array_equal(getattr(rule, part), getattr(known, part)) for part in "swb")
+
+
 def test_a_hole_is_at_its_knot_whatever_its_strands() -> None:
     """Identity: S at the knot of a hole is the hole's abscissa, though one of its strands is much shorter than the
     other and leaves less room for a packet, for holes that impose a direction and for others."""

@@ -395,7 +395,7 @@ def march_of(digest: int) -> Any:
                 return step, REFIT
             bounds.rounded[0] = rounded_force(curve.EA, scene.by_place, span, largest)
             predict(pace, given, ends, step, now, room.z)
-            found, _ = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
+            found = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
             if found < 0:
                 return step, NOT_SOLVED
             why = end_step(
