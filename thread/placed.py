@@ -20,7 +20,6 @@ from thread.spline import ORDERS, Spline
 
 NEWTON = 12  # corrections at most for the χ of an abscissa, within the span that contains it
 ROUND_OFF = 1e-15  # of the largest χ
-NO_THREAD_LEFT = "knots: two holes are too close, no thread remains between their knots; put them apart"
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Placed(Spline):
         rise = np.diff(self.places)
         rise[self.piece_starts[1:] - 1] += 1.0  # across a cut
         if not np.all(rise > 0.0):
-            raise ThreadError(NO_THREAD_LEFT)
+            raise ThreadError("knots: two holes are too close, no thread remains between their knots; put them apart")
 
     def moved(self, s: Array) -> "Placed":
         """Return the spline with its holes at `s` (m,) [m]."""
