@@ -1,4 +1,6 @@
-"""Estimates of the size of a graded mesh, and of the memory of the mesh and its organ, before the mesh is made."""
+"""Estimates of the size of a graded mesh, and of the memory of the mesh and its organ, before the
+mesh is made.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +26,9 @@ SHELLS, DIRECTIONS = 60, 200
 
 @dataclass(frozen=True)
 class Budget:
-    """Expected size of a mesh: tetrahedra, displacement unknowns, and memory [byte] for the steps of an organ on it."""
+    """Expected size of a mesh: tetrahedra, displacement unknowns, and memory [byte] for the steps
+    of an organ on it.
+    """
 
     tets: float
     unknowns: float
@@ -32,7 +36,9 @@ class Budget:
 
 
 def budget(tets: float, element: str) -> Budget:
-    """Return the estimated displacement unknowns of a number of tetrahedra, "P1" or "P2", and their memory."""
+    """Return the estimated displacement unknowns of a number of tetrahedra, "P1" or "P2", and their
+    memory.
+    """
     unknowns = 3.0 * tets / TETS_PER_NODE[element]
     return Budget(tets, unknowns, BYTES_PER_UNKNOWN[element] * unknowns)
 
@@ -40,8 +46,9 @@ def budget(tets: float, element: str) -> Budget:
 def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
     """Return the estimated number of tetrahedra, ∫ dV / (c h³) over a body of a volume [m³].
 
-    Sites have shape `(p, 3)` [m]; `inside` returns which points `(k, 3)` lie in the body. The part that the sites
-    add to 1/h³ is summed on spheres about each site, over the points nearest to the site.
+    Sites have shape `(p, 3)` [m]; `inside` returns which points `(k, 3)` lie in the body. The part
+    that the sites add to 1/h³ is summed on spheres about each site, over the points nearest to the
+    site.
     """
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         cells = volume / np.float64(grading.h) ** 3 + _added(grading, sites, inside)
@@ -63,7 +70,9 @@ def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.
 
 
 def _directions() -> Array:
-    """Return uniformly distributed points of the unit sphere, on a spiral of the golden angle, `(DIRECTIONS, 3)`."""
+    """Return uniformly distributed points of the unit sphere, on a spiral of the golden angle,
+    `(DIRECTIONS, 3)`.
+    """
     z = (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS - 1
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(DIRECTIONS)
     across = np.sqrt(1 - z * z)

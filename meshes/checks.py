@@ -25,11 +25,13 @@ NO_TWINS = np.empty((0, 2), dtype=np.int64)
 def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None = 1) -> None:
     """Raise `MeshError` unless points `(n, 3)` and tets `(m, 4)` are a valid volume mesh.
 
-    `twins` `(k, 2)` are pairs of nodes that are meant to coincide, on the two lips of a closed cut. `parts` is the
-    number of separate bodies; None: any number of bodies, which can touch but share no node.
+    `twins` `(k, 2)` are pairs of nodes that are meant to coincide, on the two lips of a closed cut.
+    `parts` is the number of separate bodies; None: any number of bodies, which can touch but share
+    no node.
 
-    The error names the fault. For nodes: coordinates that are not finite, indices out of range, unused or duplicate
-    nodes. For tetrahedra: none, degenerate, inverted or overlapping ones, and parts without a common facet.
+    The error names the fault. For nodes: coordinates that are not finite, indices out of range,
+    unused or duplicate nodes. For tetrahedra: none, degenerate, inverted or overlapping ones, and
+    parts without a common facet.
     """
     _check_volume(points, tets)
     _check_finite(points)
@@ -78,7 +80,9 @@ def _check_finite(points: Array) -> None:
 
 
 def check_span(points: Array) -> None:
-    """Raise `MeshError` if points, shape `(n, 3)` [m], are so large or so close that volumes overflow or vanish."""
+    """Raise `MeshError` if points, shape `(n, 3)` [m], are so large or so close that volumes
+    overflow or vanish.
+    """
     if not len(points):
         return
     with np.errstate(over="ignore"):
@@ -106,7 +110,9 @@ def _check_used(points: Array, tets: Tets) -> None:
 
 
 def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | None) -> None:
-    """Raise `MeshError` for coincident nodes, except `twins` and nodes of different `bodies` `(n,)`."""
+    """Raise `MeshError` for coincident nodes, except `twins` and nodes of different `bodies`
+    `(n,)`.
+    """
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach)
     pairs -= {(int(min(pair)), int(max(pair))) for pair in twins}
@@ -179,7 +185,9 @@ def _check_apart(points: Array, tets: Tets) -> None:
 
 
 def parts(points: Array, tets: Tets) -> NDArray[np.integer]:
-    """Return the number of the body of each tetrahedron, from 0, shape `(m,)`; bodies share no facet."""
+    """Return the number of the body of each tetrahedron, from 0, shape `(m,)`; bodies share no
+    facet.
+    """
     return np.asarray(connected_components(_neighbours(points, tets), directed=False)[1])
 
 

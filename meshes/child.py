@@ -1,4 +1,6 @@
-"""A separate process for work that can end its process: gmsh on an inconsistent file, a plotter without OpenGL."""
+"""A separate process for work that can end its process: gmsh on an inconsistent file, a plotter
+without OpenGL.
+"""
 
 import os
 import pickle
@@ -38,10 +40,11 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__")
 
 
 def call_in_child(function: Callable[..., Any], *given: Any, reader: str = "gmsh") -> Any:
-    """Return the result of a function of this package, called in another process; a `reader` reads a file there.
+    """Return the result of a function of this package, called in another process; a `reader` reads
+    a file there.
 
-    Raises the `MeshError` of the function, and a `MeshError` if the process ends or does not answer within
-    PATIENCE.
+    Raises the `MeshError` of the function, and a `MeshError` if the process ends or does not answer
+    within PATIENCE.
     """
     with tempfile.TemporaryDirectory() as folder:
         question, answer = Path(folder) / "question", Path(folder) / "answer"
@@ -68,11 +71,12 @@ def run_module(
     patience: float | None,
     setting: Mapping[str, str] = MappingProxyType({}),
 ) -> "subprocess.CompletedProcess[bytes]":
-    """Run a module as `python -m` does, with paths `given`, in a temporary `folder`, with environment variables
-    `setting`.
+    """Run a module as `python -m` does, with paths `given`, in a temporary `folder`, with
+    environment variables `setting`.
 
-    When this process ends in any way, the child removes the folder and ends too. Raises `subprocess.TimeoutExpired`
-    after `patience` [s], None: never, and `OSError` if no process can be started.
+    When this process ends in any way, the child removes the folder and ends too. Raises
+    `subprocess.TimeoutExpired` after `patience` [s], None: never, and `OSError` if no process can
+    be started.
     """
     command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(_own_path()), module, *map(str, given)]
     surroundings = os.environ | setting
@@ -103,8 +107,9 @@ def last_words(status: int, text: str) -> str:
 
 
 def _answer(question: Path, answer: Path) -> None:
-    """Call the function of the `question`, and write its result or its `MeshError` to `answer`, always as a
-    complete file."""
+    """Call the function of the `question`, and write its result or its `MeshError` to `answer`,
+    always as a complete file.
+    """
     module, name, given = pickle.loads(question.read_bytes())
     result: tuple[Any, MeshError | None]
     try:

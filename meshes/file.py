@@ -1,11 +1,12 @@
-"""Volume meshes from files: gmsh `.msh` of every version through gmsh, the other formats through meshio.
+"""Volume meshes from files: gmsh `.msh` of every version through gmsh, the other formats through
+meshio.
 
-Names come from sets of cells and from arrays of whole numbers on cells (`meshes.groups`). In gmsh files physical
-surfaces become boundaries and physical volumes become subdomains. A group without a name is named by its number;
-format 1 has only numbers. Every mesh also has the boundary "surface" with all its boundary facets, unless a group
-of the file has this name. meshio could read `.msh` 2 and 4 without gmsh, but it drops the node numbers and
-therefore the unused nodes. One file must not have two answers, so that there is one reader, and an error that says
-how to install it.
+Names come from sets of cells and from arrays of whole numbers on cells (`meshes.groups`). In gmsh
+files physical surfaces become boundaries and physical volumes become subdomains. A group without a
+name is named by its number; format 1 has only numbers. Every mesh also has the boundary "surface"
+with all its boundary facets, unless a group of the file has this name. meshio could read `.msh` 2
+and 4 without gmsh, but it drops the node numbers and therefore the unused nodes. One file must not
+have two answers, so that there is one reader, and an error that says how to install it.
 """
 
 import io
@@ -38,9 +39,9 @@ LINEAR_ONLY = "allowed are only linear tetrahedra (in gmsh: Mesh.ElementOrder = 
 def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
     """Return the mesh of a file in metres; `metres_per_unit` is the length of one file unit [m].
 
-    It can have several bodies that share no node. Raises `MeshError` with the name of the file if it is missing,
-    empty, unreadable or not a valid volume mesh (`meshes.checks.check`). It is also raised for `.msh` if gmsh
-    cannot load.
+    It can have several bodies that share no node. Raises `MeshError` with the name of the file if
+    it is missing, empty, unreadable or not a valid volume mesh (`meshes.checks.check`). It is also
+    raised for `.msh` if gmsh cannot load.
     """
     path = Path(path)
     try:
@@ -82,7 +83,8 @@ def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 def meshio_data(path: Path) -> Any:
     """Return a file's data, read by meshio. Raises `MeshError` if meshio cannot read it.
 
-    If meshio cannot read a file, it prints and ends the interpreter (meshio 5.3); both are intercepted here.
+    If meshio cannot read a file, it prints and ends the interpreter (meshio 5.3); both are
+    intercepted here.
     """
     import meshio
 
@@ -100,7 +102,9 @@ def meshio_data(path: Path) -> Any:
 
 
 def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:
-    """Raise `MeshError` for a file without linear tetrahedra, or with volume elements of another kind."""
+    """Raise `MeshError` for a file without linear tetrahedra, or with volume elements of another
+    kind.
+    """
     others = sorted(set(kinds) - volume - allowed)
     if others:
         raise MeshError(f"it has elements of the kind {', '.join(others)}; {LINEAR_ONLY}")
@@ -110,18 +114,20 @@ def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> N
 
 
 def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Return the mesh of a gmsh file of any version, text or binary, with its physical surfaces and volumes."""
+    """Return the mesh of a gmsh file of any version, text or binary, with its physical surfaces and
+    volumes.
+    """
     _check_msh_header(path)
     points, tets, surfaces, volumes = call_in_child(msh_arrays, path)
     return named_mesh(scaled(points, metres_per_unit), tets, surfaces, volumes, parts=None)
 
 
 def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
-    """Return points `(n, 3)` [file units], tets `(m, 4)`, triangles of physical surfaces and tets of physical
-    volumes.
+    """Return points `(n, 3)` [file units], tets `(m, 4)`, triangles of physical surfaces and tets
+    of physical volumes.
 
-    The file is read by gmsh. Call this function in a separate process, because some files crash gmsh. Raises
-    `MeshError` for an unreadable file.
+    The file is read by gmsh. Call this function in a separate process, because some files crash
+    gmsh. Raises `MeshError` for an unreadable file.
     """
     declared = _old_node_count(path)
     with session() as gmsh:
@@ -185,8 +191,8 @@ def _check_all_nodes_kept(declared: int, kept: int) -> None:
 def _check_groups_apart(gmsh: Any) -> None:
     """Raise `MeshError` for two groups in one entity.
 
-    Formats 1 and 2 store groups by element, but gmsh stores them by entity: two groups in one entity would merge
-    without a message.
+    Formats 1 and 2 store groups by element, but gmsh stores them by entity: two groups in one
+    entity would merge without a message.
     """
     for dimension, entity in [*gmsh.model.getEntities(2), *gmsh.model.getEntities(3)]:
         groups = gmsh.model.getPhysicalGroupsForEntity(dimension, entity).tolist()

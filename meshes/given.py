@@ -16,10 +16,11 @@ KINDS = "skfem.MeshTet, meshio.Mesh or pyvista.UnstructuredGrid of linear tetrah
 
 
 def given_mesh(mesh: Any) -> skfem.MeshTet:
-    """Return a checked mesh from an object of another library, with its boundaries and the boundary "surface".
+    """Return a checked mesh from an object of another library, with its boundaries and the boundary
+    "surface".
 
-    Tetrahedra can have either orientation. Names of boundaries and subdomains are only taken from meshes of
-    scikit-fem. Raises `MeshError` for an invalid mesh.
+    Tetrahedra can have either orientation. Names of boundaries and subdomains are only taken from
+    meshes of scikit-fem. Raises `MeshError` for an invalid mesh.
     """
     points, tets = arrays_of(mesh)
     inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
@@ -52,7 +53,9 @@ def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def numbers_of(what: str, values: Any, kinds: str, width: int) -> NDArray[Any]:
-    """Return a copy of numbers of some kinds, shape `(n, width)`. Raises `MeshError` for other types and shapes."""
+    """Return a copy of numbers of some kinds, shape `(n, width)`. Raises `MeshError` for other
+    types and shapes.
+    """
     array = np.array(values)
     if array.dtype.kind not in (kinds + "iu") or array.ndim != 2 or array.shape[1] != width:
         wanted = "whole numbers" if kinds == "iu" else "numbers"

@@ -1,4 +1,6 @@
-"""The only use of gmsh: loaded when first needed, silent, reproducible for the same input, always finalised."""
+"""The only use of gmsh: loaded when first needed, silent, reproducible for the same input, always
+finalised.
+"""
 
 import re
 from collections.abc import Iterator
@@ -58,7 +60,8 @@ def load_gmsh() -> Any:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """Yield a new gmsh, initialised without the user's settings or signal handlers, and finalise it at the end.
+    """Yield a new gmsh, initialised without the user's settings or signal handlers, and finalise it
+    at the end.
 
     Raises `MeshError` if gmsh cannot load or is already in use by the calling program.
     """
@@ -77,14 +80,15 @@ def session() -> Iterator[Any]:
 def in_unit(lengths: ArrayLike, unit: float) -> Array:
     """Return lengths [m] in the `unit` of a model [m], with the same shape.
 
-    Each model has its own unit of length. gmsh's absolute tolerances then give the same mesh for a shape of any
-    size.
+    Each model has its own unit of length. gmsh's absolute tolerances then give the same mesh for a
+    shape of any size.
     """
     return np.round(np.asarray(lengths, dtype=float) / unit, DIGITS)
 
 
 def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.MeshTet:
-    """Return a mesh of the current model, drawn in the `unit` [m], with the size graded toward sites `(p, 3)` [m].
+    """Return a mesh of the current model, drawn in the `unit` [m], with the size graded toward
+    sites `(p, 3)` [m].
 
     Raises `MeshError` if gmsh fails.
     """
@@ -100,7 +104,9 @@ def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.Me
 
 
 def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> None:
-    """Set one ball per site, with a linear size in its shell; the smallest size is used (gmsh manual, Ball and Min)."""
+    """Set one ball per site, with a linear size in its shell; the smallest size is used (gmsh
+    manual, Ball and Min).
+    """
     field = gmsh.model.mesh.field
     balls, shell = [], (grading.flat, grading.reach - grading.flat, grading.h_site, grading.h)
     names = ("XCenter", "YCenter", "ZCenter", "Radius", "Thickness", "VIn", "VOut")
@@ -116,7 +122,8 @@ def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> N
 
 
 def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
-    """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes as subdomains.
+    """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes
+    as subdomains.
 
     Points are in metres. Raises the `MeshError` of the checks in `named_mesh`.
     """
@@ -125,10 +132,11 @@ def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def current_arrays(gmsh: Any) -> tuple[Array, NDArray[np.int64], Named, Named]:
-    """Return points `(n, 3)`, tets `(m, 4)`, the triangles of physical surfaces and the tets of physical volumes.
+    """Return points `(n, 3)`, tets `(m, 4)`, the triangles of physical surfaces and the tets of
+    physical volumes.
 
-    A group without a name is named by its number. Groups with names that begin with `gmsh:` are internal to gmsh
-    and are dropped.
+    A group without a name is named by its number. Groups with names that begin with `gmsh:` are
+    internal to gmsh and are dropped.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)

@@ -20,12 +20,13 @@ def require_positive(name: str, value: float) -> float:
 
 @dataclass(frozen=True)
 class Grading:
-    """Element size as a function of the distance to a site: `h_site` within `flat`, then growing up to `h` [m].
+    """Element size as a function of the distance to a site: `h_site` within `flat`, then growing up
+    to `h` [m].
 
-    The size grows by the factor `growth` from element to element. A geometric sequence of elements has a size that
-    is linear in the distance. `slope` is ln(growth), so that the ratio of neighbours never exceeds `growth`.
-    `radius` [m] is the radius of the region with the size `h_site` (a piercing's footprint); at least one element
-    has this size.
+    The size grows by the factor `growth` from element to element. A geometric sequence of elements
+    has a size that is linear in the distance. `slope` is ln(growth), so that the ratio of
+    neighbours never exceeds `growth`. `radius` [m] is the radius of the region with the size
+    `h_site` (a piercing's footprint); at least one element has this size.
     """
 
     h: float
@@ -74,7 +75,9 @@ class Grading:
         )
 
     def distance(self, cells: ArrayLike) -> Array:
-        """Return the distance from a site after a number of elements, the inverse of `cells`, any shape [m]."""
+        """Return the distance from a site after a number of elements, the inverse of `cells`, any
+        shape [m].
+        """
         n = np.asarray(cells, dtype=float)
         n_flat, n_reach = self.cells(self.flat), self.cells(self.reach)
         growing = np.clip(n - n_flat, 0.0, n_reach - n_flat)

@@ -26,10 +26,10 @@ DIGITS = 5  # after the point, in millimetres: far below the precision of a surf
 class Laceration:
     """An uneven ellipsoid with a wedge torn into its top along y.
 
-    The ellipsoid has the semi-axes `axes` [m]. `uneven` is the relative variation of its radius, from a random
-    `seed`. The wedge has `length`, `width` and `depth` [m] at its middle, and closes like an ellipse towards its
-    ends. `rings` and `around` are the numbers of facets from end to end along y and around y. `layers` is the
-    number down each face of the wedge.
+    The ellipsoid has the semi-axes `axes` [m]. `uneven` is the relative variation of its radius,
+    from a random `seed`. The wedge has `length`, `width` and `depth` [m] at its middle, and closes
+    like an ellipse towards its ends. `rings` and `around` are the numbers of facets from end to end
+    along y and around y. `layers` is the number down each face of the wedge.
     """
 
     axes: tuple[float, float, float] = (0.03, 0.035, 0.02)
@@ -80,8 +80,8 @@ def lacerated(shape: Laceration) -> Skin:
 def ellipsoid(shape: Laceration) -> tuple[Array, Indices]:
     """Return points and triangles of the uneven ellipsoid without the wedge.
 
-    Its nodes are two poles at the ends of y, and rings of nodes around y. The first node of each ring is on top, at
-    x = 0.
+    Its nodes are two poles at the ends of y, and rings of nodes around y. The first node of each
+    ring is on top, at x = 0.
     """
     tilt = np.pi * np.arange(1, shape.rings) / shape.rings
     turn = 2.0 * np.pi * np.arange(shape.around) / shape.around
@@ -112,7 +112,8 @@ def unevenness(unit: Array, seed: int) -> Array:
 def sheet(points: Array, rim: Indices, bottom: Indices, ends: Indices, layers: int) -> tuple[Array, Indices]:
     """Return the points plus the points of one face of the wedge, and the triangles of the face.
 
-    The face extends from the nodes of the `rim` down to the nodes of the `bottom`; both lines meet at the `ends`.
+    The face extends from the nodes of the `rim` down to the nodes of the `bottom`; both lines meet
+    at the `ends`.
     """
     share = np.linspace(0.0, 1.0, layers + 1)[1:-1, None, None]
     between = (1.0 - share) * points[rim] + share * points[bottom]

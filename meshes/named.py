@@ -19,9 +19,9 @@ def named_mesh(
 ) -> skfem.MeshTet:
     """Return a checked mesh with named surfaces and volumes.
 
-    Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name → tet indices;
-    `parts` as in `meshes.checks.check`. Raises the `MeshError` of this function, and `MeshError` if a named
-    triangle is not a facet.
+    Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name
+    → tet indices; `parts` as in `meshes.checks.check`. Raises the `MeshError` of this function, and
+    `MeshError` if a named triangle is not a facet.
     """
     mesh = checked_mesh(points, tets, parts=parts)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
@@ -31,8 +31,8 @@ def named_mesh(
 def with_boundaries(mesh: skfem.MeshTet, boundaries: Named) -> skfem.MeshTet:
     """Return the mesh with additional named boundaries, given as facet numbers by name.
 
-    scikit-fem's own function would number the facets again, which for a large mesh takes as long as the rest of its
-    construction.
+    scikit-fem's own function would number the facets again, which for a large mesh takes as long as
+    the rest of its construction.
     """
     named = copy(mesh)
     named._boundaries = {**(mesh.boundaries or {}), **boundaries}

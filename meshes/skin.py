@@ -1,6 +1,7 @@
 """Closed triangulated surfaces (STL, OBJ, PLY, VTK PolyData) filled with graded tetrahedra by gmsh.
 
-gmsh runs without end on some surfaces that cross themselves. A surface is therefore checked here first.
+gmsh runs without end on some surfaces that cross themselves. A surface is therefore checked here
+first.
 """
 
 import re
@@ -35,14 +36,18 @@ BLOCK = 2_000_000  # pairs of triangles that are tested together, to limit memor
 
 @dataclass(frozen=True)
 class Skin:
-    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`; made by `read_surface`."""
+    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`; made by
+    `read_surface`.
+    """
 
     points: Array
     triangles: Indices
 
     @property
     def volume(self) -> float:
-        """Volume inside [m³]: Σ ± a·(b × c)/6, with signs that make the orientation of all triangles equal."""
+        """Volume inside [m³]: Σ ± a·(b × c)/6, with signs that make the orientation of all
+        triangles equal.
+        """
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
         return abs(float(_turns(self.triangles) @ np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6
 
@@ -50,8 +55,8 @@ class Skin:
 def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
     """Return the surface of a file; `metres_per_unit` is the length of one file unit [m].
 
-    Raises `MeshError` with the name of the file if it cannot be read. It is also raised for a surface that is open,
-    is not a manifold, has several pieces or crosses itself.
+    Raises `MeshError` with the name of the file if it cannot be read. It is also raised for a
+    surface that is open, is not a manifold, has several pieces or crosses itself.
     """
     try:
         points, triangles = welded(*_triangles(Path(path)))
@@ -64,11 +69,11 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
 
 
 def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m], with the boundary
-    "surface".
+    """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m], with the
+    boundary "surface".
 
-    The surface is cut into patches at its sharp edges. Each patch is triangulated again with nodes on the given
-    facets. Raises `MeshError` if gmsh fails.
+    The surface is cut into patches at its sharp edges. Each patch is triangulated again with nodes
+    on the given facets. Raises `MeshError` if gmsh fails.
     """
     unit = float(np.ptp(skin.points, axis=0).max())
     with session() as gmsh:
@@ -88,7 +93,9 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
 
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Return points and triangles with coincident nodes merged; triangles that lose a corner are left out."""
+    """Return points and triangles with coincident nodes merged; triangles that lose a corner are
+    left out.
+    """
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
@@ -100,7 +107,8 @@ def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def check_closed(points: Array, triangles: Indices) -> None:
-    """Raise `MeshError` if an edge of a surface does not belong to two triangles, or if it has several pieces.
+    """Raise `MeshError` if an edge of a surface does not belong to two triangles, or if it has
+    several pieces.
 
     Points have shape `(n, 3)`, triangles `(m, 3)`.
     """
@@ -127,10 +135,11 @@ def check_closed(points: Array, triangles: Indices) -> None:
 
 
 def check_simple(points: Array, triangles: Indices) -> None:
-    """Raise `MeshError` for a surface that crosses or folds onto itself; points `(n, 3)`, triangles `(m, 3)`.
+    """Raise `MeshError` for a surface that crosses or folds onto itself; points `(n, 3)`, triangles
+    `(m, 3)`.
 
-    Two triangles cross if an edge of one pierces the other. Neighbours fold if they lie on the same side of their
-    common edge.
+    Two triangles cross if an edge of one pierces the other. Neighbours fold if they lie on the same
+    side of their common edge.
     """
     crossing = _crossing(points, triangles, _near_pairs(points, triangles))
     if len(crossing):
@@ -142,7 +151,9 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
-    """Return points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons with more corners are refused."""
+    """Return points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons with more corners
+    are refused.
+    """
     if path.suffix.lower() == ".ply" and path.is_file():
         _check_ply_header(path)
     if path.suffix.lower() in POLYDATA:
@@ -171,8 +182,8 @@ def _meshio_arrays(path: Path) -> tuple[Array, Indices]:
 def polydata_arrays(path: Path) -> tuple[Array, Indices]:
     """Return points and triangles of VTK PolyData; strips are split into triangles.
 
-    Call this function in a separate process, because VTK does not finish on some damaged files. Raises `MeshError`
-    for other contents.
+    Call this function in a separate process, because VTK does not finish on some damaged files.
+    Raises `MeshError` for other contents.
     """
     try:
         import pyvista as pv
@@ -188,7 +199,8 @@ def polydata_arrays(path: Path) -> tuple[Array, Indices]:
 
 
 def _check_ply_header(path: Path) -> None:
-    """Raise `MeshError` if the header of a PLY file does not end, or declares more elements than the file can have.
+    """Raise `MeshError` if the header of a PLY file does not end, or declares more elements than
+    the file can have.
 
     meshio would read such a file for hours or without end (meshio 5.3).
     """
@@ -213,8 +225,8 @@ def _distinct(triangles: Indices) -> NDArray[np.bool_]:
 def _near_pairs(points: Array, triangles: Indices) -> Indices:
     """Return the pairs of triangles whose boxes touch, shape `(k, 2)`.
 
-    Each triangle is only compared with triangles that are not larger, so that the search is local on graded
-    surfaces too.
+    Each triangle is only compared with triangles that are not larger, so that the search is local
+    on graded surfaces too.
     """
     corners = points[triangles]
     centres = corners.mean(axis=1)
@@ -237,7 +249,9 @@ def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
 
 
 def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Return whether each pair of triangles, shape `(k, 3)` each, has common points other than common nodes."""
+    """Return whether each pair of triangles, shape `(k, 3)` each, has common points other than
+    common nodes.
+    """
     common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
     crossed = np.asarray(common == 3)
     neighbours = common == 2
@@ -252,7 +266,9 @@ def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
 
 
 def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
-    """Return whether each of the `triangles` has nodes on both sides of the plane of its partner in `others`."""
+    """Return whether each of the `triangles` has nodes on both sides of the plane of its partner in
+    `others`.
+    """
     a, b, c = np.moveaxis(points[others], 1, 0)
     height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
     height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
@@ -260,7 +276,9 @@ def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
-    """Return whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five volumes."""
+    """Return whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five
+    volumes.
+    """
     p, q = segments[:, 0], segments[:, 1]
     a, b, c = np.moveaxis(triangles, 1, 0)
     sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0

@@ -1,8 +1,9 @@
-"""A block with a wound cut down from the middle of its top: a closed slit, or an opening with an elliptical
-outline.
+"""A block with a wound cut down from the middle of its top: a closed slit, or an opening with an
+elliptical outline.
 
-The mesh is symmetric about the wound's plane, so that the two lips match node by node and facet by facet: gmsh
-meshes only one half. A closed slit has two coincident nodes at each place, one for each lip.
+The mesh is symmetric about the wound's plane, so that the two lips match node by node and facet by
+facet: gmsh meshes only one half. A closed slit has two coincident nodes at each place, one for each
+lip.
 """
 
 from collections.abc import Sequence
@@ -42,11 +43,12 @@ NARROWEST = 1e-5  # of the block's longest side: gmsh does not finish with cuts 
 
 @dataclass(frozen=True)
 class Wound:
-    """A cut from the top down to `depth`, with a `length` along the axis `along`, centred at x = y = 0 [m].
+    """A cut from the top down to `depth`, with a `length` along the axis `along`, centred at x = y
+    = 0 [m].
 
-    `width` is zero for a closed slit, otherwise the widest opening of an ellipse with vertical walls. The left lip
-    is at lower x (wound along y) or lower y (wound along x). Raises `MeshError` unless lengths are positive and
-    finite.
+    `width` is zero for a closed slit, otherwise the widest opening of an ellipse with vertical
+    walls. The left lip is at lower x (wound along y) or lower y (wound along x). Raises `MeshError`
+    unless lengths are positive and finite.
     """
 
     length: float
@@ -91,8 +93,8 @@ class Wound:
 class Lips:
     """Matching nodes `(k, 2)` and facets `(m, 2)` of the left and the right lip.
 
-    Each pair is mirrored in the wound's plane; in a closed slit its two parts coincide. A node at the end of the
-    wound is its own partner.
+    Each pair is mirrored in the wound's plane; in a closed slit its two parts coincide. A node at
+    the end of the wound is its own partner.
     """
 
     nodes: Indices
@@ -125,11 +127,12 @@ def wounded_block_structured(
 def wounded_block_gmsh(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Return a mesh of the wounded block by gmsh, graded toward the sites and their mirror images across the wound.
+    """Return a mesh of the wounded block by gmsh, graded toward the sites and their mirror images
+    across the wound.
 
-    Sites have shape `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
-    wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a wound that does not fit, a site
-    outside the block, and if gmsh cannot load.
+    Sites have shape `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right
+    and, in an open wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a
+    wound that does not fit, a site outside the block, and if gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
@@ -247,7 +250,8 @@ class _Frame:
 def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, Indices]:
     """Return points, tetrahedra and coincident pairs of nodes of the block with its slit opened.
 
-    The nodes inside the slit get a twin for the right lip. The plane of the slit must consist of facets.
+    The nodes inside the slit get a twin for the right lip. The plane of the slit must consist of
+    facets.
     """
     slack, wound = frame.slack, frame.wound
     x, y, z = points.T
@@ -276,10 +280,11 @@ def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indice
 
 
 def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Cut the face x = 0 along the slit's outline, and along lines from its lower corners to the top.
+    """Cut the face x = 0 along the slit's outline, and along lines from its lower corners to the
+    top.
 
-    A triangle with two sides on the outline would have no inner node and could not open. With these lines every
-    triangle has at most one side on the outline.
+    A triangle with two sides on the outline would have no inner node and could not open. With these
+    lines every triangle has at most one side on the outline.
     """
     length, depth = wound.length / 2, wound.depth
     foot = length - depth if depth < 0.9 * length and not frame.through else 0.0

@@ -1,8 +1,9 @@
-"""Banded storage of the thread's matrices in the layout of LAPACK's `gbtrf`, and the sums that fill it.
+"""Banded storage of the thread's matrices in the layout of LAPACK's `gbtrf`, and the sums that fill
+it.
 
-The unknown c i + a is coordinate a of control point i; c is the number of coordinates of a point. With h diagonals
-on each side the storage has 3h + 1 rows. The h rows above the band are memory for the fill of row exchanges in
-`gbtrf`.
+The unknown c i + a is coordinate a of control point i; c is the number of coordinates of a point.
+With h diagonals on each side the storage has 3h + 1 rows. The h rows above the band are memory for
+the fill of row exchanges in `gbtrf`.
 """
 
 from dataclasses import dataclass
@@ -25,11 +26,11 @@ def diagonal_of(band: Array) -> int:
 
 @dataclass(frozen=True)
 class Elements:
-    """Groups of `reach` neighbouring control points, from `first` (m,) on, and their places in the thread's
-    matrices.
+    """Groups of `reach` neighbouring control points, from `first` (m,) on, and their places in the
+    thread's matrices.
 
-    The thread has `n` points with `coordinates` each. An element depends on the first `seen` of them. `half_band`
-    belongs to the storage.
+    The thread has `n` points with `coordinates` each. An element depends on the first `seen` of
+    them. `half_band` belongs to the storage.
     """
 
     first: Indices
@@ -59,7 +60,9 @@ class Elements:
         return np.asarray((2 * self.half_band + row - column) * (self.coordinates * self.n) + column).ravel()
 
     def vector(self, blocks: Array) -> Array:
-        """Return the sum of element vectors `(m, reach, seen)` at the control points, shape `(n, coordinates)`."""
+        """Return the sum of element vectors `(m, reach, seen)` at the control points, shape `(n,
+        coordinates)`.
+        """
         size = self.coordinates * self.n
         summed = np.bincount(self._vector_index, blocks.ravel(), size)
         return summed.astype(np.float64, copy=False).reshape(self.n, -1)

@@ -1,4 +1,6 @@
-"""Cross-sections of suture threads, and a catalogue of them: USP size × material (`catalogue.toml`)."""
+"""Cross-sections of suture threads, and a catalogue of them: USP size × material
+(`catalogue.toml`).
+"""
 
 import difflib
 import math
@@ -27,11 +29,11 @@ POLYMER_POISSON_RATIO = 0.4
 class Section:
     """Round cross-section of a thread; raises `ThreadError` for a value that is not physical.
 
-    `youngs_modulus` is the apparent modulus: axial force over the area of the full circle and over strain. A
-    tensile test on a suture reports this modulus, so that the axial stiffness of a braid is not reduced a second
-    time. `density` is the density of the material, and `solid_fraction` the part of the circle that it fills.
-    `bending_factor` is the ratio of bending and torsional stiffness to a solid rod: 1 for a monofilament and far
-    less for a braid.
+    `youngs_modulus` is the apparent modulus: axial force over the area of the full circle and over
+    strain. A tensile test on a suture reports this modulus, so that the axial stiffness of a braid
+    is not reduced a second time. `density` is the density of the material, and `solid_fraction` the
+    part of the circle that it fills. `bending_factor` is the ratio of bending and torsional
+    stiffness to a solid rod: 1 for a monofilament and far less for a braid.
     """
 
     diameter: float  # [m]
@@ -70,7 +72,9 @@ class Section:
 
     @property
     def rhoJ(self) -> float:
-        """Polar moment of inertia per length, with the mass distributed uniformly over the circle [kg m]."""
+        """Polar moment of inertia per length, with the mass distributed uniformly over the circle
+        [kg m].
+        """
         return self.rhoA * self.diameter**2 / 8
 
     @property
@@ -168,11 +172,11 @@ def names() -> tuple[str, ...]:
 
 
 def suture(name: str) -> Section:
-    """Return the section of a suture named by USP size and material or brand, e.g. "2-0 polypropylene", "Prolene
-    2-0".
+    """Return the section of a suture named by USP size and material or brand, e.g. "2-0
+    polypropylene", "Prolene 2-0".
 
-    Order, case and spaces do not matter, and "2/0" and "USP" are understood. Raises `ThreadError` with the nearest
-    names for an unknown suture.
+    Order, case and spaces do not matter, and "2/0" and "USP" are understood. Raises `ThreadError`
+    with the nearest names for an unknown suture.
     """
     size, material = _parse(name)
     if material.modulus is None:
@@ -193,8 +197,8 @@ def suture(name: str) -> Section:
 def knot_pull(name: str) -> float | None:
     """Return the least average knot-pull strength that the pharmacopoeia requires of a suture [N].
 
-    None means that no source gives a strength: collagen and steel have separate tables. Raises `ThreadError` as
-    `suture` does.
+    None means that no source gives a strength: collagen and steel have separate tables. Raises
+    `ThreadError` as `suture` does.
     """
     size, material = _parse(name)
     if material.collagen or material.name == "steel":
@@ -211,7 +215,9 @@ def _parse(name: str) -> tuple[Size, SutureMaterial]:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Return the USP number and the key of the material from a name in either order; empty if not found."""
+    """Return the USP number and the key of the material from a name in either order; empty if not
+    found.
+    """
     if not isinstance(name, str):
         raise ThreadError(f"suture = {name!r} is not a name; give for example '2-0 polypropylene'")
     text = name.strip().casefold()

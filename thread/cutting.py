@@ -1,4 +1,6 @@
-"""Cutting of a spline: four knots at one place, inserted exactly (Boehm), which do not change its functions."""
+"""Cutting of a spline: four knots at one place, inserted exactly (Boehm), which do not change its
+functions.
+"""
 
 from collections.abc import Sequence
 
@@ -13,8 +15,9 @@ SLIVER = 0.1  # of a span: a cut that is nearer to a knot is made at the knot
 
 
 def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple[Spline, list[Array]]:
-    """Return the spline with additional simple `knots` [m], and unchanged functions `fields` (n, c) on it (Boehm
-    1980)."""
+    """Return the spline with additional simple `knots` [m], and unchanged functions `fields` (n, c)
+    on it (Boehm 1980).
+    """
     width = [field.shape[1] for field in fields]
     curve = BSpline(spline.knots, np.concatenate(fields, axis=1), DEGREE)
     for knot in knots:
@@ -24,13 +27,14 @@ def insert_knots(spline: Spline, knots: Array, fields: Sequence[Array]) -> tuple
 
 
 def cut(spline: Spline, s: float, fields: Sequence[Array]) -> tuple[Spline, float, list[Array]]:
-    """Return the spline cut at `s` [m], the abscissa of the cut, and unchanged functions `fields` (n, c) on both
-    sides.
+    """Return the spline cut at `s` [m], the abscissa of the cut, and unchanged functions `fields`
+    (n, c) on both sides.
 
-    If a break is nearer to `s` than SLIVER of the span, the cut is made at the break, because a sliver would have
-    almost no mass.
+    If a break is nearer to `s` than SLIVER of the span, the cut is made at the break, because a
+    sliver would have almost no mass.
 
-    Raises `ThreadError` for an abscissa at an end of the spline or of a piece, or outside the spline.
+    Raises `ThreadError` for an abscissa at an end of the spline or of a piece, or outside the
+    spline.
     """
     breaks = spline.breaks
     span = int(np.clip(np.searchsorted(breaks, s, side="right") - 1, 0, len(breaks) - 2))

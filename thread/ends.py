@@ -1,6 +1,8 @@
-"""Conditions at the two ends of a thread: free, a fixed point, a clamp, a dead load or a moving hand.
+"""Conditions at the two ends of a thread: free, a fixed point, a clamp, a dead load or a moving
+hand.
 
-A held end of a thread with twist can also turn the thread about its tangent, as fingers turn a needle.
+A held end of a thread with twist can also turn the thread about its tangent, as fingers turn a
+needle.
 """
 
 from dataclasses import dataclass, field
@@ -14,8 +16,9 @@ ZERO = np.zeros(3)
 
 
 def check_rows(name: str, rows: Array, columns: str) -> None:
-    """Raise `ThreadError` if a table does not have the given `columns`, or if the times in the first do not
-    increase."""
+    """Raise `ThreadError` if a table does not have the given `columns`, or if the times in the
+    first do not increase.
+    """
     if np.shape(rows)[1:] != (len(columns.split(", ")),) or not len(rows) or not np.isfinite(rows).all():
         raise ThreadError(f"{name} of shape {np.shape(rows)}; allowed are rows of {columns}, all finite")
     if (np.diff(rows[:, 0]) <= 0.0).any():
@@ -29,13 +32,14 @@ class Free:
     def position(self, time: float | Array) -> Array | None:
         """Return the prescribed position [m] at `time` [s], or None if the end is free to move.
 
-        The shape is `(3,)` for one time. For several times (k,) it is `(k, 3)`, or `(3,)` if the position is
-        constant.
+        The shape is `(3,)` for one time. For several times (k,) it is `(k, 3)`, or `(3,)` if the
+        position is constant.
         """
         return None
 
     def angle(self, time: float) -> float | None:
-        """Return the prescribed angle of the section about the tangent [rad], right-handed towards increasing s.
+        """Return the prescribed angle of the section about the tangent [rad], right-handed towards
+        increasing s.
 
         None means that no torque holds the section. Only a thread with twist uses the angle.
         """
@@ -53,9 +57,9 @@ class Free:
 class Turning(Free):
     """An end that a hand can turn about the tangent.
 
-    `turn`, shape `(k, 2)`: time [s] and angle [rad], linear in between, zero at the start; None means that the end
-    turns freely. If the tangent moves, the angle is measured from a frame that follows the tangent without spinning
-    (`thread.frames`).
+    `turn`, shape `(k, 2)`: time [s] and angle [rad], linear in between, zero at the start; None
+    means that the end turns freely. If the tangent moves, the angle is measured from a frame that
+    follows the tangent without spinning (`thread.frames`).
     """
 
     turn: Array | None = field(default=None, kw_only=True)
@@ -67,8 +71,9 @@ class Turning(Free):
                 raise ThreadError("end: the angle of turn at t = 0 must be 0")
 
     def angle(self, time: float) -> float | None:
-        """Return the angle at `time` [rad], constant after the last row of `turn`; None means that the end turns
-        freely."""
+        """Return the angle at `time` [rad], constant after the last row of `turn`; None means that
+        the end turns freely.
+        """
         return None if self.turn is None else float(np.interp(time, self.turn[:, 0], self.turn[:, 1]))
 
 
@@ -85,10 +90,11 @@ class Fixed(Turning):
 
 @dataclass(frozen=True)
 class Clamped(Fixed):
-    """An end at a fixed `point` with the tangent `direction` (unit vector, towards increasing s); the thread can
-    stretch there.
+    """An end at a fixed `point` with the tangent `direction` (unit vector, towards increasing s);
+    the thread can stretch there.
 
-    Without a `turn` the end does not turn. Raises `ThreadError` for a direction that is not a unit vector.
+    Without a `turn` the end does not turn. Raises `ThreadError` for a direction that is not a unit
+    vector.
     """
 
     direction: Array
@@ -107,8 +113,8 @@ class Clamped(Fixed):
 class Pulled(Free):
     """A dead load on the end, `load` (3,) [N].
 
-    Its `course` has shape `(k, 2)`: time [s] and factor [-], linear in between. None means that the whole load acts
-    at all times; in statics it then grows with the load steps.
+    Its `course` has shape `(k, 2)`: time [s] and factor [-], linear in between. None means that the
+    whole load acts at all times; in statics it then grows with the load steps.
     """
 
     load: Array
@@ -130,7 +136,9 @@ class Pulled(Free):
 
 @dataclass(frozen=True)
 class Driven(Turning):
-    """An end that a hand moves along `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in between."""
+    """An end that a hand moves along `waypoints`, shape `(k, 4)`: t [s], x, y, z [m]; linear in
+    between.
+    """
 
     waypoints: Array
 

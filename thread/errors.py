@@ -2,4 +2,6 @@
 
 
 class ThreadError(ValueError):
-    """An impossible thread, section or path; the message has the value, the allowed values and the remedy."""
+    """An impossible thread, section or path; the message has the value, the allowed values and the
+    remedy.
+    """

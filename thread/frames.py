@@ -1,19 +1,22 @@
-"""The reference frame from which the twist of a thread is measured: its transport and its own twist.
+"""The reference frame from which the twist of a thread is measured: its transport and its own
+twist.
 
-A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁. The reference frame a₁(s) follows the
-tangent t in time by parallel transport: at every s, a step turns the frame by the smallest rotation from the
-tangent t_o at the start of the step to t (Bergou et al. 2010; Meier, Popp & Wall 2014; θ as a fourth coordinate of
-a spline: Theetten, Grisoni, Andriot & Barsky 2008). θ' is therefore not the whole twist. The frame's axial vector
-along s turns with the frame, and the axial vector of the rotation itself is added. Its component along t is
+A section's material directions are d₁ = a₁ cos θ + a₂ sin θ and d₂ = t × d₁. The reference frame
+a₁(s) follows the tangent t in time by parallel transport: at every s, a step turns the frame by the
+smallest rotation from the tangent t_o at the start of the step to t (Bergou et al. 2010; Meier,
+Popp & Wall 2014; θ as a fourth coordinate of a spline: Theetten, Grisoni, Andriot & Barsky 2008).
+θ' is therefore not the whole twist. The frame's axial vector along s turns with the frame, and the
+axial vector of the rotation itself is added. Its component along t is
 
     τ = τ_o − (t_o × t)·(t_o' + t') / (1 + t_o·t)
 
-and the twist per length is ω = θ' + τ. It depends only on T, T' and θ' at the point and on the data of the step
-(t_o, t_o', τ_o), so that the energies are local in the control points. θ has the same meaning before and after the
-transport of the frame, and θ̇ is the spin of the section about its tangent. At a clamped end the tangent is
-constant, so that θ there is the clamp's angle.
+and the twist per length is ω = θ' + τ. It depends only on T, T' and θ' at the point and on the data
+of the step (t_o, t_o', τ_o), so that the energies are local in the control points. θ has the same
+meaning before and after the transport of the frame, and θ̇ is the spin of the section about its
+tangent. At a clamped end the tangent is constant, so that θ there is the clamp's angle.
 
-With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o: τ = τ_o + c·T/D − e·T/(r D), affine in T'.
+With T = ∂P/∂s, r = |T|, D = r + t_o·T, c = t_o × t_o', e = T' × t_o: τ = τ_o + c·T/D − e·T/(r D),
+affine in T'.
 """
 
 from dataclasses import dataclass
@@ -41,8 +44,8 @@ LEVI_CIVITA[[0, 1, 2], [2, 0, 1], [1, 2, 0]] = -1.0
 class Frame:
     """The reference frame at the stations of a thread, at one time.
 
-    `t` (m, g, 3) unit tangent, `t_s` (m, g, 3) its derivative by s [1/m], `tau` (m, g) twist of the frame [1/m], `a_1`
-    (m, g, 3) its first direction.
+    `t` (m, g, 3) unit tangent, `t_s` (m, g, 3) its derivative by s [1/m], `tau` (m, g) twist of the
+    frame [1/m], `a_1` (m, g, 3) its first direction.
     """
 
     t: Array
@@ -58,10 +61,12 @@ class Frame:
 
 @dataclass(frozen=True)
 class Stations:
-    """Points at which the twist is evaluated, in groups of `reach` control points from `first` (m,) on.
+    """Points at which the twist is evaluated, in groups of `reach` control points from `first` (m,)
+    on.
 
-    `s` (m, g) [m] are their abscissae, and `home` (m, g) [m] identifies their piece of a cut thread. `w` (m, g) [m]
-    are weights. Rows `T`, `K`, `theta`, `theta_s`, (m, g, reach) each, give T, T', θ and the twist of θ.
+    `s` (m, g) [m] are their abscissae, and `home` (m, g) [m] identifies their piece of a cut
+    thread. `w` (m, g) [m] are weights. Rows `T`, `K`, `theta`, `theta_s`, (m, g, reach) each, give
+    T, T', θ and the twist of θ.
     """
 
     first: Indices
@@ -104,16 +109,19 @@ def gauss_stations(spline: Spline, rule: GaussRule) -> Stations:
 
 
 def turned(x: Array, t_o: Array, t: Array) -> Array:
-    """Return `x`, normal to t_o, after the smallest rotation from the unit tangent `t_o` to `t`; all (..., 3)."""
+    """Return `x`, normal to t_o, after the smallest rotation from the unit tangent `t_o` to `t`;
+    all (..., 3).
+    """
     return x - (dot(x, t) / (1.0 + dot(t_o, t)))[..., None] * (t_o + t)
 
 
 def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array) -> Frame:
-    """Return the frame without twist of a thread at rest, transported along the curve (Bishop's frame).
+    """Return the frame without twist of a thread at rest, transported along the curve (Bishop's
+    frame).
 
-    At the start a₁ is as near as possible to the direction `towards` (3,). On each further piece of a cut thread,
-    a₁ starts as near as possible to its direction at the end of the previous piece. Raises `ThreadError` if
-    `towards` is along the thread.
+    At the start a₁ is as near as possible to the direction `towards` (3,). On each further piece of
+    a cut thread, a₁ starts as near as possible to its direction at the end of the previous piece.
+    Raises `ThreadError` if `towards` is along the thread.
     """
     inner = (spline.breaks[:-1, None] + np.diff(spline.breaks)[:, None] * np.arange(SUBSTEPS) / SUBSTEPS).ravel()
     a, piece = np.empty((*stations.s.shape, 3)), spline.piece_of(stations.home)
@@ -129,14 +137,14 @@ def untwisted_frame(spline: Spline, stations: Stations, q: Array, towards: Array
 
 
 def transported(spline: Spline, q: Array, s: Array, home: float, towards: Array) -> Array:
-    """Return a direction normal to the thread, transported without twist along the abscissae `s` (m,) [m],
-    `(m, 3)`.
+    """Return a direction normal to the thread, transported without twist along the abscissae `s`
+    (m,) [m], `(m, 3)`.
 
-    The abscissae are on the piece that contains `home` [m]. At the first one the direction is as near as possible
-    to `towards` (3,).
+    The abscissae are on the piece that contains `home` [m]. At the first one the direction is as
+    near as possible to `towards` (3,).
 
-    The transport is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises `ThreadError`
-    if `towards` is along the thread.
+    The transport is by double reflection (Wang, Jüttler, Zheng & Liu 2008), of fourth order. Raises
+    `ThreadError` if `towards` is along the thread.
     """
     P, T = spline.curve(q, s, np.full(s.shape, home))[..., :3].swapaxes(0, 1)[:2]
     t = unit_vector(T)
@@ -171,7 +179,8 @@ def transport_frame(stations: Stations, frame: Frame, q: Array) -> Frame:
 
 
 def interpolate_frame(spline: Spline, frame: Frame, known: Stations, stations: Stations, q: Array) -> Frame:
-    """Return the frame at `stations` of the curve `q`, interpolated from the stations `known` of a `spline`.
+    """Return the frame at `stations` of the curve `q`, interpolated from the stations `known` of a
+    `spline`.
 
     The twist and the first direction are interpolated along s, on each piece of the spline.
     """
@@ -183,7 +192,9 @@ def interpolate_frame(spline: Spline, frame: Frame, known: Stations, stations: S
 
 
 def turns_too_far(frame: Frame, T: Array) -> bool:
-    """Return whether a tangent has turned from the frame's tangent by more than the largest allowed turn."""
+    """Return whether a tangent has turned from the frame's tangent by more than the largest allowed
+    turn.
+    """
     return bool((dot(frame.t, unit_vector(T)) <= LARGEST_TURN).any())
 
 

@@ -12,10 +12,11 @@ from thread.spline import DEGREE, ORDERS
 
 
 def uniform_knots(length: float, n: int, cuts: ArrayLike = ()) -> Array:
-    """Return the clamped knots of `n` control points over `[0, length]` [m], with spans as equal as the `cuts` [m]
-    allow.
+    """Return the clamped knots of `n` control points over `[0, length]` [m], with spans as equal as
+    the `cuts` [m] allow.
 
-    Raises `ThreadError` for too few points and for cuts that do not increase or are not inside the length.
+    Raises `ThreadError` for too few points and for cuts that do not increase or are not inside the
+    length.
     """
     cuts = np.asarray(cuts, dtype=np.float64)
     if n <= DEGREE * (cuts.size + 1) + cuts.size:
@@ -34,13 +35,17 @@ def clamped_knots(breaks: Array) -> Array:
 
 
 def piecewise_knots(pieces: Sequence[Array]) -> Array:
-    """Return the clamped knots of consecutive pieces, given by their span ends [m], with cuts between pieces."""
+    """Return the clamped knots of consecutive pieces, given by their span ends [m], with cuts
+    between pieces.
+    """
     knots = [clamped_knots(breaks) for breaks in pieces]
     return np.concatenate([knots[0], *(piece[ORDERS:] for piece in knots[1:])])
 
 
 def apportion(spans: int, shares: Array) -> Indices:
-    """Return whole numbers of at least 1 that sum to `spans` and are nearly proportional to `shares`."""
+    """Return whole numbers of at least 1 that sum to `spans` and are nearly proportional to
+    `shares`.
+    """
     exact = (spans - shares.size) * shares / shares.sum()
     out = np.floor(exact).astype(np.intp)
     out[np.argsort(out - exact, kind="stable")[: spans - shares.size - out.sum()]] += 1

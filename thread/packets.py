@@ -1,18 +1,19 @@
-"""Knots that travel with the holes: the thread as one spline of position and rest abscissa, (P, S), on fixed knots
-χ.
+"""Knots that travel with the holes: the thread as one spline of position and rest abscissa, (P, S),
+on fixed knots χ.
 
     P(χ) = Σ b_i(χ) q_i,     S(χ) = Σ b_i(χ) S_i,     S_i = a_i + Σ_k b_ik s_k
 
-Hole k stays at one knot χ_k: a double knot if it imposes a direction, because the curvature can jump there, and a
-simple knot otherwise. Its abscissa s_k moves the control values S_i. The material knots τ next to the hole are a
-packet. The packet moves rigidly with the hole, τ = s_k ± δ. Its spans δ grow geometrically, from a fraction of
-√(EI/T) on. The rest of a strand is divided affinely between the edges of its two packets. S_i are the Greville
-means of the τ, so that S increases with χ. If the strand is straight outside the packet, a motion of the packet
-does not change the energy: no hole feels a lattice. If a strand bends between its packets, its spans are short
-enough for the bend.
+Hole k stays at one knot χ_k: a double knot if it imposes a direction, because the curvature can
+jump there, and a simple knot otherwise. Its abscissa s_k moves the control values S_i. The material
+knots τ next to the hole are a packet. The packet moves rigidly with the hole, τ = s_k ± δ. Its
+spans δ grow geometrically, from a fraction of √(EI/T) on. The rest of a strand is divided affinely
+between the edges of its two packets. S_i are the Greville means of the τ, so that S increases with
+χ. If the strand is straight outside the packet, a motion of the packet does not change the energy:
+no hole feels a lattice. If a strand bends between its packets, its spans are short enough for the
+bend.
 
-At a cut of the thread, χ has a knot of multiplicity four. Strands end there as at the thread's own ends, and no
-function crosses the cut.
+At a cut of the thread, χ has a knot of multiplicity four. Strands end there as at the thread's own
+ends, and no function crosses the cut.
 """
 
 from collections.abc import Sequence
@@ -43,8 +44,8 @@ END = -1  # instead of a hole: an end of the thread or of a piece
 class Hold:
     """A hole in the description of the knots.
 
-    Its `number` among the holds, abscissa `s` [m], whether it imposes a direction, and the length `first` [m] of
-    the span next to it.
+    Its `number` among the holds, abscissa `s` [m], whether it imposes a direction, and the length
+    `first` [m] of the span next to it.
     """
 
     number: int
@@ -55,7 +56,9 @@ class Hold:
 
 @dataclass(frozen=True)
 class Bends:
-    """Bends of a thread: the lengths `spans` (k,) [m] that they need at the abscissae `at` (k,) [m]."""
+    """Bends of a thread: the lengths `spans` (k,) [m] that they need at the abscissae `at` (k,)
+    [m].
+    """
 
     at: Array
     spans: Array
@@ -82,15 +85,16 @@ def bends_of(at: Array, curvature: Array, scale: float) -> Bends:
 class Travel:
     """The travel of knots: `knots` χ, and S_i = `a` (n,) [m] + `b` (n, m) s.
 
-    `at` (m,) is the break of each hold. `between` (spans, 2) are the holds at both ends of the strand of each span,
-    END for an end of a piece of the thread. `limits` (spans, 2) [m] has the abscissa of this end, and zero for a
-    hold.
+    `at` (m,) is the break of each hold. `between` (spans, 2) are the holds at both ends of the
+    strand of each span, END for an end of a piece of the thread. `limits` (spans, 2) [m] has the
+    abscissa of this end, and zero for a hold.
 
-    The other fields describe how the travel was made. `holds` (k,) are the numbers of the holds, and `first` (m,)
-    [m] the spans next to every hold. For each strand, `rigid` [m] is the length of its packets, and `middle` [m]
-    the length between them. `bent` says whether bends made its spans shorter. `strand` (n,) is the strand whose
-    middle contains each control point, −1 for control points of packets. Spans are not longer than `longest` [m];
-    FIRST √(EI/T) and TURN were multiplied by `scale`.
+    The other fields describe how the travel was made. `holds` (k,) are the numbers of the holds,
+    and `first` (m,) [m] the spans next to every hold. For each strand, `rigid` [m] is the length of
+    its packets, and `middle` [m] the length between them. `bent` says whether bends made its spans
+    shorter. `strand` (n,) is the strand whose middle contains each control point, −1 for control
+    points of packets. Spans are not longer than `longest` [m]; FIRST √(EI/T) and TURN were
+    multiplied by `scale`.
     """
 
     knots: Array
@@ -114,7 +118,9 @@ class Travel:
         return self is other or bool(same and (self.a == other.a).all() and (self.b == other.b).all())
 
     def wanted(self, layers: Array) -> Array:
-        """Return the wanted spans next to holes with boundary layers `layers` (m,) [m], shape `(m,)` [m]."""
+        """Return the wanted spans next to holes with boundary layers `layers` (m,) [m], shape
+        `(m,)` [m].
+        """
         return np.minimum(FIRST * self.scale * layers, self.longest)
 
     def first_of_strands(self) -> Indices:
@@ -127,14 +133,18 @@ class Travel:
         return np.searchsorted(self.first_of_strands(), np.arange(len(self.between)), side="right") - 1
 
     def between_packets(self, s: Array) -> Array:
-        """Return the lengths of the middles of the strands with holds at `s` (m,) [m], shape `(strands,)` [m]."""
+        """Return the lengths of the middles of the strands with holds at `s` (m,) [m], shape
+        `(strands,)` [m].
+        """
         first = self.first_of_strands()
         holds = self.between[first]
         ends = np.where(holds == END, self.limits[first], np.append(s, 0.0)[holds])
         return np.asarray(ends[:, 1] - ends[:, 0] - self.rigid)
 
     def places(self, s: Array) -> Array:
-        """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s` (m,) [m]."""
+        """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s`
+        (m,) [m].
+        """
         return np.asarray(self.a + self.b @ s)
 
 
@@ -142,10 +152,10 @@ class Travel:
 class Strand:
     """The spans between two neighbouring holes.
 
-    The material knots after the first hole are `constant` [m] + (1 − `share`) s_left + `share` s_right, shape
-    `(spans,)` each. The last one is the second hole. Its packets have the length `rigid` [m] together. `bent` says
-    whether bends made the spans between the packets shorter. `middle` are the numbers of the knots between the
-    packets.
+    The material knots after the first hole are `constant` [m] + (1 − `share`) s_left + `share`
+    s_right, shape `(spans,)` each. The last one is the second hole. Its packets have the length
+    `rigid` [m] together. `bent` says whether bends made the spans between the packets shorter.
+    `middle` are the numbers of the knots between the packets.
     """
 
     constant: Array
@@ -158,8 +168,8 @@ class Strand:
 def widths(first: float, longest: float, length: float) -> Array:
     """Return the spans of a packet [m], from the hole on, in a strand of a `length` [m].
 
-    They grow geometrically from `first` [m], are not longer than `longest` [m], and end at FAR times twice the
-    first.
+    They grow geometrically from `first` [m], are not longer than `longest` [m], and end at FAR
+    times twice the first.
     """
     first = min(first, longest, SHARE * length / (1.0 + GROWTH))
     spans = np.minimum(first * GROWTH ** np.arange(64), longest)
@@ -172,9 +182,9 @@ def widths(first: float, longest: float, length: float) -> Array:
 def strand_of(length: float, longest: float, left: float | None, right: float | None, bends: Bends) -> Strand:
     """Return the spans of a strand of a `length` [m], not longer than `longest` [m].
 
-    Packets begin with spans `left` and `right` [m] at its two ends, None at an end of the thread without a packet.
-    The spans between the packets are as short as the `bends` need. The abscissae of the bends are counted from the
-    start of the strand.
+    Packets begin with spans `left` and `right` [m] at its two ends, None at an end of the thread
+    without a packet. The spans between the packets are as short as the `bends` need. The abscissae
+    of the bends are counted from the start of the strand.
     """
     one, other = (np.zeros(0) if first is None else widths(first, longest, length) for first in (left, right))
     middle = length - one.sum() - other.sum()
@@ -198,8 +208,8 @@ def strand_of(length: float, longest: float, left: float | None, right: float | 
 
 
 def divided(x: Array, wanted: Array, least: int) -> tuple[int, Array]:
-    """Return the number of spans, at least `least`, with the lengths `wanted` (k,) [m] along `x` (k,) [m], and
-    their ends.
+    """Return the number of spans, at least `least`, with the lengths `wanted` (k,) [m] along `x`
+    (k,) [m], and their ends.
 
     The ends have shape `(spans,)` [m].
     """
@@ -218,11 +228,13 @@ def travelling(
     cuts: Sequence[float] = (),
     bends: Bends = STRAIGHT,
 ) -> Travel:
-    """Return the travel of the knots of a thread of a rest `length` [m], cut at the abscissae `cuts` [m].
+    """Return the travel of the knots of a thread of a rest `length` [m], cut at the abscissae
+    `cuts` [m].
 
-    The knots travel with the `holds`; `total` also counts holds outside the thread. Spans are not longer than
-    `longest` [m]. Spans next to an end of the thread have the lengths `ends` [m], None if no bend is expected
-    there. `scale` is the scale of the packets (`Travel`). Spans between packets are as short as the `bends` need.
+    The knots travel with the `holds`; `total` also counts holds outside the thread. Spans are not
+    longer than `longest` [m]. Spans next to an end of the thread have the lengths `ends` [m], None
+    if no bend is expected there. `scale` is the scale of the packets (`Travel`). Spans between
+    packets are as short as the `bends` need.
 
     Raises `ThreadError` if two holds are at one abscissa, or if a hold is at an end or at a cut.
     """

@@ -22,9 +22,11 @@ TIE = 1e-12
 
 @dataclass(frozen=True)
 class RoundedPath:
-    """Curve of k pieces of constant curvature with a continuous tangent, parametrised by arc length.
+    """Curve of k pieces of constant curvature with a continuous tangent, parametrised by arc
+    length.
 
-    Made by `rounded_path`. Within a piece, at l from its beginning: P = o + t sin(κl)/κ + n (1 − cos κl)/κ.
+    Made by `rounded_path`. Within a piece, at l from its beginning: P = o + t sin(κl)/κ + n (1 −
+    cos κl)/κ.
     """
 
     starts: Array  # abscissa at which each piece begins, shape (k,) [m]
@@ -60,7 +62,8 @@ class RoundedPath:
         return np.asarray(np.cos(angle)[..., None] * self.tangents[k] + np.sin(angle)[..., None] * self.normals[k])
 
     def nearest(self, point: ArrayLike) -> tuple[float, float]:
-        """Return abscissa and distance [m] of the path's nearest point to a point, shape `(3,)` [m].
+        """Return abscissa and distance [m] of the path's nearest point to a point, shape `(3,)`
+        [m].
 
         Of equal distances the smallest abscissa is returned.
         """
@@ -72,9 +75,9 @@ class RoundedPath:
     def passes(self, point: ArrayLike) -> tuple[Array, Array]:
         """Return every local minimum of the distance to a point, shape `(3,)` [m].
 
-        The minima are abscissae in increasing order and distances, shapes `(m,)` [m]. A thread that passes a place
-        twice has two minima. On an arc about the point only the ends count. Raises `ThreadError` for a point that
-        is not three finite coordinates.
+        The minima are abscissae in increasing order and distances, shapes `(m,)` [m]. A thread that
+        passes a place twice has two minima. On an arc about the point only the ends count. Raises
+        `ThreadError` for a point that is not three finite coordinates.
         """
         x = np.asarray(point, dtype=float)
         if x.shape != (3,) or not np.isfinite(x).all():
@@ -97,12 +100,13 @@ class RoundedPath:
         return k, np.clip(s - self.starts[k], 0.0, self.lengths[k])
 
     def _candidates_in_pieces(self, x: Array) -> Array:
-        """Return the distance from the beginning of each piece to its only candidate for the nearest point to x,
-        shape `(k,)`.
+        """Return the distance from the beginning of each piece to its only candidate for the
+        nearest point to x, shape `(k,)`.
 
-        On an arc the candidate lies in the direction of x from the centre. If this direction misses the arc, no
-        point of the arc is a minimum, because a straight piece continues from either end. All points of the arc
-        have the same distance from the centre; for x at the centre the first point is returned.
+        On an arc the candidate lies in the direction of x from the centre. If this direction misses
+        the arc, no point of the arc is a minimum, because a straight piece continues from either
+        end. All points of the arc have the same distance from the centre; for x at the centre the
+        first point is returned.
         """
         along = np.sum((x - self.origins) * self.tangents, axis=1)
         cosine = 1 - self.curvatures * np.sum((x - self.origins) * self.normals, axis=1)
@@ -113,7 +117,8 @@ class RoundedPath:
         return np.asarray(np.clip(np.where(straight, along, on_arc), 0.0, self.lengths))
 
     def _is_minimum(self, at: Array, x: Array) -> NDArray[np.bool_]:
-        """Return whether the distance to x decreases neither forward nor backward from each abscissa, shape `(k,)`.
+        """Return whether the distance to x decreases neither forward nor backward from each
+        abscissa, shape `(k,)`.
 
         Half the squared distance has the slope (P − x)·P' along the path.
         """
@@ -125,14 +130,15 @@ class RoundedPath:
 
 
 def rounded_path(points: ArrayLike, radius: float | None = None) -> RoundedPath:
-    """Return the path through points, shape `(m, 3)` [m], m ≥ 2, its corners rounded by arcs of `radius` [m].
+    """Return the path through points, shape `(m, 3)` [m], m ≥ 2, its corners rounded by arcs of
+    `radius` [m].
 
-    Each arc is tangent to both segments of its corner. A corner takes at most 0.49 of the shorter segment; if
-    `radius` would take more, the arc is smaller. With a radius of None every corner takes a quarter of its shorter
-    segment.
+    Each arc is tangent to both segments of its corner. A corner takes at most 0.49 of the shorter
+    segment; if `radius` would take more, the arc is smaller. With a radius of None every corner
+    takes a quarter of its shorter segment.
 
-    Raises `ThreadError` for fewer than two points, values that are not finite, equal consecutive points, a
-    reversal, and a radius that is not positive.
+    Raises `ThreadError` for fewer than two points, values that are not finite, equal consecutive
+    points, a reversal, and a radius that is not positive.
     """
     vertices = _vertices(points)
     steps = np.diff(vertices, axis=0)
@@ -165,7 +171,9 @@ def _check_steps(vertices: Array, lengths: Array) -> None:
 
 
 def _turns(directions: Array) -> Array:
-    """Return the angle of each inner corner, shape `(m − 2,)` [rad]; zero for a turn within round-off."""
+    """Return the angle of each inner corner, shape `(m − 2,)` [rad]; zero for a turn within
+    round-off.
+    """
     a, b = directions[:-1], directions[1:]
     angles = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
     return np.where(angles < ANGLE, 0.0, angles)
@@ -182,7 +190,8 @@ def _check_turns(vertices: Array, turns: Array) -> None:
 
 
 def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
-    """Return the length that each corner takes of both its segments, R tan(turn/2) capped, shape `(m − 2,)` [m].
+    """Return the length that each corner takes of both its segments, R tan(turn/2) capped, shape
+    `(m − 2,)` [m].
 
     Raises `ThreadError` for a radius that is not positive.
     """

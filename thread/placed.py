@@ -1,7 +1,8 @@
-"""The spline of (P, S) of a thread whose knots travel with its holes (`thread.packets`), at given abscissae of the
-holes.
+"""The spline of (P, S) of a thread whose knots travel with its holes (`thread.packets`), at given
+abscissae of the holes.
 
-Its functions are the functions of the knots χ. Their derivatives by the rest abscissa S follow from the chain rule:
+Its functions are the functions of the knots χ. Their derivatives by the rest abscissa S follow from
+the chain rule:
 
     P_S = P'/S',   P_SS = (P'' − P_S S'')/S'²,   P_SSS = (P''' − 3 P_SS S' S'' − P_S S''')/S'³
 """
@@ -26,9 +27,9 @@ ROUND_OFF = 1e-15  # of the largest χ
 class Placed(Spline):
     """A spline of (P, S) on knots χ, with the methods of `Spline`.
 
-    `knots` are χ. `places` (n,) [m] are the control values of S; they increase, and are equal on both sides of a
-    cut. `travel` says how they move with the holes. All abscissae are S, as in any other spline. Raises
-    `ThreadError` if the control values do not increase.
+    `knots` are χ. `places` (n,) [m] are the control values of S; they increase, and are equal on
+    both sides of a cut. `travel` says how they move with the holes. All abscissae are S, as in any
+    other spline. Raises `ThreadError` if the control values do not increase.
     """
 
     places: Array
@@ -99,7 +100,8 @@ class Placed(Spline):
         return self.chi.through(values)
 
     def evaluate(self, parameter: Array, span: Indices | None = None) -> tuple[Array, Array, Array]:
-        """Return abscissae (m,) [m], S' (m,) [m] and the functions `(m, 4, 4)` as in `basis`, at parameters χ (m,).
+        """Return abscissae (m,) [m], S' (m,) [m] and the functions `(m, 4, 4)` as in `basis`, at
+        parameters χ (m,).
 
         `span` (m,) are the spans of the parameters; None: the spans that contain them.
         """
@@ -143,10 +145,11 @@ class Placed(Spline):
 
 
 def through_holes(length: float, s: Array, directed: bool, longest: float) -> Placed:
-    """Return the spline of a slack thread of a rest `length` [m] whose knots travel with holes at `s` (m,) [m].
+    """Return the spline of a slack thread of a rest `length` [m] whose knots travel with holes at
+    `s` (m,) [m].
 
-    All holes are `directed`, or none. No span is longer than `longest` [m], and no span is much shorter before the
-    thread bends.
+    All holes are `directed`, or none. No span is longer than `longest` [m], and no span is much
+    shorter before the thread bends.
     """
     holds = [Hold(k, at, directed, longest) for k, at in enumerate(s.tolist())]
     travel = travelling(length, holds, len(holds), longest, (None, None))

@@ -12,7 +12,8 @@ from thread.spline import ORDERS, Spline
 
 @dataclass(frozen=True)
 class GaussRule:
-    """Points of every span: abscissae `s` and weights `w`, `(spans, g)` [m], and basis derivatives `b`.
+    """Points of every span: abscissae `s` and weights `w`, `(spans, g)` [m], and basis derivatives
+    `b`.
 
     `b` has shape `(spans, g, 4 orders, 4)`.
     """
@@ -26,7 +27,9 @@ legendre = cache(np.polynomial.legendre.leggauss)
 
 
 def gauss_rule(spline: Spline, points: int) -> GaussRule:
-    """Return the Gauss–Legendre rule with a number of `points` on each span, in the parameter of its knots."""
+    """Return the Gauss–Legendre rule with a number of `points` on each span, in the parameter of
+    its knots.
+    """
     x, w = legendre(points)
     left, right = spline.parameters[:-1, None], spline.parameters[1:, None]
     middle = 0.5 * (left + right)
@@ -34,7 +37,8 @@ def gauss_rule(spline: Spline, points: int) -> GaussRule:
 
 
 def knot_rule(spline: Spline, parameter: Array, w: Array) -> GaussRule:
-    """Return a rule over the parameter of the knots from points and weights in it, `(spans, g)` each.
+    """Return a rule over the parameter of the knots from points and weights in it, `(spans, g)`
+    each.
 
     It does not change if the knots travel.
     """

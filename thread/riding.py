@@ -44,7 +44,9 @@ def rates_of(spline: Placed, b: Array) -> Array:
 
 
 def ride_of(thread: Thread, gravity: Array) -> Ride:
-    """Return the travel of a thread's knots under `gravity` (3,) [m/s²], or (spans, 3) with one vector per span."""
+    """Return the travel of a thread's knots under `gravity` (3,) [m/s²], or (spans, 3) with one
+    vector per span.
+    """
     spline = thread.spline
     if not isinstance(spline, Placed):
         return standing(thread)
@@ -102,8 +104,9 @@ def field_of(spline: Spline, c: Array) -> Field:
 def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
     """Return the control values (n, c) of the sum of `curves`, approximated on a thread's knots.
 
-    `curves` are splines with control values (n', c). The approximation is by least squares, weighted with the
-    thread's mass, and preserves the momentum and the moment of momentum of the sum.
+    `curves` are splines with control values (n', c). The approximation is by least squares,
+    weighted with the thread's mass, and preserves the momentum and the moment of momentum of the
+    sum.
     """
     rule = gauss_rule(thread.spline, MASS_POINTS)
     where, total = rule.s.ravel(), 0.0
@@ -123,10 +126,12 @@ def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
 
 
 def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Array, Array]:
-    """Return derivatives of the weight's potential and of the elastic energy of a thread with travelling knots.
+    """Return derivatives of the weight's potential and of the elastic energy of a thread with
+    travelling knots.
 
-    The results are the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives of the weight's potential and
-    of the elastic energy by the abscissae of the holes, shape `(m,)` [N] each. `gravity` is as for `ride_of`.
+    The results are the forces −∂(weight)/∂q, shape `(n, c)` [N], and the derivatives of the
+    weight's potential and of the elastic energy by the abscissae of the holes, shape `(m,)` [N]
+    each. `gravity` is as for `ride_of`.
     """
     spline, ride = thread.spline, ride_of(thread, gravity)
     assert isinstance(spline, Placed) and isinstance(thread.axial, Continuous)
@@ -149,11 +154,12 @@ def empty_ridden(spline: Placed) -> Ridden:
 def ride(
     thread: Thread, how: Ride, fields: tuple[Field, Field], factor: float, q: Array, N: Array
 ) -> tuple[Array, Ridden]:
-    """Return the forces of inertia and weight, shape `(n, c)` [N], and the derivatives by the abscissae of the
-    holes.
+    """Return the forces of inertia and weight, shape `(n, c)` [N], and the derivatives by the
+    abscissae of the holes.
 
-    Inertia is `factor` [1/s²] times mass times the distance from the earlier curves `fields`. The knots travel by
-    `how`. The thread has control values `q` (n, c) and axial forces `N` (spans, a) [N].
+    Inertia is `factor` [1/s²] times mass times the distance from the earlier curves `fields`. The
+    knots travel by `how`. The thread has control values `q` (n, c) and axial forces `N` (spans, a)
+    [N].
     """
     assert isinstance(thread.spline, Placed) and isinstance(thread.axial, Continuous)
     out, F, place = empty_ridden(thread.spline), np.zeros((thread.n, 3)), plain(q[:, :3])
@@ -165,7 +171,8 @@ def ride(
 
 
 def with_tie(thread: Thread, how: Ride, q: Array, tie: float, ridden: Ridden) -> Ridden:
-    """Return the derivatives by the abscissae with the additional potential ½ tie ∫ρA |P(S) − P₀(S)|² dS.
+    """Return the derivatives by the abscissae with the additional potential ½ tie ∫ρA |P(S) −
+    P₀(S)|² dS.
 
     P₀ is the present curve with control values `q` (n, c) [m], and `tie` has the unit [1/s²].
     """
@@ -178,7 +185,8 @@ def with_tie(thread: Thread, how: Ride, q: Array, tie: float, ridden: Ridden) ->
 
 
 def carried(spline: Placed, how: Ride, q: Array, rates: Array, dt: float) -> Array:
-    """Return the motion of control values `q` (n, c) [m] in `dt` [s] due to moving holes, shape `(n, c)` [m].
+    """Return the motion of control values `q` (n, c) [m] in `dt` [s] due to moving holes, shape
+    `(n, c)` [m].
 
     The holes move at `rates` (m,) [m/s] along a thread at rest.
     """
@@ -188,8 +196,9 @@ def carried(spline: Placed, how: Ride, q: Array, rates: Array, dt: float) -> Arr
 
 
 def with_riding_force(thread: Thread, how: Ride, points: Points, dz: Array, N: Array) -> Array:
-    """Return axial forces `N` (spans, a) [N] including the change due to holes that move by the first column of
-    `dz` (m, …)."""
+    """Return axial forces `N` (spans, a) [N] including the change due to holes that move by the
+    first column of `dz` (m, …).
+    """
     assert isinstance(thread.axial, Continuous)
     N = plain(N.copy())
     riding_force_of(thread.axial.curve, how, points.at[0], np.ascontiguousarray(dz), N)

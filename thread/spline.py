@@ -24,10 +24,10 @@ POWER = np.maximum(_R[None, :] - _R[:, None], 0)
 class Spline:
     """A clamped cubic B-spline basis on a non-decreasing knot sequence.
 
-    `knots`: shape `(n + 4,)` [m of rest arc length], the first four equal and the last four equal. Interior knots
-    can be double (C¹), triple (C⁰) or fourfold. At a fourfold knot the curve is cut: no function is non-zero on
-    both sides, and every matrix over the control points is block diagonal. Raises `ThreadError` for knots that are
-    not a sequence of this kind.
+    `knots`: shape `(n + 4,)` [m of rest arc length], the first four equal and the last four equal.
+    Interior knots can be double (C¹), triple (C⁰) or fourfold. At a fourfold knot the curve is cut:
+    no function is non-zero on both sides, and every matrix over the control points is block
+    diagonal. Raises `ThreadError` for knots that are not a sequence of this kind.
     """
 
     knots: Array
@@ -100,7 +100,9 @@ class Spline:
         return np.repeat(0.5 * (self.piece_ends[:-1] + self.piece_ends[1:]), self.piece_points)
 
     def piece_of(self, s: ArrayLike) -> Indices:
-        """Return the index of the piece that contains each abscissa; at a cut the piece that begins there."""
+        """Return the index of the piece that contains each abscissa; at a cut the piece that begins
+        there.
+        """
         return np.asarray(np.searchsorted(self.cuts, s, side="right"), dtype=np.intp)
 
     def has_left(self, s: Array, home: Array) -> NDArray[np.bool_]:
@@ -120,11 +122,15 @@ class Spline:
 
     @cached_property
     def greville(self) -> Array:
-        """Greville abscissae of the control points, the means of the knots within their functions, shape `(n,)` [m]."""
+        """Greville abscissae of the control points, the means of the knots within their functions,
+        shape `(n,)` [m].
+        """
         return (self.knots[1:-3] + self.knots[2:-2] + self.knots[3:-1]) / DEGREE
 
     def through(self, values: Array) -> Array:
-        """Return the control values of the curve that has `values` (n, c) at the Greville abscissae."""
+        """Return the control values of the curve that has `values` (n, c) at the Greville
+        abscissae.
+        """
         low, high = self.piece_ends[:-1], self.piece_ends[1:]
         # round-off can put the mean of three equal ends outside the piece
         at = np.clip(self.greville, np.repeat(low, self.piece_points), np.repeat(high, self.piece_points))
@@ -137,23 +143,27 @@ class Spline:
 
     @cached_property
     def polynomials(self) -> Array:
-        """Local power coefficients, shape `(spans, 4, 4)`: function i of a span is Σ_r [:, r, i] (s − left)^r."""
+        """Local power coefficients, shape `(spans, 4, 4)`: function i of a span is Σ_r [:, r, i] (s
+        − left)^r.
+        """
         functions = BSpline(self.knots, np.eye(self.n), DEGREE)
         parts = np.array_split(np.arange(self.first.size), -(-self.first.size // AT_A_TIME))
         return np.concatenate([self._polynomials_on(functions, part) for part in parts])
 
     def _polynomials_on(self, functions: BSpline, spans: Indices) -> Array:
-        """Return the coefficients of the functions on some of the spans; most function values are zero there."""
+        """Return the coefficients of the functions on some of the spans; most function values are
+        zero there.
+        """
         local = self.first[spans, None] + _R
         taylor = [functions(self.breaks[spans], nu=r) / FALLING[r, r] for r in range(ORDERS)]
         return np.array([np.take_along_axis(x, local, axis=1) for x in taylor]).swapaxes(0, 1)
 
     def spans_of(self, s: Array, home: Array | None = None) -> Indices:
-        """Return the index of the span that contains each abscissa; the outer spans include abscissae beyond the
-        ends.
+        """Return the index of the span that contains each abscissa; the outer spans include
+        abscissae beyond the ends.
 
-        `home` (m,) [m] are abscissae that identify the pieces. The outer spans of a piece then include abscissae
-        beyond its ends. None means that each abscissa lies on its own piece.
+        `home` (m,) [m] are abscissae that identify the pieces. The outer spans of a piece then
+        include abscissae beyond its ends. None means that each abscissa lies on its own piece.
         """
         span = np.searchsorted(self.interior, s, side="right")
         if home is None or not self.cuts.size:
@@ -164,7 +174,8 @@ class Spline:
     def folds(self, q: Array, s: Array) -> NDArray[np.bool_]:
         """Return which spans without any of the abscissae `s` (m,) are folded, shape `(spans,)`.
 
-        In a folded span the tangent of the curve with control points `q` (n, 3) turns by more than 90°.
+        In a folded span the tangent of the curve with control points `q` (n, 3) turns by more than
+        90°.
         """
         ends = self.breaks[:-1], self.breaks[1:]
         before, after = (self.curve(q, place, home=0.5 * (ends[0] + ends[1]))[:, 1] for place in ends)
@@ -173,11 +184,11 @@ class Spline:
         return folded
 
     def interpolate(self, s: Array, home: Array, at: Array, at_home: Array, values: Array) -> Array:
-        """Return `values` from increasing abscissae `at`, interpolated at the abscissae `s`, each on its piece of
-        the curve.
+        """Return `values` from increasing abscissae `at`, interpolated at the abscissae `s`, each
+        on its piece of the curve.
 
-        `home` and `at_home` [m] identify the pieces of `s` and of `at` and have the shapes of `s` and of `at`.
-        `values` have the shape of `at`.
+        `home` and `at_home` [m] identify the pieces of `s` and of `at` and have the shapes of `s`
+        and of `at`. `values` have the shape of `at`.
         """
         if self.pieces == 1:
             return np.interp(s, at.ravel(), values.ravel())
@@ -188,23 +199,26 @@ class Spline:
         return out
 
     def basis(self, s: ArrayLike, home: Array | None = None) -> tuple[Indices, Array]:
-        """Return the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m]; `home` as for
-        `spans_of`.
+        """Return the basis functions and their derivatives at abscissae `s`, shape `(m,)` [m];
+        `home` as for `spans_of`.
 
-        The results are the index of the first function at each point, shape `(m,)`, and the values, shape
-        `(m, 4, 4)`: `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
+        The results are the index of the first function at each point, shape `(m,)`, and the values,
+        shape `(m, 4, 4)`: `[:, k, i]` is the k-th derivative of function `first + i` [1/m^k].
         """
         s = np.asarray(s, dtype=np.float64)
         span = self.spans_of(s, home)
         return self.first[span], self.basis_on(span, s)
 
     def basis_on(self, span: Indices, s: Array) -> Array:
-        """Return the functions of the spans (m,) and their derivatives at `s` (m,) [m], shape `(m, 4, 4)`."""
+        """Return the functions of the spans (m,) and their derivatives at `s` (m,) [m], shape `(m,
+        4, 4)`.
+        """
         powers = FALLING * ((s - self.breaks[span])[:, None] ** _R)[:, POWER]
         return np.asarray(powers @ self.polynomials[span])
 
     def curve(self, q: Array, s: ArrayLike, home: Array | None = None) -> Array:
-        """Return P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²]; `home` as for
-        `spans_of`."""
+        """Return P and its first three derivatives at `s`, shape `(m, 4, 3)` [m, -, 1/m, 1/m²];
+        `home` as for `spans_of`.
+        """
         first, b = self.basis(s, home)
         return np.asarray(b @ q[first[:, None] + _R])

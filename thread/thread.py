@@ -1,8 +1,8 @@
 """The thread: a spline with mass and elastic energies, assembled over its spans.
 
-Unknowns are the control values `q`, shape `(n, c)`, numbered point by point: unknown c i + a is coordinate a of point
-i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ [rad] of the section about the tangent
-(`thread.frames`). Matrices are banded (`thread.banded`).
+Unknowns are the control values `q`, shape `(n, c)`, numbered point by point: unknown c i + a is
+coordinate a of point i. The c coordinates of a point are x, y, z [m] and, with twist, the angle θ
+[rad] of the section about the tangent (`thread.frames`). Matrices are banded (`thread.banded`).
 """
 
 from collections.abc import Iterator
@@ -76,11 +76,12 @@ class CrossSection(Protocol):
 
 
 def axial_points(spline: Spline) -> tuple[Array, Array]:
-    """Return the parameters of the points of stretch, two per span, shape `(spans, 2)`, and which of them count.
+    """Return the parameters of the points of stretch, two per span, shape `(spans, 2)`, and which
+    of them count.
 
-    If a span has only one point, the second is the same and does not count. A span has two points if it is the
-    first or the last of its piece, if it begins at a repeated knot or if it ends at a triple one. These are its
-    Gauss points or, with travelling knots, its middle and this end.
+    If a span has only one point, the second is the same and does not count. A span has two points
+    if it is the first or the last of its piece, if it begins at a repeated knot or if it ends at a
+    triple one. These are its Gauss points or, with travelling knots, its middle and this end.
     """
     breaks, repeats = np.unique(spline.knots, return_counts=True)
     left, right = breaks[:-1, None], breaks[1:, None]
@@ -98,8 +99,8 @@ def axial_points(spline: Spline) -> tuple[Array, Array]:
 def hole_rule(spline: Spline) -> GaussRule:
     """Return the rule of the ends of the spans over the parameter of the knots, shape `(spans, 2)`.
 
-    The weight is half of the span at a hole, else zero. All weights are zero without travelling knots, because then
-    no knot is at a hole.
+    The weight is half of the span at a hole, else zero. All weights are zero without travelling
+    knots, because then no knot is at a hole.
     """
     ends = np.stack([spline.parameters[:-1], spline.parameters[1:]], axis=1)
     held = np.zeros(len(spline.parameters), dtype=bool)
@@ -110,10 +111,11 @@ def hole_rule(spline: Spline) -> GaussRule:
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
-    """Return quadrature weights, in the parameter of the knots, that integrate each function of T exactly.
+    """Return quadrature weights, in the parameter of the knots, that integrate each function of T
+    exactly.
 
-    There are as many points `s` as functions of T: one fewer than control points in every piece. Raises
-    `ThreadError` if a weight is not positive, because the spans are too unequal.
+    There are as many points `s` as functions of T: one fewer than control points in every piece.
+    Raises `ThreadError` if a weight is not positive, because the spans are too unequal.
     """
     if s.size != spline.n - spline.pieces:
         raise ThreadError("knots: repeated knots at both ends of a span; put a span between them")
@@ -142,13 +144,15 @@ class Points:
 class Thread:
     """A spline thread with the section's mass and stiffness.
 
-    `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,) [kg] are at the
-    start and the end. `twist` adds the angle of the section to the coordinates of a control point, and torsion.
-    Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω² ds; with a number of `springs` the energies
-    of `thread.energies.springs` instead. `coil` [1/m] is the curvature at rest, towards the section's first
-    direction (`thread.energies.coil`). This direction points to `coil_towards` (3,) at the start of the initial
-    thread; None means a direction chosen by the code. `relaxation` is the relaxation of its stretch, None: no
-    relaxation. `memory` has the earlier strains that the step uses, None if there are none (`thread.relaxation`).
+    `bending` False sets EI = 0. `damping` [1/s] is mass-proportional viscosity. `point_masses` (2,)
+    [kg] are at the start and the end. `twist` adds the angle of the section to the coordinates of a
+    control point, and torsion. Energies: ½∫EA ε² ds + ½∫EI κ² ds (§3; straight at rest) + ½∫GJ ω²
+    ds; with a number of `springs` the energies of `thread.energies.springs` instead. `coil` [1/m]
+    is the curvature at rest, towards the section's first direction (`thread.energies.coil`). This
+    direction points to `coil_towards` (3,) at the start of the initial thread; None means a
+    direction chosen by the code. `relaxation` is the relaxation of its stretch, None: no
+    relaxation. `memory` has the earlier strains that the step uses, None if there are none
+    (`thread.relaxation`).
     """
 
     spline: Spline
@@ -188,7 +192,9 @@ class Thread:
         return self if spline is self.spline else replace(self, spline=spline)
 
     def placed(self, s: Array) -> "Thread":
-        """Return the thread with its holes at `s` (m,) [m]; the same thread if its knots are fixed or already there."""
+        """Return the thread with its holes at `s` (m,) [m]; the same thread if its knots are fixed
+        or already there.
+        """
         spline = self.spline
         if not isinstance(spline, Placed) or np.array_equal(spline.travel.places(s), spline.places):
             return self
@@ -200,7 +206,9 @@ class Thread:
         return thread
 
     def with_spline(self, spline: Spline) -> "Thread":
-        """Return the thread on another spline; the number of springs grows with the number of functions of T."""
+        """Return the thread on another spline; the number of springs grows with the number of
+        functions of T.
+        """
         more = spline.n - spline.pieces - (self.n - self.spline.pieces)
         return replace(self, spline=spline, springs=None if self.springs is None else self.springs + more)
 
@@ -211,7 +219,9 @@ class Thread:
 
     @cached_property
     def lever(self) -> Array:
-        """Factors from coordinates to lengths, shape `(c,)`: 1 for x, y, z, and the diameter [m] for θ."""
+        """Factors from coordinates to lengths, shape `(c,)`: 1 for x, y, z, and the diameter [m]
+        for θ.
+        """
         return np.array([1.0, 1.0, 1.0, self.section.diameter][: self.coordinates])
 
     @property
@@ -238,7 +248,9 @@ class Thread:
 
     @cached_property
     def knot_rules(self) -> tuple[GaussRule, GaussRule, GaussRule, GaussRule]:
-        """The rules of bending, of stretch, of the holes and of the mass over the parameter of the knots."""
+        """The rules of bending, of stretch, of the holes and of the mass over the parameter of the
+        knots.
+        """
         knots = self.spline.chi if isinstance(self.spline, Placed) else self.spline
         stretch = knot_rule(self.spline, *self.axial_parameters)
         return gauss_rule(knots, BENDING_POINTS), stretch, hole_rule(self.spline), gauss_rule(knots, MASS_POINTS)
@@ -252,24 +264,25 @@ class Thread:
     def axial_rule(self) -> GaussRule:
         """Rule of the stretching energy, mostly with one point in the middle of each span.
 
-        The two end spans, a span that begins at a repeated knot, and a span that ends at a triple knot or at a cut
-        have two points (`axial_points`).
+        The two end spans, a span that begins at a repeated knot, and a span that ends at a triple
+        knot or at a cut have two points (`axial_points`).
 
-        A cubic cannot keep |T| = 1 along a span with changing curvature. At the stiffness of a real suture, a full
-        rule blocks its bending (membrane locking). The rule has n − 1 points per piece, as many as T has functions,
-        so that every stretch is seen. Its weights integrate each of these functions exactly, so that a uniform
-        tension is in equilibrium on any knots. A single point is stored as two equal points, so that all spans have
-        the same shape.
+        A cubic cannot keep |T| = 1 along a span with changing curvature. At the stiffness of a real
+        suture, a full rule blocks its bending (membrane locking). The rule has n − 1 points per
+        piece, as many as T has functions, so that every stretch is seen. Its weights integrate each
+        of these functions exactly, so that a uniform tension is in equilibrium on any knots. A
+        single point is stored as two equal points, so that all spans have the same shape.
 
-        Between these points |T| can still fall to zero. A hole that imposes a sharp turn would lead there, because
-        T·u = 0 holds for T = 0. The term `thread.kernels.curve.crushing`, on the rule of bending, prevents this,
-        and `barrier` prevents it at the knots of holes.
+        Between these points |T| can still fall to zero. A hole that imposes a sharp turn would lead
+        there, because T·u = 0 holds for T = 0. The term `thread.kernels.curve.crushing`, on the
+        rule of bending, prevents this, and `barrier` prevents it at the knots of holes.
         """
         return carried(self.spline, self.knot_rules[1])
 
     @cached_property
     def axial_parameters(self) -> tuple[Array, Array]:
-        """Points and weights of `axial_rule` in the parameter of the knots, shape `(spans, 2)` each.
+        """Points and weights of `axial_rule` in the parameter of the knots, shape `(spans, 2)`
+        each.
 
         Two equal points share their weight. Raises `ThreadError` as `exact_weights` does.
         """
@@ -300,7 +313,9 @@ class Thread:
 
     @cached_property
     def mass_matrix(self) -> csr_matrix:
-        """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same for x, y, z."""
+        """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same
+        for x, y, z.
+        """
         return csr_matrix(dia_array((self._whole_mass, np.arange(LOCAL - 1, -LOCAL, -1)), shape=(self.n, self.n)))
 
     @cached_property
@@ -312,8 +327,9 @@ class Thread:
     def mass_band(self) -> Array:
         """The inertia of all coordinates in banded storage [kg, for θ kg m²].
 
-        The inertia of the sections' spin about the tangent is ∫ρJ b_i b_j ds. The turn of the spin's axis with the
-        thread (a gyroscopic couple) is neglected. Its ratio to the inertia of the mass is (diameter/wavelength)².
+        The inertia of the sections' spin about the tangent is ∫ρJ b_i b_j ds. The turn of the
+        spin's axis with the thread (a gyroscopic couple) is neglected. Its ratio to the inertia of
+        the mass is (diameter/wavelength)².
         """
         c, h = self.coordinates, self.half_band
         band = np.zeros((3 * h + 1, c * self.n))
@@ -336,7 +352,9 @@ class Thread:
 
     @cached_property
     def largest_bending(self) -> float:
-        """Bending stiffness of the control point with the shortest spans h around it, 8/3 EI/h³ [N/m]."""
+        """Bending stiffness of the control point with the shortest spans h around it, 8/3 EI/h³
+        [N/m].
+        """
         return 8.0 / 3.0 * self.EI / float(np.diff(self.spline.breaks).min()) ** 3
 
     @property
@@ -392,19 +410,22 @@ class Thread:
         return Elements(first, reach, seen, self.n, self.coordinates, self.half_band)
 
     def band_at(self, first: Indices, blocks: Array) -> Array:
-        """Return the sum, in banded storage, of matrices (m, 4, 4, 3, 3) of the positions of four points from
-        `first` (m,) on."""
+        """Return the sum, in banded storage, of matrices (m, 4, 4, 3, 3) of the positions of four
+        points from `first` (m,) on.
+        """
         return self.elements(first, LOCAL, POSITION).band(blocks)
 
     def vector(self, blocks: Array) -> Array:
-        """Return the sum of span vectors of the positions, `(spans, 4, 3)`, at the control points, shape `(n, c)`."""
+        """Return the sum of span vectors of the positions, `(spans, 4, 3)`, at the control points,
+        shape `(n, c)`.
+        """
         return self.elements(self.spline.first, LOCAL, POSITION).vector(blocks)
 
     def points(self, q: Array, frame: Frame | None = None) -> Points:
         """Return the thread at the integration points of its energies.
 
-        A thread with twist needs the `frame` at the start of the step, from which θ is measured; None without
-        twist.
+        A thread with twist needs the `frame` at the start of the step, from which θ is measured;
+        None without twist.
         """
         at = tuple([energy.evaluate(q, frame) for energy in self.energies])
         return Points(at[0].strain, at)
@@ -414,19 +435,23 @@ class Thread:
         return sum(energy.energy(at) for (_, energy), at in self._each(points))
 
     def gradient(self, points: Points) -> Array:
-        """Return the derivative of the elastic energy by the control values, shape `(n, c)` [N, with twist N m]."""
+        """Return the derivative of the elastic energy by the control values, shape `(n, c)` [N,
+        with twist N m].
+        """
         return total([elements.vector(energy.gradient(at)) for (elements, energy), at in self._each(points)])
 
     def tangent(self, points: Points, N: Array) -> Array:
         """Return the second derivative of the elastic energy, banded.
 
-        `N` [N] is the axial force at the points of the strain: `EA * points.strain` for the exact Hessian, the
-        iterated force for the mixed-integration-point Newton.
+        `N` [N] is the axial force at the points of the strain: `EA * points.strain` for the exact
+        Hessian, the iterated force for the mixed-integration-point Newton.
         """
         return total([elements.band(energy.tangent(at, N)) for (elements, energy), at in self._each(points)])
 
     def next_axial_force(self, points: Points, dq: Array) -> Array:
-        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation N/EA = ε(q)."""
+        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation
+        N/EA = ε(q).
+        """
         return self.axial.next_axial_force(points.at[0], dq)
 
     # -- relaxation --------------------------------------------------------------------------------------------
@@ -438,8 +463,8 @@ class Thread:
 
     @cached_property
     def _natural(self) -> tuple[Array, Array] | None:
-        """The natural strain of each span, `(spans,)` [-], and its excess at the ends of the span, `(spans, 2)`
-        [1/m].
+        """The natural strain of each span, `(spans,)` [-], and its excess at the ends of the span,
+        `(spans, 2)` [1/m].
 
         The excess is over the length of the span. None means zero.
         """
@@ -473,8 +498,8 @@ class Thread:
         return other
 
     def after_step(self, q: Array, dt: float) -> Memory:
-        """Return the memory at the start of a step of `dt` [s], after a step that ended at control values `q`
-        (n, c).
+        """Return the memory at the start of a step of `dt` [s], after a step that ended at control
+        values `q` (n, c).
 
         A thread without memory has been stretched to this state in no time.
         """
@@ -488,7 +513,9 @@ class Thread:
         return Memory(material, strain, self.memory.held_after(self.relaxation, strain), dt)
 
     def stored_energy(self, points: Points) -> float:
-        """Return the elastic energy [J]; for a relaxing thread the energy of its springs at the end of the step."""
+        """Return the elastic energy [J]; for a relaxing thread the energy of its springs at the end
+        of the step.
+        """
         energy, series, memory = self.energy(points), self.relaxation, self._memory_of_spans
         if series is None or memory is None:
             return energy
@@ -506,7 +533,8 @@ class Thread:
     # -- twist -------------------------------------------------------------------------------------------------
 
     def untwisted_frame(self, q: Array) -> Frame | None:
-        """Return the frame of the initial thread `q` without twist; None if the thread has no twist.
+        """Return the frame of the initial thread `q` without twist; None if the thread has no
+        twist.
 
         Raises `ThreadError` if `coil_towards` is along the thread.
         """
@@ -522,8 +550,8 @@ class Thread:
         return None if frame is None else transport_frame(self.stations, frame, q)
 
     def interpolate_frame(self, frame: Frame, other: "Thread", q: Array) -> Frame:
-        """Return the frame at this thread's stations on the curve `q`, interpolated from the stations of an `other`
-        thread.
+        """Return the frame at this thread's stations on the curve `q`, interpolated from the
+        stations of an `other` thread.
 
         This thread can have cuts that the other does not have.
         """

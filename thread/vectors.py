@@ -27,7 +27,9 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def curvature(first: Array, second: Array) -> Array:
-    """Return the curvature |P' × P''|/|P'|³ [1/m] from derivatives of a curve by any parameter; 0/0 is NaN."""
+    """Return the curvature |P' × P''|/|P'|³ [1/m] from derivatives of a curve by any parameter; 0/0
+    is NaN.
+    """
     return np.asarray(np.linalg.norm(cross(first, second), axis=-1) / np.linalg.norm(first, axis=-1) ** 3)
 
 

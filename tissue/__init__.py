@@ -1,4 +1,6 @@
-"""The organ: linear or finite-strain elasticity on tetrahedra, and its nine site variables per piercing."""
+"""The organ: linear or finite-strain elasticity on tetrahedra, and its nine site variables per
+piercing.
+"""
 
 from tissue.deformation import cauchy_stress, cell_deformation, cell_energy, cell_stretch, principal_stretch
 from tissue.elasticity import Elasticity, elasticity

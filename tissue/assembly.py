@@ -1,9 +1,10 @@
-"""Stiffness, mass and dilatation of straight tetrahedra, summed over the cells in one compiled pass.
+"""Stiffness, mass and dilatation of straight tetrahedra, summed over the cells in one compiled
+pass.
 
-In a cell ∇φ_i = Σ_c s_ic g_c with the gradients g_0 to g_3 of its barycentric coordinates, which are constant in
-the cell. Every integral is then a sum of products of the g_c, weighted by means over the reference cell. These
-means come from scikit-fem's shape functions and quadrature (`ReferenceMeans`). Numba compiles the loops at their
-first call and caches them on disk.
+In a cell ∇φ_i = Σ_c s_ic g_c with the gradients g_0 to g_3 of its barycentric coordinates, which
+are constant in the cell. Every integral is then a sum of products of the g_c, weighted by means
+over the reference cell. These means come from scikit-fem's shape functions and quadrature
+(`ReferenceMeans`). Numba compiles the loops at their first call and caches them on disk.
 """
 
 from dataclasses import dataclass, replace
@@ -26,10 +27,11 @@ NONE = 1e-12  # of a slope in the reference cell, whose edges have length one: s
 
 @dataclass(frozen=True)
 class ReferenceMeans:
-    """Means over a cell of products of its n shape functions φ, their slopes and the four linear functions ψ.
+    """Means over a cell of products of its n shape functions φ, their slopes and the four linear
+    functions ψ.
 
-    With ∇φ_i = Σ_c s_ic g_c, `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd, `shapes` `(n, n)` the means of φ_i
-    φ_j, and `fluxes` `(4, n, 4)` the means of ψ_a s_jc.
+    With ∇φ_i = Σ_c s_ic g_c, `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd, `shapes` `(n, n)`
+    the means of φ_i φ_j, and `fluxes` `(4, n, 4)` the means of ψ_a s_jc.
     """
 
     slopes: Array
@@ -38,8 +40,9 @@ class ReferenceMeans:
 
     @property
     def apart(self) -> "ReferenceMeans":
-        """The same means, but with the mean of s_ic times the mean of s_jd as `slopes`, for terms of a cell's mean
-        slope."""
+        """The same means, but with the mean of s_ic times the mean of s_jd as `slopes`, for terms
+        of a cell's mean slope.
+        """
         mean = self.fluxes.sum(axis=0)  # the sum of the four linear functions is one
         mean[np.abs(mean) <= NONE] = 0.0
         return replace(self, slopes=np.einsum("ic,jd->ijcd", mean, mean))
@@ -58,13 +61,16 @@ def reference_means(element: Element) -> ReferenceMeans:
 
 
 def _shapes(element: Element, X: Array) -> tuple[Array, Array]:
-    """Return the shape functions `(n, x)` at points of the reference cell, and their slopes `(n, 4, x)`."""
+    """Return the shape functions `(n, x)` at points of the reference cell, and their slopes `(n, 4,
+    x)`.
+    """
     values = [element.lbasis(X, i) for i in range(len(element.doflocs))]
     return np.array([phi for phi, _ in values]), np.array([_shortest(slope) for _, slope in values])
 
 
 def _shortest(slope: Array) -> Array:
-    """Return slopes along all four barycentric coordinates, with the most zeros, from slopes along three `(3, x)`.
+    """Return slopes along all four barycentric coordinates, with the most zeros, from slopes along
+    three `(3, x)`.
 
     The four gradients sum to zero, so that a common value can be added to all slopes.
     """
@@ -77,8 +83,9 @@ def _shortest(slope: Array) -> Array:
 class CellGraph:
     """The cells `(c, n)` over m nodes, the cells around each node and the neighbours of each node.
 
-    The four vertices of a cell come first. The cells around node a are in `around` from `begin[a]` on. The nodes of
-    these cells are in `neighbours` from `first[a]` on, sorted and including a itself.
+    The four vertices of a cell come first. The cells around node a are in `around` from `begin[a]`
+    on. The nodes of these cells are in `neighbours` from `first[a]` on, sorted and including a
+    itself.
     """
 
     cells: Whole
@@ -101,8 +108,9 @@ def cell_graph(cells: Whole, nodes: int) -> CellGraph:
 
 
 def barycentric_gradients(points: Array, graph: CellGraph) -> tuple[Array, Array]:
-    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³]; nodes are at `points` `(m, 3)`
-    [m]."""
+    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³]; nodes are at
+    `points` `(m, 3)` [m].
+    """
     return _gradients(np.ascontiguousarray(points), graph.cells)
 
 
@@ -111,8 +119,8 @@ def stiffness_and_mass(
 ) -> tuple[csr_matrix, csr_matrix]:
     """Return K [N/m] and M [kg], shape `(3m, 3m)` each.
 
-    `lam` and `mu` are λ and μ times the volumes of the cells [N m], `weight` the masses of the cells [kg], `(c,)`
-    each.
+    `lam` and `mu` are λ and μ times the volumes of the cells [N m], `weight` the masses of the
+    cells [kg], `(c,)` each.
     """
     n = graph.cells.shape[1]
     K, M, mass = _zeros(graph, graph.nodes, 3, 3), _zeros(graph, graph.nodes, 3, 1), np.zeros(len(graph.neighbours))
@@ -125,7 +133,9 @@ def stiffness_and_mass(
 
 
 def fluxes(graph: CellGraph, means: ReferenceMeans, gradients: Array, vertices: int, volumes: Array) -> csr_matrix:
-    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²]; cells with a given volume of zero are left out."""
+    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²]; cells with a given volume of zero are
+    left out.
+    """
     D = _zeros(graph, vertices, 1, 3)
     _add_fluxes(*_arrays(graph), gradients, means.fluxes, volumes, vertices, D.data)
     return D
@@ -138,7 +148,8 @@ def _arrays(graph: CellGraph) -> tuple[Whole, Whole, Whole, Whole, Whole]:
 def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
     """Return a matrix of zeros with `rows` rows for each of the first `nodes` nodes.
 
-    A row has entries for all three unknowns of each neighbour, or with `width` 1 only for the component of the row.
+    A row has entries for all three unknowns of each neighbour, or with `width` 1 only for the
+    component of the row.
     """
     first, neighbours = graph.first[: nodes + 1], graph.neighbours[: graph.first[nodes]]
     entries, columns = rows * width * len(neighbours), 3 * graph.nodes
@@ -150,7 +161,9 @@ def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
 
 @compiled
 def _cells_around(cells: Whole, nodes: int) -> tuple[Whole, Whole]:
-    """Return the start index of the cells around each node, `(m + 1,)`, and the list of these cells."""
+    """Return the start index of the cells around each node, `(m + 1,)`, and the list of these
+    cells.
+    """
     begin = np.zeros(nodes + 1, np.int64)
     for e in range(len(cells)):
         for i in range(cells.shape[1]):
@@ -167,8 +180,8 @@ def _cells_around(cells: Whole, nodes: int) -> tuple[Whole, Whole]:
 
 @compiled
 def _neighbours(cells: Whole, begin: Whole, around: Whole) -> tuple[Whole, Whole]:
-    """Return the start index of the neighbours of each node, `(m + 1,)`, and the list of neighbours, sorted per
-    node.
+    """Return the start index of the neighbours of each node, `(m + 1,)`, and the list of
+    neighbours, sorted per node.
 
     Neighbours are nodes that share a cell with the node.
     """
@@ -239,10 +252,12 @@ def _add_rows(
     K: Array,
     mass: Array,
 ) -> None:
-    """Add up the rows of K and of the nodal mass, node by node, so that the rows stay in the processor's cache.
+    """Add up the rows of K and of the nodal mass, node by node, so that the rows stay in the
+    processor's cache.
 
-    For the nodes i and j of a cell, B = ⟨∇φ_i ⊗ ∇φ_j⟩ is a sum of products g_c ⊗ g_d with `weights`. The `terms` 4
-    c + d of this sum begin at `sums[n i + j]`. B adds λ B + μ Bᵀ + μ tr B I to K, with λ and μ times the volume.
+    For the nodes i and j of a cell, B = ⟨∇φ_i ⊗ ∇φ_j⟩ is a sum of products g_c ⊗ g_d with
+    `weights`. The `terms` 4 c + d of this sum begin at `sums[n i + j]`. B adds λ B + μ Bᵀ + μ tr B
+    I to K, with λ and μ times the volume.
     """
     n, place, B = cells.shape[1], np.zeros(len(first) - 1, np.int64), np.empty(9)
     for a in range(len(first) - 1):

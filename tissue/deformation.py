@@ -8,12 +8,15 @@ from tissue.materials.density import Density
 
 
 def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
-    """Return F = I + ∂U/∂X, the mean over each cell, shape `(c, 3, 3)` [-]; `U` [m] is over all unknowns `(N,)`."""
+    """Return F = I + ∂U/∂X, the mean over each cell, shape `(c, 3, 3)` [-]; `U` [m] is over all
+    unknowns `(N,)`.
+    """
     return _cell_means(hyper, hyper.gradient(U))
 
 
 def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
-    """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], and its rotation [rad], `(c,)`.
+    """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], and its
+    rotation [rad], `(c,)`.
 
     Both are measured from the reference shape, without the prestretch.
     """
@@ -21,9 +24,11 @@ def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
 
 
 def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
-    """Return stretches and rotation of each cell as `cell_stretch` does, and the directions of the stretches.
+    """Return stretches and rotation of each cell as `cell_stretch` does, and the directions of the
+    stretches.
 
-    The directions are unit vectors in the deformed tissue, rows of `(c, 3, 3)` [-], with arbitrary sign.
+    The directions are unit vectors in the deformed tissue, rows of `(c, 3, 3)` [-], with arbitrary
+    sign.
     """
     left, stretch, right = np.linalg.svd(cell_deformation(hyper, U))
     R = left @ right

@@ -1,14 +1,14 @@
 """Small-strain isotropic linear elasticity on tetrahedra, with scikit-fem's elements and bases.
 
-Nearly incompressible tissue locks if every cell must keep its own volume, because a tetrahedral mesh has five to
-six cells per vertex. There the part of λ beyond the value at ν = 0.3 acts on the dilatation averaged at the
-vertices (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is one constraint per vertex. With P2 it is the
-pressure of the Taylor–Hood element with a lumped mass. The rest of λ acts on the dilatation of each cell and
-resists modes that the average does not see (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both
-formulations are equal.
+Nearly incompressible tissue locks if every cell must keep its own volume, because a tetrahedral
+mesh has five to six cells per vertex. There the part of λ beyond the value at ν = 0.3 acts on the
+dilatation averaged at the vertices (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is
+one constraint per vertex. With P2 it is the pressure of the Taylor–Hood element with a lumped mass.
+The rest of λ acts on the dilatation of each cell and resists modes that the average does not see
+(Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both formulations are equal.
 
-Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`). These are about twenty
-times as fast as scikit-fem's forms and give the same numbers up to round-off.
+Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`). These
+are about twenty times as fast as scikit-fem's forms and give the same numbers up to round-off.
 """
 
 import logging
@@ -48,9 +48,9 @@ ENTRIES = 15_000_000  # of the local matrices that are computed together: half a
 class Elasticity:
     """The discrete organ: M Ü + K U = f over `N` displacement unknowns, some of them clamped.
 
-    Made by `elasticity`. `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`. Every unknown is either in
-    `clamped` or in `free`. `pressure` [Pa/m], shape `(vertices, N)`, gives the part of λ div U that is averaged at
-    the vertices; None if λ acts cell by cell.
+    Made by `elasticity`. `K` [N/m] and `M` [kg] are over all unknowns, shape `(N, N)`. Every
+    unknown is either in `clamped` or in `free`. `pressure` [Pa/m], shape `(vertices, N)`, gives the
+    part of λ div U that is averaged at the vertices; None if λ acts cell by cell.
     """
 
     mesh: MeshTet
@@ -70,7 +70,9 @@ class Elasticity:
 
     @cached_property
     def nodes(self) -> Indices:
-        """Unknowns of each node, shape `(m, 3)`: vertices first, then (P2) the middles of the edges."""
+        """Unknowns of each node, shape `(m, 3)`: vertices first, then (P2) the middles of the
+        edges.
+        """
         blocks = [self.basis.nodal_dofs.T]
         if self.element == "P2":
             blocks.append(self.basis.edge_dofs.T)
@@ -105,20 +107,22 @@ class Elasticity:
 
     @cached_property
     def corner_slopes(self) -> csr_matrix:
-        """∂/∂x_j of a nodal field `(m,)` at the corners of each cell, its largest values, shape `(3 a c, m)` [1/m].
+        """∂/∂x_j of a nodal field `(m,)` at the corners of each cell, its largest values, shape `(3
+        a c, m)` [1/m].
 
-        There is a row for each j, corner and cell; with P1 only one corner, because the gradient is constant. Every
-        frame of the output uses this matrix.
+        There is a row for each j, corner and cell; with P1 only one corner, because the gradient is
+        constant. Every frame of the output uses this matrix.
         """
         corners = np.asarray(ELEMENTS[self.element]().doflocs)[:VERTICES]
         return slope_matrix(self, corners if self.element == "P2" else corners[:1])
 
     @cached_property
     def mean_slopes(self) -> tuple[csr_matrix, Array, Array]:
-        """∂/∂x_j as in `corner_slopes`, at quadrature points; with these points `(a, 3)` and their weights `(a,)`.
+        """∂/∂x_j as in `corner_slopes`, at quadrature points; with these points `(a, 3)` and their
+        weights `(a,)`.
 
-        The rule is exact for the square of a strain. Its points are in the reference cell, and its weights sum to
-        1.
+        The rule is exact for the square of a strain. Its points are in the reference cell, and its
+        weights sum to 1.
         """
         element = ELEMENTS[self.element]()
         places, weights = get_quadrature(element, max(1, 2 * element.maxdeg - 2))
@@ -136,14 +140,16 @@ class Elasticity:
         return np.abs(self.signed_six_volumes)
 
     def edge_numbers(self, edges: Indices) -> Indices:
-        """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape `(k,)`."""
+        """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape
+        `(k,)`.
+        """
         known, asked = (np.sort(pairs, axis=1) @ [self.mesh.nvertices, 1] for pairs in (self.mesh.edges.T, edges))
         order = np.argsort(known)
         return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
     def facet_nodes(self, triangles: Indices) -> Indices:
-        """Return the nodes of facets given by their vertices `(f, 3)`: the vertices, and with P2 the middles of the
-        edges.
+        """Return the nodes of facets given by their vertices `(f, 3)`: the vertices, and with P2
+        the middles of the edges.
 
         The edges are in the order 01, 12, 02.
         """
@@ -153,7 +159,9 @@ class Elasticity:
         return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
 
     def connectivity(self) -> tuple[Array, Indices, Indices]:
-        """Return `(points, cells, nodes)`: the mesh for a file of the organ, and the map from nodes to unknowns."""
+        """Return `(points, cells, nodes)`: the mesh for a file of the organ, and the map from nodes
+        to unknowns.
+        """
         return self.points, self.cells, self.nodes
 
     def nodal(self, field: Array) -> Array:
@@ -161,13 +169,17 @@ class Elasticity:
         return field[self.nodes]
 
     def rows_of(self, nodes: Indices) -> csr_matrix:
-        """Return the displacement of `nodes` `(r,)` over the free unknowns, as rows of ones, shape `(3r, N)`."""
+        """Return the displacement of `nodes` `(r,)` over the free unknowns, as rows of ones, shape
+        `(3r, N)`.
+        """
         unknowns = self.nodes[nodes].ravel()
         at = np.arange(unknowns.size), unknowns
         return csr_matrix((np.ones(unknowns.size), at), (unknowns.size, self.N))[:, self.free]
 
     def flat(self, nodal: Array) -> Array:
-        """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of `nodal`."""
+        """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of
+        `nodal`.
+        """
         field = np.empty(self.N)
         field[self.nodes] = nodal
         return field
@@ -179,7 +191,9 @@ class Elasticity:
         return full
 
     def body_force(self, acceleration: Array) -> Array:
-        """Return the load of a uniform acceleration (3,) [m/s²] on the organ's mass, shape `(N,)` [N]."""
+        """Return the load of a uniform acceleration (3,) [m/s²] on the organ's mass, shape `(N,)`
+        [N].
+        """
         return np.asarray(self.M @ self.flat(np.broadcast_to(np.asarray(acceleration, float), self.nodes.shape)))
 
 
@@ -193,9 +207,10 @@ def elasticity(
 ) -> Elasticity:
     """Assemble stiffness and consistent mass on `mesh`, clamped at the boundaries named in `clamp`.
 
-    The boundaries named in `roller`, each a plane normal to an axis, are held only along this axis. `dilatation` is
-    "cell", "nodal" (averaged at the vertices above ν = 0.3), or "auto": nodal if ν > 0.45. Raises `TissueError` for
-    an unknown element, dilatation or boundary, and for a material whose arrays do not have one value per cell.
+    The boundaries named in `roller`, each a plane normal to an axis, are held only along this axis.
+    `dilatation` is "cell", "nodal" (averaged at the vertices above ν = 0.3), or "auto": nodal if ν
+    > 0.45. Raises `TissueError` for an unknown element, dilatation or boundary, and for a material
+    whose arrays do not have one value per cell.
     """
     if element not in ELEMENTS:
         raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")
@@ -220,7 +235,9 @@ def elasticity(
 
 
 def distortion(body: Elasticity, share: PerCell) -> csr_matrix:
-    """Return the stiffness of a `share` of a body's distortion, 2μ dev ε, over all unknowns, shape `(N, N)` [N/m]."""
+    """Return the stiffness of a `share` of a body's distortion, 2μ dev ε, over all unknowns, shape
+    `(N, N)` [N/m].
+    """
     mu = share * np.asarray(body.material.lame_mu)
     assembled = assembled_by_loops if is_compiled(body.basis) else assembled_by_scikit_fem
     return assembled(body.basis, -2.0 / 3.0 * mu, mu, body.material.density, None).K
@@ -235,7 +252,9 @@ def numbering(mesh: MeshTet, element: str) -> Basis:
 
 
 class Assembled(NamedTuple):
-    """K [N/m] and M [kg], `(N, N)`, without averaged terms; and flux and pressure of `nodal_dilatation`, or None."""
+    """K [N/m] and M [kg], `(N, N)`, without averaged terms; and flux and pressure of
+    `nodal_dilatation`, or None.
+    """
 
     K: csr_matrix
     M: csr_matrix
@@ -248,7 +267,9 @@ def is_compiled(basis: Basis) -> bool:
 
 
 def assembled_by_scikit_fem(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
-    """Assemble by scikit-fem's forms; `excess` is the part of λ averaged at the vertices, None without averaging."""
+    """Assemble by scikit-fem's forms; `excess` is the part of λ averaged at the vertices, None
+    without averaging.
+    """
     dilatations = None if excess is None else nodal_dilatation(basis, excess)
     return Assembled(stiffness(basis, lam, mu), mass(basis, rho), dilatations)
 
@@ -273,7 +294,8 @@ def assembled_by_loops(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, ex
 
 
 def slope_matrix(elasticity: Elasticity, places: Array) -> csr_matrix:
-    """Return the matrix `(3 a c, m)` [1/m] from a nodal field to ∂/∂x_j at `places` `(a, 3)` of the reference cell.
+    """Return the matrix `(3 a c, m)` [1/m] from a nodal field to ∂/∂x_j at `places` `(a, 3)` of the
+    reference cell.
 
     It has a row for each j, place and cell.
     """
@@ -285,14 +307,17 @@ def slope_matrix(elasticity: Elasticity, places: Array) -> csr_matrix:
 
 
 def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
-    """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)` [1/m]."""
+    """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)`
+    [1/m].
+    """
     slopes = reference_slopes(elasticity.element, places)
     return np.einsum("nka,ckj->canj", slopes, elasticity.inverse_edges, optimize=True)
 
 
 def reference_slopes(name: str, places: Array) -> Array:
-    """Return ∂φ_n/∂ξ_k of an element's shape functions at `places` `(a, 3)` of the reference cell, shape
-    `(n, 3, a)`."""
+    """Return ∂φ_n/∂ξ_k of an element's shape functions at `places` `(a, 3)` of the reference cell,
+    shape `(n, 3, a)`.
+    """
     element, count = ELEMENTS[name](), len(places)
     each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
     return np.array([np.broadcast_to(slope, (3, count)) for slope in each])
@@ -311,10 +336,11 @@ def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
 
 
 def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_matrix]:
-    """Assemble D_aj = ∫ ψ_a div φ_j dx [m²] and p = diag(1/∫ ψ_a/λ̄ dx) D [Pa/m], both `(vertices, N)`.
+    """Assemble D_aj = ∫ ψ_a div φ_j dx [m²] and p = diag(1/∫ ψ_a/λ̄ dx) D [Pa/m], both `(vertices,
+    N)`.
 
-    ψ are the P1 functions, and λ̄ is the `excess` of λ over the part that acts cell by cell. Cells without excess
-    do not contribute. The energy is ½ UᵀDᵀpU.
+    ψ are the P1 functions, and λ̄ is the `excess` of λ over the part that acts cell by cell. Cells
+    without excess do not contribute. The energy is ½ UᵀDᵀpU.
     """
     exact = Basis(basis.mesh, basis.elem, intorder=max(1, 2 * basis.elem.elem.maxdeg - 2))
     vertices = exact.with_element(ElementTetP1())
@@ -324,13 +350,17 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 
 
 def _softness(mesh: MeshTet, excess: PerCell) -> tuple[Array, Array]:
-    """Return 1 for each cell with an excess λ̄ of λ, else 0; and 1/λ̄ [1/Pa], zero without excess; `(c,)` each."""
+    """Return 1 for each cell with an excess λ̄ of λ, else 0; and 1/λ̄ [1/Pa], zero without excess;
+    `(c,)` each.
+    """
     lam = np.broadcast_to(np.asarray(excess, float), mesh.nelements)
     return (lam > 0.0).astype(float), np.divide(1.0, lam, out=np.zeros(lam.size), where=lam > 0.0)
 
 
 def _pressure(D: csr_matrix, volume: Array) -> csr_matrix:
-    """Return p = diag(1/volume) D; `volume` is volume over λ̄ of each vertex [m³/Pa], and p is zero if it is zero."""
+    """Return p = diag(1/volume) D; `volume` is volume over λ̄ of each vertex [m³/Pa], and p is zero
+    if it is zero.
+    """
     return csr_matrix(diags_array(np.divide(1.0, volume, out=np.zeros(volume.size), where=volume > 0.0)) @ D)
 
 
@@ -369,7 +399,8 @@ def _check_cells(name: str, value: PerCell, mesh: MeshTet) -> None:
 
 
 def assemble(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[np.float64]) -> csr_matrix:
-    """Assemble the matrix of a form over the unknowns of `basis`, with a quadrature exact to degree `intorder`.
+    """Assemble the matrix of a form over the unknowns of `basis`, with a quadrature exact to degree
+    `intorder`.
 
     `fields` are `(1, 1)`, or `(cells, 1)` for a value per cell.
     """

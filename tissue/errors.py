@@ -2,7 +2,9 @@
 
 
 class TissueError(ValueError):
-    """An impossible organ, material or site: one sentence with the value, the allowed values and the remedy."""
+    """An impossible organ, material or site: one sentence with the value, the allowed values and
+    the remedy.
+    """
 
 
 class FactorError(RuntimeError):

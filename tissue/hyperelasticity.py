@@ -1,10 +1,11 @@
-"""Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX, F = I + ∇U (total Lagrangian).
+"""Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX, F = I + ∇U (total
+Lagrangian).
 
-W is a density of distortion (`tissue.materials`) plus κ/2 (J − 1)² with the same E and ν as the linear organ. At
-small strain it equals the linear organ. If the linear organ averages its dilatation (`tissue.elasticity`), the part
-of κ beyond the value at ν = 0.3 acts here on J averaged at the vertices: ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX
-and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is an energy, so that the tangent
-is symmetric.
+W is a density of distortion (`tissue.materials`) plus κ/2 (J − 1)² with the same E and ν as the
+linear organ. At small strain it equals the linear organ. If the linear organ averages its
+dilatation (`tissue.elasticity`), the part of κ beyond the value at ν = 0.3 acts here on J averaged
+at the vertices: ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton,
+Commun. Numer. Meth. Engng 14, 1998). This is an energy, so that the tangent is symmetric.
 """
 
 from collections.abc import Sequence
@@ -33,8 +34,8 @@ NONE = (1.0, 1.0, 1.0)  # stretches without prestretch
 class Pattern:
     """The pattern that adds local matrices to a sparse one of `indices`, `indptr` and `shape`.
 
-    `block` `(…)` is the number of each local block. `order` sorts the numbers of all blocks into the data of the
-    sparse matrix.
+    `block` `(…)` is the number of each local block. `order` sorts the numbers of all blocks into
+    the data of the sparse matrix.
     """
 
     block: Indices
@@ -44,7 +45,9 @@ class Pattern:
     shape: tuple[int, int]
 
     def matrix(self, local: Array) -> csr_matrix:
-        """Return the sum of `local` blocks, shape `(rows, columns, …)`: the axes of a block come first."""
+        """Return the sum of `local` blocks, shape `(rows, columns, …)`: the axes of a block come
+        first.
+        """
         each = local.reshape(-1, self.block.size)
         sums = [np.bincount(self.block, part) for part in each]
         return csr_matrix((np.column_stack(sums).ravel()[self.order], self.indices, self.indptr), shape=self.shape)
@@ -69,12 +72,12 @@ def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: I
 
 @dataclass(frozen=True, eq=False)
 class Hyperelasticity:
-    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a density of
-    `distortion`.
+    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a
+    density of `distortion`.
 
-    `distortion` None means the neo-Hookean solid with the body's μ. `prestretch` are principal stretches of the
-    reference shape along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are over all unknowns `(N,)`. Forces are
-    over all unknowns, tangents over the free ones.
+    `distortion` None means the neo-Hookean solid with the body's μ. `prestretch` are principal
+    stretches of the reference shape along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are
+    over all unknowns `(N,)`. Forces are over all unknowns, tangents over the free ones.
     """
 
     body: Elasticity
@@ -88,7 +91,9 @@ class Hyperelasticity:
 
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
-        """Points `(q, 3)` and weights `(q,)` in the reference cell, exact for the linear organ's energy."""
+        """Points `(q, 3)` and weights `(q,)` in the reference cell, exact for the linear organ's
+        energy.
+        """
         degree = max(1, 2 * (ELEMENTS[self.body.element]().maxdeg - 1))
         places, weights = get_quadrature(RefTet, degree)
         return np.ascontiguousarray(places.T), weights
@@ -122,7 +127,8 @@ class Hyperelasticity:
         return self.distortion or Exponential(self.body.material.lame_mu)
 
     def density_of(self, parts: Sequence[Density]) -> Density:
-        """Return the sum of the densities `parts` and of the volumetric density, in the reference shape.
+        """Return the sum of the densities `parts` and of the volumetric density, in the reference
+        shape.
 
         The densities are for the tissue without prestretch.
         """
@@ -132,13 +138,15 @@ class Hyperelasticity:
     def relaxing(self, part: PerCell, H: Array | None) -> Density:
         """Return the density of relaxing tissue (`tissue.relaxation`) for one step.
 
-        The density of distortion is multiplied by `part`, and a constant stress H `(3, 3, q, c)` [Pa] is added;
-        None means no stress. Both are for the tissue without prestretch.
+        The density of distortion is multiplied by `part`, and a constant stress H `(3, 3, q, c)`
+        [Pa] is added; None means no stress. Both are for the tissue without prestretch.
         """
         return self.density_of([Part(self._distortion, part), *([] if H is None else [Held(H)])])
 
     def distortional_stress(self, F: Array) -> Array:
-        """Return S_iso, the second Piola stress of distortion of the tissue without prestretch, `(3, 3, q, c)` [Pa]."""
+        """Return S_iso, the second Piola stress of distortion of the tissue without prestretch,
+        `(3, 3, q, c)` [Pa].
+        """
         F = F * np.asarray(self.prestretch, dtype=float).reshape(3, 1, -1)
         inverse = cofactor(F) / determinant(F)
         return np.asarray(np.einsum("ki...,kj...->ij...", inverse, self._distortion.stress(F)))
@@ -172,8 +180,9 @@ class Hyperelasticity:
         return np.divide(1.0, S, out=np.zeros(S.size), where=S > 0.0)
 
     def _at_vertices(self, local: Array) -> Array:
-        """Return the sums at the vertices of values `(4, q, c)` of the cells' vertices and points, shape
-        `(vertices,)`."""
+        """Return the sums at the vertices of values `(4, q, c)` of the cells' vertices and points,
+        shape `(vertices,)`.
+        """
         mesh = self.body.mesh
         return np.asarray(np.bincount(mesh.t.ravel(), local.sum(axis=1).ravel(), mesh.nvertices), dtype=float)
 
@@ -182,7 +191,9 @@ class Hyperelasticity:
         return self._at_vertices(self._hats * (J - 1.0 / self._before))
 
     def pressure(self, U: Array) -> Array:
-        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero without averaging."""
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero without
+        averaging.
+        """
         if self.body.pressure is None:
             return np.zeros(self.body.mesh.nvertices)
         return self._stiffness_of_vertices * self._gaps(determinant(self.gradient(U)))
@@ -205,12 +216,13 @@ class Hyperelasticity:
         return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
 
     def energy(self, F: Array, density: Density | None = None) -> float:
-        """Return the stored energy [J] of deformation gradients from `gradient`; infinite if a cell is inverted.
+        """Return the stored energy [J] of deformation gradients from `gradient`; infinite if a cell
+        is inverted.
 
         Here and below, a given `density` replaces the density of the body.
 
-        The energy is zero for tissue without prestretch. It therefore includes the energy of the reference shape,
-        `energy_of_prestretch`.
+        The energy is zero for tissue without prestretch. It therefore includes the energy of the
+        reference shape, `energy_of_prestretch`.
         """
         J = determinant(F)
         if not J.min() > 0.0:
@@ -231,8 +243,9 @@ class Hyperelasticity:
         return bool(determinant(F).min() > 0.0)
 
     def energy_at_points(self, F: Array, density: Density | None = None) -> Array:
-        """Return the stored energy of each quadrature point, shape `(q, c)` [J], including its share of averaged
-        terms."""
+        """Return the stored energy of each quadrature point, shape `(q, c)` [J], including its
+        share of averaged terms.
+        """
         stored = self.weights * (density or self.density).energy(F)
         if self.body.pressure is not None:
             J = determinant(F)
@@ -251,7 +264,8 @@ class Hyperelasticity:
         return P
 
     def forces(self, F: Array, density: Density | None = None) -> tuple[Array, float]:
-        """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on a node [N].
+        """Return ∂energy/∂U over all unknowns, shape `(N,)` [N], and the largest force of a cell on
+        a node [N].
 
         At clamped unknowns the force is the force of the support.
         """

@@ -1,15 +1,16 @@
-"""Loads on boundaries of the organ, as nodal forces: tractions that keep their direction, and pressures.
+"""Loads on boundaries of the organ, as nodal forces: tractions that keep their direction, and
+pressures.
 
     f_a = ∫ φ_a t dA                    a traction t [Pa], per area of the reference shape
     f_a = −∫ φ_a p (x_ξ × x_η) dξ dη    a pressure p [Pa] on a surface whose nodes are at x, x_ξ × x_η outward
 
-The forces of a pressure act on the surface through the nodes at x. A linear organ uses the reference positions. A
-pressure that follows uses the displaced positions. Both are integrated exactly: tractions of a P2 facet have degree
-2, pressures on a curved facet degree 4.
+The forces of a pressure act on the surface through the nodes at x. A linear organ uses the
+reference positions. A pressure that follows uses the displaced positions. Both are integrated
+exactly: tractions of a P2 facet have degree 2, pressures on a curved facet degree 4.
 
-A pressure that follows has a potential, the volume behind its surface, if the surface is closed or its rim is held.
-Only then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45, 1984). In other cases the code uses
-the symmetric part of the tangent.
+A pressure that follows has a potential, the volume behind its surface, if the surface is closed or
+its rim is held. Only then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45,
+1984). In other cases the code uses the symmetric part of the tangent.
 """
 
 from dataclasses import dataclass
@@ -32,12 +33,13 @@ PERMUTATION = np.array([np.cross(np.eye(3)[i], np.eye(3)) for i in range(3)])  #
 
 @dataclass(frozen=True)
 class SurfaceLoad:
-    """A force per area on a named boundary: a `traction` (3,) [Pa] per reference area, or a `pressure` [Pa].
+    """A force per area on a named boundary: a `traction` (3,) [Pa] per reference area, or a
+    `pressure` [Pa].
 
-    A positive pressure pushes on the organ. Its `course` has rows of time [s] and factor [-], linear in between.
-    None means that the whole load acts at all times; in statics it then grows with the load steps. Raises
-    `TissueError` unless exactly one of traction and pressure is given, both are finite, and the times of the course
-    increase.
+    A positive pressure pushes on the organ. Its `course` has rows of time [s] and factor [-],
+    linear in between. None means that the whole load acts at all times; in statics it then grows
+    with the load steps. Raises `TissueError` unless exactly one of traction and pressure is given,
+    both are finite, and the times of the course increase.
     """
 
     boundary: str
@@ -60,7 +62,8 @@ class SurfaceLoad:
         return np.array(self.course, dtype=float).T
 
     def factor(self, time: float, share: float = 1.0) -> float:
-        """Return the part of the load that acts at `time` [s], or in statics at a `share` of the load steps.
+        """Return the part of the load that acts at `time` [s], or in statics at a `share` of the
+        load steps.
 
         In statics the load steps end at `time`.
         """
@@ -72,14 +75,18 @@ class SurfaceLoad:
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets of a body: their `nodes` `(f, 3)`, or `(f, 6)` with P2, in the order in which x_ξ × x_η points outward."""
+    """Facets of a body: their `nodes` `(f, 3)`, or `(f, 6)` with P2, in the order in which x_ξ ×
+    x_η points outward.
+    """
 
     element: str
     nodes: Indices
 
     @cached_property
     def rule(self) -> tuple[Array, Array, Array]:
-        """Shape functions `(n, g)`, their slopes by ξ and η `(2, n, g)`, and weights `(g,)` at Gauss points."""
+        """Shape functions `(n, g)`, their slopes by ξ and η `(2, n, g)`, and weights `(g,)` at
+        Gauss points.
+        """
         triangle = TRIANGLES[self.element]()
         at, weights = get_quadrature(triangle, DEGREE[self.element])
         each = [triangle.lbasis(at, n) for n in range(self.nodes.shape[1])]
@@ -88,7 +95,9 @@ class Facets:
         return shapes, slopes.swapaxes(0, 1), np.asarray(weights)
 
     def area_vectors(self, x: Array) -> Array:
-        """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²]; the body's nodes are at `x` (m, 3)."""
+        """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²]; the body's nodes
+        are at `x` (m, 3).
+        """
         along = self._along(x)
         return np.cross(along[0], along[1])
 
@@ -97,7 +106,8 @@ class Facets:
         return np.asarray(np.einsum("kng,fni->kfgi", self.rule[1], x[self.nodes]))
 
     def turning(self, x: Array) -> Array:
-        """Return the derivative of ∫ φ_a (x_ξ × x_η) dξ dη by the node positions, shape `(f, n, 3, n, 3)` [m].
+        """Return the derivative of ∫ φ_a (x_ξ × x_η) dξ dη by the node positions, shape `(f, n, 3,
+        n, 3)` [m].
 
         The integrand changes by φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ.
         """
@@ -107,7 +117,9 @@ class Facets:
         return np.asarray(np.einsum("g,ag,fgbij->faibj", weights, shapes, sides))
 
     def nodal_forces(self, density: Array, count: int) -> Array:
-        """Return ∫ φ_a t dξ dη for `density` t `(f, g, 3)` [N] at the `count` nodes of the body, `(count, 3)` [N]."""
+        """Return ∫ φ_a t dξ dη for `density` t `(f, g, 3)` [N] at the `count` nodes of the body,
+        `(count, 3)` [N].
+        """
         shapes, _, weights = self.rule
         each = np.einsum("ng,g,fgi->fni", shapes, weights, density).reshape(-1, 3)
         spread = [np.bincount(self.nodes.ravel(), component, minlength=count) for component in each.T]
@@ -117,7 +129,8 @@ class Facets:
 def build_facets(body: Elasticity, name: str) -> Facets:
     """Return the facets of the boundary `name`.
 
-    Raises `TissueError` if the mesh has no boundary of this name, or if the boundary lies inside the body.
+    Raises `TissueError` if the mesh has no boundary of this name, or if the boundary lies inside
+    the body.
     """
     mesh, facets = body.mesh, facets_of(body.mesh, "load", name)
     if np.any(mesh.f2t[1, facets] >= 0):
@@ -143,15 +156,16 @@ class Loads:
         return tuple(build_facets(self.body, load.boundary) for load in self.each)
 
     def shares(self, time: float, share: float = 1.0) -> Array:
-        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the load steps,
-        `(k,)`.
+        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the
+        load steps, `(k,)`.
 
         In statics the load steps end at `time`.
         """
         return np.array([load.factor(time, share) for load in self.each])
 
     def forces(self, number: int, x: Array) -> Array:
-        """Return the nodal forces of one whole load, `(m, 3)` [N]; the body's nodes are at `x` (m, 3).
+        """Return the nodal forces of one whole load, `(m, 3)` [N]; the body's nodes are at `x` (m,
+        3).
 
         The forces of a traction do not depend on x.
         """
@@ -163,7 +177,9 @@ class Loads:
 
     @cached_property
     def columns(self) -> Array:
-        """Forces of each whole load in the reference shape over all unknowns of the body, `(N, k)` [N]."""
+        """Forces of each whole load in the reference shape over all unknowns of the body, `(N, k)`
+        [N].
+        """
         each = [self.body.flat(self.forces(number, self.body.points)) for number in range(len(self.each))]
         return np.array(each).reshape(-1, self.body.N).T
 
@@ -173,7 +189,9 @@ class Loads:
         return self.resultants_at(self.body.points)
 
     def resultants_at(self, x: Array) -> Array:
-        """Return the sum of the forces of each whole load, `(k, 3)` [N]; the body's nodes are at `x` (m, 3)."""
+        """Return the sum of the forces of each whole load, `(k, 3)` [N]; the body's nodes are at
+        `x` (m, 3).
+        """
         each = [self.forces(number, x).sum(axis=0) for number in range(len(self.each))]
         return np.array(each).reshape(-1, 3)
 
@@ -188,7 +206,8 @@ class Loads:
         return [(share * load.pressure, on) for load, share, on in parts if load.pressure is not None and share]
 
     def pressing(self, shares: Array | None, x: Array) -> Array:
-        """Return the forces of the parts `shares` `(k,)` of the pressures over all unknowns, `(N,)` [N].
+        """Return the forces of the parts `shares` `(k,)` of the pressures over all unknowns, `(N,)`
+        [N].
 
         The body's nodes are at `x` (m, 3). `shares` None means no pressure.
         """
@@ -196,7 +215,9 @@ class Loads:
         return self.body.flat(sum(each, np.zeros_like(x)))
 
     def pressing_tangent(self, shares: Array | None, x: Array) -> csr_matrix:
-        """Return the symmetric part of the derivative of these forces by the displacement, shape `(N, N)` [N/m]."""
+        """Return the symmetric part of the derivative of these forces by the displacement, shape
+        `(N, N)` [N/m].
+        """
         out = csr_matrix((self.body.N, self.body.N))
         for p, on in self._pressures(shares):
             unknowns, n = self.body.nodes[on.nodes].reshape(len(on.nodes), -1), 3 * on.nodes.shape[1]
@@ -207,7 +228,8 @@ class Loads:
         return out
 
     def pressing_work(self, shares: Array | None, x: Array, way: Array) -> float:
-        """Return the work of these forces along the straight displacement `way` (m, 3) [m] from `x` (m, 3) [J].
+        """Return the work of these forces along the straight displacement `way` (m, 3) [m] from `x`
+        (m, 3) [J].
 
         Simpson's rule is exact, because the forces have degree two in the node positions.
         """
@@ -221,8 +243,9 @@ class Loads:
         return np.array([float((size @ facets.rule[2]).sum()) for size, facets in zip(sizes, self.facets, strict=True)])
 
     def turns(self, displacement: Array) -> Array:
-        """Return the largest angle by which a displacement (m, 3) [m] turns the outward normal of the boundary of each
-        pressure, `(k,)` [rad]; 0 for a traction."""
+        """Return the largest angle by which a displacement (m, 3) [m] turns the outward normal of
+        the boundary of each pressure, `(k,)` [rad]; 0 for a traction.
+        """
         x = self.body.points
         pairs = [(facets.area_vectors(x), facets.area_vectors(x + displacement)) for facets in self.facets]
         turns = [float(angles(*pair).max(initial=0.0)) for pair in pairs]

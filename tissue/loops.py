@@ -1,4 +1,6 @@
-"""Decorators for loops over cells and fields: Numba compiles each at its first call and caches it on disk."""
+"""Decorators for loops over cells and fields: Numba compiles each at its first call and caches it
+on disk.
+"""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +14,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Return a function that is compiled at its first call and cached on disk if a folder can be written."""
+    """Return a function that is compiled at its first call and cached on disk if a folder can be
+    written.
+    """
     try:
         return sound(njit(cache=True, error_model="numpy")(kernel))
     except RuntimeError:  # no folder for the cache can be written
@@ -20,10 +24,11 @@ def compiled(kernel: Kernel) -> Kernel:
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is compiled again.
+    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is
+    compiled again.
 
-    A killed run or a full disk can leave damaged files. Numba would then end every later run with an error of
-    pickle.
+    A killed run or a full disk can leave damaged files. Numba would then end every later run with
+    an error of pickle.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -37,7 +42,9 @@ class SoundCache(FunctionCache):  # type: ignore[misc]
 
 
 def sound(dispatcher: Any) -> Any:
-    """Return the function with a cache that tolerates damaged files; without Numba the function is unchanged."""
+    """Return the function with a cache that tolerates damaged files; without Numba the function is
+    unchanged.
+    """
     if hasattr(dispatcher, "_cache"):
         dispatcher._cache = SoundCache(dispatcher.py_func)
     return dispatcher

@@ -1,18 +1,19 @@
 """Tissue that relaxes: a Prony series of the distortional stress at finite strain.
 
-The model is from Simo, Comput. Methods Appl. Mech. Eng. 60, 1987; in this form Holzapfel & Gasser, Comput. Methods
-Appl. Mech. Eng. 190, 2001:
+The model is from Simo, Comput. Methods Appl. Mech. Eng. 60, 1987; in this form Holzapfel & Gasser,
+Comput. Methods Appl. Mech. Eng. 190, 2001:
 
     S = S_vol + (1 − Σ g_i) S_iso + Σ Q_i,    dQ_i/dt + Q_i/τ_i = g_i dS_iso/dt
 
-S is the second Piola stress of the tissue without prestretch. The modulus of the material is the instantaneous one.
-After a long time, the distortional stress is 1 − Σ g_i of its instantaneous value. At small strain this is linear
-viscoelasticity. Over a step of Δt in which S_iso changes linearly from S to S⁺, with x_i = Δt/τ_i and φ(x) = (1 −
-e⁻ˣ)/x,
+S is the second Piola stress of the tissue without prestretch. The modulus of the material is the
+instantaneous one. After a long time, the distortional stress is 1 − Σ g_i of its instantaneous
+value. At small strain this is linear viscoelasticity. Over a step of Δt in which S_iso changes
+linearly from S to S⁺, with x_i = Δt/τ_i and φ(x) = (1 − e⁻ˣ)/x,
 
     Q_i⁺ = e^(−x_i) Q_i + g_i φ(x_i) (S⁺ − S).
 
-The stress at the end of the step therefore derives from an energy, and the step is a minimum as without relaxation:
+The stress at the end of the step therefore derives from an energy, and the step is a minimum as
+without relaxation:
 
     γ W_iso + ½ H : (C − 1),    γ = 1 − Σ g_i (1 − φ_i),    H = Σ e^(−x_i) Q_i − Σ g_i φ_i S.
 """
@@ -32,7 +33,8 @@ from tissue.materials.density import Density
 class Prony:
     """Shares g [-] of the distortional stress that relax, and their times τ [s], `(b,)`.
 
-    A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ > 0.
+    A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ
+    > 0.
     """
 
     shares: Sequence[PerCell]
@@ -60,7 +62,9 @@ class Prony:
         return np.exp(-dt / np.asarray(self.times))
 
     def means(self, dt: float) -> Array:
-        """Return φ(Δt/τ), the mean decay over Δt, shape `(b,)`; 1 for Δt = 0, and 0 for an infinite Δt."""
+        """Return φ(Δt/τ), the mean decay over Δt, shape `(b,)`; 1 for Δt = 0, and 0 for an infinite
+        Δt.
+        """
         x = dt / np.asarray(self.times)
         return np.divide(-np.expm1(-x), x, out=np.where(x > 0.0, 0.0, 1.0), where=(x > 0.0) & np.isfinite(x))
 
@@ -70,12 +74,16 @@ class Prony:
         return 1.0 - sum(left, start=np.zeros(()))
 
     def held(self, stresses: Array, S: Array, dt: float) -> Array:
-        """Return H of a step of Δt from the stresses Q_i `(b, 3, 3, …)` and S `(3, 3, …)` at its start [Pa]."""
+        """Return H of a step of Δt from the stresses Q_i `(b, 3, 3, …)` and S `(3, 3, …)` at its
+        start [Pa].
+        """
         parts = zip(self.decays(dt), self.means(dt), self.shares, stresses, strict=True)
         return np.asarray(sum(decay * Q - share * mean * S for decay, mean, share, Q in parts))
 
     def after(self, stresses: Array, change: Array, dt: float) -> Array:
-        """Return Q_i after a step of Δt in which S_iso changed by `change` `(3, 3, …)` [Pa], shape `(b, 3, 3, …)`."""
+        """Return Q_i after a step of Δt in which S_iso changed by `change` `(3, 3, …)` [Pa], shape
+        `(b, 3, 3, …)`.
+        """
         parts = zip(self.decays(dt), self.means(dt), self.shares, stresses, strict=True)
         return np.stack([decay * Q + share * mean * change for decay, mean, share, Q in parts])
 

@@ -1,7 +1,9 @@
-"""Strain and rotation of the organ, cell by cell, which small-strain elasticity assumes to be small.
+"""Strain and rotation of the organ, cell by cell, which small-strain elasticity assumes to be
+small.
 
-Linear elasticity takes strain and rotation from one gradient, ε = sym ∇U and ω = ½ curl U. It neglects terms of
-second order in both. The displacement does not show the size of these terms: a body can move far without strain.
+Linear elasticity takes strain and rotation from one gradient, ε = sym ∇U and ω = ½ curl U. It
+neglects terms of second order in both. The displacement does not show the size of these terms: a
+body can move far without strain.
 """
 
 from collections.abc import Sequence
@@ -22,7 +24,9 @@ PAIRS = ((0, 1), (1, 2), (0, 2))  # of axes, in VTK's order of a symmetric tenso
 
 
 class Strains(NamedTuple):
-    """Strain measures of cells: the results of `cell_strain`, `energy_density` and `nodal_volume_ratio`."""
+    """Strain measures of cells: the results of `cell_strain`, `energy_density` and
+    `nodal_volume_ratio`.
+    """
 
     strain: Array
     rotation: Array
@@ -31,7 +35,9 @@ class Strains(NamedTuple):
 
 
 def strains(elasticity: Elasticity, U: Array) -> Strains:
-    """Return all strain measures of a field over all unknowns `(N,)` [m]; its gradient is computed once."""
+    """Return all strain measures of a field over all unknowns `(N,)` [m]; its gradient is computed
+    once.
+    """
     corners, mean = elasticity.corner_slopes, elasticity.mean_slopes[0]
     at_corners = gradient(elasticity, corners, U)
     slope = at_corners if mean is corners else gradient(elasticity, mean, U)
@@ -41,7 +47,8 @@ def strains(elasticity: Elasticity, U: Array) -> Strains:
 
 
 def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
-    """Return the largest principal strain in magnitude [-] and the largest rotation |½ curl U| [rad] of each cell.
+    """Return the largest principal strain in magnitude [-] and the largest rotation |½ curl U|
+    [rad] of each cell.
 
     Both have shape `(c,)`. `U` [m] is a field over all unknowns `(N,)`.
     """
@@ -60,11 +67,11 @@ def _strain_of(elasticity: Elasticity, slope: Array) -> tuple[Array, Array]:
 def extreme_values(parts: Sequence[Array]) -> tuple[Array, Array]:
     """Return the smallest and the largest principal value of symmetric tensors, `(m,)` each.
 
-    `parts` are xx, yy, zz, xy, yz, xz, `(m,)` each. The values follow from the invariants: p + 2 √(J₂/3) cos θ with
-    the Lode angle θ, cos 3θ = (3√3/2) J₃/J₂^(3/2).
+    `parts` are xx, yy, zz, xy, yz, xz, `(m,)` each. The values follow from the invariants: p + 2
+    √(J₂/3) cos θ with the Lode angle θ, cos 3θ = (3√3/2) J₃/J₂^(3/2).
 
-    This takes a tenth of the time of an eigenvalue solver. If two of the three principal values are equal, seven
-    digits are correct.
+    This takes a tenth of the time of an eigenvalue solver. If two of the three principal values are
+    equal, seven digits are correct.
     """
     p = (parts[0] + parts[1] + parts[2]) / 3.0
     x, y, z = (part - p for part in parts[:3])
@@ -78,18 +85,23 @@ def extreme_values(parts: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def symmetric(parts: Sequence[Array] | Array) -> Array:
-    """Return symmetric tensors, shape `(m, 3, 3)`, from their parts xx, yy, zz, xy, yz, xz `(6, m)`."""
+    """Return symmetric tensors, shape `(m, 3, 3)`, from their parts xx, yy, zz, xy, yz, xz `(6,
+    m)`.
+    """
     xx, yy, zz, xy, yz, xz = parts
     return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
 
 
 def gradient(elasticity: Elasticity, slopes: csr_matrix, U: Array) -> Array:
-    """Return ∂U_i/∂x_j, shape `(3, 3, a c)`, at the places of `slopes` (`tissue.elasticity.slope_matrix`)."""
+    """Return ∂U_i/∂x_j, shape `(3, 3, a c)`, at the places of `slopes`
+    (`tissue.elasticity.slope_matrix`).
+    """
     return np.array([(slopes @ part).reshape(3, -1) for part in elasticity.nodal(U).T])
 
 
 def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return J of each cell, the volume between its corners over the volume in the reference shape, `(c,)` [-].
+    """Return J of each cell, the volume between its corners over the volume in the reference shape,
+    `(c,)` [-].
 
     `U` [m] is a field over all unknowns `(N,)`.
     """
@@ -101,13 +113,14 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
 
 
 def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return J averaged at the nodes, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns `(N,)`.
+    """Return J averaged at the nodes, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns
+    `(N,)`.
 
-    At the vertices the average is ∫ ψ J dX / ∫ ψ dX with the hat functions ψ. At the middle of an edge it is the
-    mean of both ends.
+    At the vertices the average is ∫ ψ J dX / ∫ ψ dX with the hat functions ψ. At the middle of an
+    edge it is the mean of both ends.
 
-    The law of nearly incompressible tissue acts on this average (Bonet and Burton, Commun. Numer. Meth. Engng. 14,
-    1998). J of single cells oscillates while this average is smooth.
+    The law of nearly incompressible tissue acts on this average (Bonet and Burton, Commun. Numer.
+    Meth. Engng. 14, 1998). J of single cells oscillates while this average is smooth.
     """
     return _nodal_ratio_of(elasticity, gradient(elasticity, elasticity.mean_slopes[0], U))  # points of the law
 
@@ -131,8 +144,8 @@ def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
     """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³].
 
-    It is λ/2 (div U)² + μ ε : ε, plus half of pressure times dilatation for terms averaged at the vertices. `U` [m]
-    is a field over all unknowns `(N,)`.
+    It is λ/2 (div U)² + μ ε : ε, plus half of pressure times dilatation for terms averaged at the
+    vertices. `U` [m] is a field over all unknowns `(N,)`.
     """
     return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
 
@@ -154,7 +167,8 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
 
 
 def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
-    """Return the share of the organ's strain energy in some `cells` (c,); 0 for an organ without strain.
+    """Return the share of the organ's strain energy in some `cells` (c,); 0 for an organ without
+    strain.
 
     The energy is measured by ∫ E ε² dx with the `strain` (c,) of each cell.
     """

@@ -1,7 +1,7 @@
 """Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
 
-A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices; on an edge it is the mean of both
-vertices.
+A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices; on an edge it is
+the mean of both vertices.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric 
 class StressRecovery:
     """Matrices from a displacement field to the stress at the nodes; made by `stress_recovery`.
 
-    `slopes` `(6m, m)` gives nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z. `pressure` `(m, N)` gives the
-    pressure averaged at the vertices.
+    `slopes` `(6m, m)` gives nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z. `pressure` `(m, N)`
+    gives the pressure averaged at the vertices.
     """
 
     slopes: csr_matrix
@@ -44,7 +44,8 @@ class StressRecovery:
 
 
 def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> StressRecovery:
-    """Return the recovery of σ = λ tr ε I + 2μ ε, computed at each cell's nodes and averaged by volume.
+    """Return the recovery of σ = λ tr ε I + 2μ ε, computed at each cell's nodes and averaged by
+    volume.
 
     With a `share`, one number or one per cell, it recovers only this share of 2μ dev ε.
     """
@@ -67,7 +68,8 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
 
 
 def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
-    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as `slope_matrix`.
+    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as
+    `slope_matrix`.
 
     In a linear cell the slopes are constant, and a = 1.
     """
@@ -77,8 +79,9 @@ def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
 
 
 def _averages(elasticity: Elasticity) -> csr_matrix:
-    """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`, in the order of
-    `_nodal_slopes`."""
+    """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`, in the
+    order of `_nodal_slopes`.
+    """
     cells, m, volume = elasticity.cells, len(elasticity.nodes), elasticity.six_volumes
     total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)
     places = 1 if elasticity.element == "P1" else cells.shape[1]
@@ -87,7 +90,8 @@ def _averages(elasticity: Elasticity) -> csr_matrix:
 
 
 def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
-    """Return the matrix `(k, m)` that interpolates a nodal field at points `(k, 3)` [m] by the shape functions.
+    """Return the matrix `(k, m)` that interpolates a nodal field at points `(k, 3)` [m] by the
+    shape functions.
 
     Raises `TissueError` for a point outside the body.
     """
@@ -114,7 +118,8 @@ def von_mises(stress: Array) -> Array:
 
 
 def principal(stress: Array) -> tuple[Array, Array]:
-    """Return the principal values of stress `(m, 6)`, largest first, `(m, 3)` [Pa], and their unit directions.
+    """Return the principal values of stress `(m, 6)`, largest first, `(m, 3)` [Pa], and their unit
+    directions.
 
     The directions are rows of `(m, 3, 3)`.
     """
@@ -123,7 +128,9 @@ def principal(stress: Array) -> tuple[Array, Array]:
 
 
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
-    """Return the part of λ div U that is averaged at the vertices, at every node, shape `(m, N)` [Pa/m]."""
+    """Return the part of λ div U that is averaged at the vertices, at every node, shape `(m, N)`
+    [Pa/m].
+    """
     if elasticity.pressure is None:
         return csr_matrix((len(elasticity.nodes), elasticity.N))
     if elasticity.element == "P1":

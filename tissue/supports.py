@@ -1,4 +1,6 @@
-"""Supports of the organ: clamps fix all components of a node, rollers fix a plane boundary along its normal."""
+"""Supports of the organ: clamps fix all components of a node, rollers fix a plane boundary along
+its normal.
+"""
 
 from collections.abc import Sequence
 
@@ -17,7 +19,8 @@ FIRM = 1e-8  # a rigid motion with a smaller relative stiffness is not held
 def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
     """Return the sorted unknowns on the boundaries named in `clamp`.
 
-    Raises `TissueError`, naming the boundaries of the mesh, for a boundary that the mesh does not name.
+    Raises `TissueError`, naming the boundaries of the mesh, for a boundary that the mesh does not
+    name.
     """
     held = [unknowns_on(basis, facets_of(basis.mesh, "clamp", name)).ravel() for name in clamp]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
@@ -35,7 +38,8 @@ def unknowns_on(basis: Basis, facets: Indices) -> Indices:
 def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
     """Return the sorted unknowns of the normal displacement on the boundaries named in `roller`.
 
-    Raises `TissueError` for a boundary that the mesh does not name or that is not a plane normal to an axis.
+    Raises `TissueError` for a boundary that the mesh does not name or that is not a plane normal to
+    an axis.
     """
     held = [unknowns_on(basis, facets_of(basis.mesh, "roller", name))[axis_of(basis.mesh, name)] for name in roller]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
@@ -55,7 +59,9 @@ def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) 
 
 
 def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
-    """Return the facets of a boundary. Raises `TissueError` with the known names if it does not exist."""
+    """Return the facets of a boundary. Raises `TissueError` with the known names if it does not
+    exist.
+    """
     boundaries = mesh.boundaries or {}
     if name not in boundaries:
         known = ", ".join(sorted(boundaries)) or "none"
@@ -64,7 +70,9 @@ def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
 
 
 def axis_of(mesh: MeshTet, name: str) -> int:
-    """Return the axis 0, 1, 2 normal to a plane boundary. Raises `TissueError` for any other boundary."""
+    """Return the axis 0, 1, 2 normal to a plane boundary. Raises `TissueError` for any other
+    boundary.
+    """
     nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
     thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
     axis = int(np.argmin(thickness))
@@ -77,12 +85,16 @@ def axis_of(mesh: MeshTet, name: str) -> int:
 
 
 def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
-    """Return whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3) cannot move."""
+    """Return whether a rigid body with `points` (k, 3) [m] held in the components `held` (k, 3)
+    cannot move.
+    """
     return not rigid_motions(points, held).size
 
 
 def motions_in_words(motions: Array) -> str:
-    """Return in words the axes along which and about which a body can move, from its `rigid_motions`."""
+    """Return in words the axes along which and about which a body can move, from its
+    `rigid_motions`.
+    """
     turns = motions[np.linalg.norm(motions[:, 3:], axis=1) > ROUND]
     slides = motions[np.linalg.norm(motions[:, 3:], axis=1) <= ROUND]
     ways = [(slides[:, :3], "move along"), (turns[:, 3:], "turn about an axis along")]
@@ -90,17 +102,20 @@ def motions_in_words(motions: Array) -> str:
 
 
 def _axes(axes: Array) -> str:
-    """Return the names of the directions that some vectors span: x, y, z if they are axes, else one vector each."""
+    """Return the names of the directions that some vectors span: x, y, z if they are axes, else one
+    vector each.
+    """
     span = np.linalg.svd(axes)[2][: np.linalg.matrix_rank(axes, tol=ROUND)]
     known = [name for name, unit in zip("xyz", np.eye(3), strict=True) if np.linalg.norm(span @ unit) > 1.0 - ROUND]
     return ", ".join(known if len(known) == len(span) else [str(np.round(v, 3).tolist()) for v in span])
 
 
 def rigid_motions(points: Array, held: NDArray[np.bool_]) -> Array:
-    """Return a basis of the possible rigid motions of a partly held body, shape `(d, 6)`, translations first.
+    """Return a basis of the possible rigid motions of a partly held body, shape `(d, 6)`,
+    translations first.
 
-    The body has `points` (k, 3) [m], held in the components `held` (k, 3). A row has the motion of its centre and
-    the rotation about the centre.
+    The body has `points` (k, 3) [m], held in the components `held` (k, 3). A row has the motion of
+    its centre and the rotation about the centre.
     """
     node, component = np.nonzero(held)
     if node.size == 0:

@@ -1,1 +1,3 @@
-"""Elastic energies of the thread, each with its exact derivatives: stretch and bend, springs, torsion, coil."""
+"""Elastic energies of the thread, each with its exact derivatives: stretch and bend, springs,
+torsion, coil.
+"""

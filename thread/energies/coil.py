@@ -1,14 +1,14 @@
 """Rest curvature: a thread keeps the curvature of the coil in its packet.
 
-At rest the thread is a circle of curvature κ̄ towards the material direction d₁. The section's angle θ therefore
-gives the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the turn of the bent thread per rest
-length,
+At rest the thread is a circle of curvature κ̄ towards the material direction d₁. The section's
+angle θ therefore gives the side to which the thread bends at rest. With t' = k₁ d₁ + k₂ d₂, the
+turn of the bent thread per rest length,
 
     ½ EI |t' − κ̄ d₁|² = ½ EI κ² − EI κ̄ k₁ + ½ EI κ̄²
 
-The first term is the bending energy without memory, and the other two terms are this energy. d₁ is p, the direction
-a₁ cos θ + a₂ sin θ in the frame of the start of the step, turned with the tangent (`thread.frames`). With K = T', r
-= |T|, D = r + t_o·T and h = t_o + t it follows
+The first term is the bending energy without memory, and the other two terms are this energy. d₁ is
+p, the direction a₁ cos θ + a₂ sin θ in the frame of the start of the step, turned with the tangent
+(`thread.frames`). With K = T', r = |T|, D = r + t_o·T and h = t_o + t it follows
 
     k₁ = (K·p − (p·T)(K·h)/D)/r
 """
@@ -72,7 +72,9 @@ def symmetric_product(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Coil(OnStations):
-    """The energy that rest curvature adds to the bending energy: `EI` [N m²], curvature at rest `kappa` [1/m]."""
+    """The energy that rest curvature adds to the bending energy: `EI` [N m²], curvature at rest
+    `kappa` [1/m].
+    """
 
     EI: float
     kappa: float
@@ -88,14 +90,18 @@ class Coil(OnStations):
         return float(self.EI * self.kappa * np.sum(self.stations.w * (0.5 * self.kappa - k_1)))
 
     def gradient(self, at: Twisted) -> Array:
-        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
+        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N
+        m].
+        """
         p, p_theta = direction(at.theta, at.frame)
         by_T, by_K, _, _ = curvature_along_derivatives(at.T, at.K, p, at.frame.t)
         by_theta = curvature_along(at.T, at.K, p_theta, at.frame.t)
         return spread_gradient(self.stations, self._rows, (by_T, by_K, by_theta)) * (-self.EI * self.kappa)
 
     def tangent(self, at: Twisted, N: Array) -> Array:
-        """Return the second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
+        """Return the second derivative by the control points of each group, shape `(m, reach,
+        reach, 4, 4)`.
+        """
         p, p_theta = direction(at.theta, at.frame)
         _, _, TT, TK = curvature_along_derivatives(at.T, at.K, p, at.frame.t)
         theta_T, theta_K, _, _ = curvature_along_derivatives(at.T, at.K, p_theta, at.frame.t)

@@ -15,10 +15,10 @@ from thread.spline import ORDERS
 class Continuous:
     """Stretch and bending energy on the spans of a spline.
 
-    `first` (spans,): first control point of each span. `bending` and `stretch`: their quadrature. `holes`: the ends
-    of the spans with half of each span if a hole is there, else zero (`thread.kernels.curve.barrier`). `EA` [N],
-    `EI` [N m²]. `natural`: the natural strain of each span and its excess at the ends, as in
-    `thread.kernels.curve.Curve`; None: zero.
+    `first` (spans,): first control point of each span. `bending` and `stretch`: their quadrature.
+    `holes`: the ends of the spans with half of each span if a hole is there, else zero
+    (`thread.kernels.curve.barrier`). `EA` [N], `EI` [N m²]. `natural`: the natural strain of each
+    span and its excess at the ends, as in `thread.kernels.curve.Curve`; None: zero.
     """
 
     first: Indices
@@ -39,7 +39,9 @@ class Continuous:
 
     @property
     def home(self) -> Array:
-        """Abscissae in the middle of the spans, which identify the piece of each strain, shape `(spans, a)` [m]."""
+        """Abscissae in the middle of the spans, which identify the piece of each strain, shape
+        `(spans, a)` [m].
+        """
         return np.broadcast_to(self.bending.s.mean(axis=1, keepdims=True), self.stretch.s.shape)
 
     @cached_property
@@ -66,7 +68,9 @@ class Continuous:
         )
 
     def evaluate(self, q: Array, frame: object = None) -> Stretched:
-        """Return the curve at the quadrature points; the bending of a round section does not need the frame."""
+        """Return the curve at the quadrature points; the bending of a round section does not need
+        the frame.
+        """
         bent, stretched = self.curve.w.shape, self.curve.axial_w.shape
         T, K, T_axial, T_edge = (np.empty((*shape, 3)) for shape in (bent, bent, stretched, self.holes.w.shape))
         at = Stretched(T, K, T_axial, np.empty(stretched), T_edge)
@@ -84,7 +88,8 @@ class Continuous:
         return F
 
     def tangent(self, at: Stretched, N: Array) -> Array:
-        """Return the second derivative by the control points of each span, shape `(spans, 4, 4, 3, 3)` [N/m].
+        """Return the second derivative by the control points of each span, shape `(spans, 4, 4, 3,
+        3)` [N/m].
 
         `N` (spans, a) [N] is the axial force, an unknown of the iteration.
         """
@@ -97,7 +102,9 @@ class Continuous:
         return H
 
     def next_axial_force(self, at: Stretched, dq: Array) -> Array:
-        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation N/EA = ε(q)."""
+        """Return N of the next iterate, EA (ε + T·δT) [N]: the solution of the linearised equation
+        N/EA = ε(q).
+        """
         N = np.empty_like(at.strain)
         force_of(self.curve, at, np.ascontiguousarray(dq), N)
         return N

@@ -9,8 +9,8 @@ from thread.frames import Frame
 class Energy(Protocol):
     """An elastic energy that is summed over groups of `reach` neighbouring control points.
 
-    The energy depends on the first `seen` coordinates of a point. The evaluated iterate, the argument `at` of its
-    methods, has a type of the energy's choice.
+    The energy depends on the first `seen` coordinates of a point. The evaluated iterate, the
+    argument `at` of its methods, has a type of the energy's choice.
     """
 
     @property
@@ -26,8 +26,9 @@ class Energy(Protocol):
         """Number of coordinates that the energy depends on, 3 or 4."""
 
     def evaluate(self, q: Array, frame: Frame | None) -> Any:
-        """Return the thread at the integration points; `frame` is the frame at the start of the step, None without
-        twist."""
+        """Return the thread at the integration points; `frame` is the frame at the start of the
+        step, None without twist.
+        """
 
     def energy(self, at: Any) -> float:
         """Return the energy [J]."""
@@ -51,7 +52,9 @@ class AxialEnergy(Energy, Protocol):
 
     @property
     def home(self) -> Array:
-        """Abscissae that identify the piece of each strain on a cut thread, with the same shape [m]."""
+        """Abscissae that identify the piece of each strain on a cut thread, with the same shape
+        [m].
+        """
 
     def next_axial_force(self, at: Any, dq: Array) -> Array:
         """Return N of the next iterate [N]: the solution of the linearised equation N/EA = ε(q)."""

@@ -1,7 +1,7 @@
 """The paper's springs (§3): between points along the curve, by generalized forces Q_i = F ∂P/∂q_i.
 
-Points P_0 … P_m lie at the abscissae s_k. Spring k joins P_(k−1) to P_k and has the rest length ℓ_k. With the
-directions
+Points P_0 … P_m lie at the abscissae s_k. Spring k joins P_(k−1) to P_k and has the rest length
+ℓ_k. With the directions
 
     d_k = (P_k − P_(k−1))/ℓ_k   of the springs,   d_0 = T(start), d_(m+1) = T(end)   of the curve's ends
 
@@ -11,11 +11,12 @@ and ℓ̄_k half the length of the springs next to P_k, every spring is calibrat
     bend      ½ (EI/ℓ̄_k) (2 tan φ_k/2)²,    φ_k the angle from d_k to d_(k+1) (discrete rods: Bergou et al. 2008)
     twist     ½ (GJ/ℓ̄_k) (Δθ_k + ℓ̄_k τ_k)², Δθ_k of the sections in the middle of the springs next to P_k
 
-The sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the two springs at
-the ends, half a spacing of the thread would bend and twist without energy, an error of first order.
+The sums tend to ½∫EA ε² ds, ½∫EI κ² ds and ½∫GJ ω² ds with the square of the spacing. Without the
+two springs at the ends, half a spacing of the thread would bend and twist without energy, an error
+of first order.
 
-n − 1 springs, as many as T has functions, keep the length of the thread and leave it free to bend. With more
-springs a thread as stiff as a real suture locks (membrane locking).
+n − 1 springs, as many as T has functions, keep the length of the thread and leave it free to bend.
+With more springs a thread as stiff as a real suture locks (membrane locking).
 """
 
 from dataclasses import dataclass
@@ -57,26 +58,32 @@ class SpringLayout:
 
     @cached_property
     def neighbours(self) -> tuple[Array, Array]:
-        """Abscissae of the points before and after each point, `(m + 1,)` each [m]; at an end of the thread its own."""
+        """Abscissae of the points before and after each point, `(m + 1,)` each [m]; at an end of
+        the thread its own.
+        """
         return np.append(self.s[0], self.s[:-1]), np.append(self.s[1:], self.s[-1])
 
     @cached_property
     def home(self) -> Array:
-        """Middle of the thread that each point represents, which identifies its piece, shape `(m + 1,)` [m]."""
+        """Middle of the thread that each point represents, which identifies its piece, shape `(m +
+        1,)` [m].
+        """
         before, after = self.neighbours
         return 0.25 * (before + after) + 0.5 * self.s
 
     @cached_property
     def window(self) -> tuple[Indices, int]:
-        """First control point on which each P_k and its neighbours depend, and the largest number of these control
-        points."""
+        """First control point on which each P_k and its neighbours depend, and the largest number
+        of these control points.
+        """
         first, last = (self.spline.basis(s, self.home)[0] for s in self.neighbours)
         reach = int(np.max(last - first)) + ORDERS
         return np.minimum(first, self.spline.n - reach), reach
 
     def rows(self, s: Array, order: int = 0) -> Array:
-        """Return derivatives of the basis functions at one abscissa per point, over its window, shape
-        `(m + 1, reach)`."""
+        """Return derivatives of the basis functions at one abscissa per point, over its window,
+        shape `(m + 1, reach)`.
+        """
         window, reach = self.window
         first, b = self.spline.basis(s, self.home)
         out = np.zeros((len(s), reach))
@@ -105,8 +112,8 @@ class SpringLayout:
 def spread_springs(spline: Spline, count: int) -> SpringLayout:
     """Return `count` springs from end to end of the pieces of a spline.
 
-    n − 1 springs join the Greville abscissae of a piece. Additional springs are divided among the pieces. The
-    springs are denser in regions with denser control points.
+    n − 1 springs join the Greville abscissae of a piece. Additional springs are divided among the
+    pieces. The springs are denser in regions with denser control points.
     """
     t = spline.knots
     greville = np.split((t[1:-3] + t[2:-2] + t[3:-1]) / 3.0, spline.piece_starts[1:])
@@ -120,7 +127,9 @@ def spread_springs(spline: Spline, count: int) -> SpringLayout:
 
 
 def bend(a: Array, b: Array) -> Array:
-    """Return (2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos φ [-]."""
+    """Return (2 tan φ/2)² of the angle φ between a and b, both (..., 3): 4 (1 − c)/(1 + c), c = cos
+    φ [-].
+    """
     u, v = unit_vector(a), unit_vector(b)
     return 2.0 * dot(u - v, u - v) / (1.0 + dot(u, v))
 
@@ -228,7 +237,8 @@ class Springs:
         return self._rows.swapaxes(1, 2) @ np.stack([k * by_a, k * by_b + pull], axis=1)
 
     def tangent(self, at: Taut, N: Array) -> Array:
-        """Return the second derivative by the control points of each group, shape `(m + 1, reach, reach, 3, 3)` [N/m].
+        """Return the second derivative by the control points of each group, shape `(m + 1, reach,
+        reach, 3, 3)` [N/m].
 
         `N` (m + 1,) [N] are the axial forces.
         """

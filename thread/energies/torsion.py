@@ -1,7 +1,7 @@
 """Torsional energy of the thread, from the twist per length ω = θ' + τ (`thread.frames`).
 
-`OnStations` is the common part of the energies of a twisted thread. It evaluates the thread at its stations, and
-distributes derivatives by T, T' and a quantity of θ to the control points.
+`OnStations` is the common part of the energies of a twisted thread. It evaluates the thread at its
+stations, and distributes derivatives by T, T' and a quantity of θ to the control points.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from thread.vectors import outer
 class Twisted:
     """A thread with twist at its stations.
 
-    `T`, `K` (m, g, 3), `omega` (m, g) twist [1/m], `theta` (m, g) [rad], and the `frame` from which θ is
-    measured.
+    `T`, `K` (m, g, 3), `omega` (m, g) twist [1/m], `theta` (m, g) [rad], and the `frame` from which
+    θ is measured.
     """
 
     T: Array
@@ -58,7 +58,8 @@ def spread_gradient(stations: Stations, rows: tuple[Array, ...], by: tuple[Array
 
 
 def spread_hessian(stations: Stations, rows: tuple[Array, ...], H: Array) -> Array:
-    """Return matrices of the groups (m, reach, reach, 4, 4) from second derivatives by (T, T', a quantity of θ).
+    """Return matrices of the groups (m, reach, reach, 4, 4) from second derivatives by (T, T', a
+    quantity of θ).
 
     `H` (m, g, 7, 7): each of the seven is a row of one of the four coordinates.
     """
@@ -112,13 +113,17 @@ class Torsion(OnStations):
         return float(0.5 * self.GJ * np.sum(self.stations.w * at.omega**2))
 
     def gradient(self, at: Twisted) -> Array:
-        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N m]."""
+        """Return the derivative by the control points of each group, shape `(m, reach, 4)` [N, N
+        m].
+        """
         by_T, by_K, _, _ = at.slopes
         torque = self.GJ * at.omega
         return spread_gradient(self.stations, self._rows, (torque[..., None] * by_T, torque[..., None] * by_K, torque))
 
     def tangent(self, at: Twisted, N: Array) -> Array:
-        """Return the second derivative by the control points of each group, shape `(m, reach, reach, 4, 4)`."""
+        """Return the second derivative by the control points of each group, shape `(m, reach,
+        reach, 4, 4)`.
+        """
         by_T, by_K, TT, TK = at.slopes
         by = np.concatenate([by_T, by_K, np.ones_like(by_T[..., :1])], axis=-1)
         H = self.GJ * outer(by, by)

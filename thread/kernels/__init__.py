@@ -1,1 +1,3 @@
-"""The thread's formulas as small compiled functions of plain arrays, and the compilation of these functions."""
+"""The thread's formulas as small compiled functions of plain arrays, and the compilation of these
+functions.
+"""

@@ -1,8 +1,9 @@
 """Stretch and bending of the thread, span by span: ½∫EA ε² ds + ½∫EI κ² ds (§3), straight at rest.
 
-ε = ½(|T|² − 1) is the Green–Lagrange strain (Nocent & Rémion 2001). The axial force N is an unknown of the
-iteration: at N = EA ε the tangent is the exact second derivative (mixed integration points, Magisano, Leonetti &
-Garcea 2017). A thread that relaxes has a natural strain ε̄(S), and ε − ε̄ replaces ε (`thread.relaxation`).
+ε = ½(|T|² − 1) is the Green–Lagrange strain (Nocent & Rémion 2001). The axial force N is an unknown
+of the iteration: at N = EA ε the tangent is the exact second derivative (mixed integration points,
+Magisano, Leonetti & Garcea 2017). A thread that relaxes has a natural strain ε̄(S), and ε − ε̄
+replaces ε (`thread.relaxation`).
 """
 
 from typing import NamedTuple
@@ -30,15 +31,17 @@ FIRST, *_ = numbers(0)
 class Curve(NamedTuple):
     """The elastic thread on its knots.
 
-    `first` (spans,) are the first control points of the spans. The other arrays have b' and b'' at the quadrature
-    points:
+    `first` (spans,) are the first control points of the spans. The other arrays have b' and b'' at
+    the quadrature points:
 
     - Bending: `slope` b' and `bend` b'' (spans, g, 4), weights `w` (spans, g) [m].
     - Stretch: `axial_slope` b' (spans, a, 4), weights `axial_w` (spans, a) [m].
-    - Both ends of each span: `edge_slope` b' (spans, 2, 4), weights `edge_w` (spans, 2) [m], zero without a hole.
+    - Both ends of each span: `edge_slope` b' (spans, 2, 4), weights `edge_w` (spans, 2) [m], zero
+      without a hole.
 
-    `natural` (spans,) [-] is the natural strain of each span. `natural_slope` (spans, 2) [1/m] is the natural
-    strain at its two ends minus this value, over the length of the span. EA [N], EI [N m²].
+    `natural` (spans,) [-] is the natural strain of each span. `natural_slope` (spans, 2) [1/m] is
+    the natural strain at its two ends minus this value, over the length of the span. EA [N], EI [N
+    m²].
     """
 
     first: Indices
@@ -58,8 +61,9 @@ class Curve(NamedTuple):
 class Stretched(NamedTuple):
     """The curve at its quadrature points.
 
-    `T`, `K` (spans, g, 3): first and second derivative of P at the points of bending [-, 1/m]. `T_axial` (spans, a,
-    3) and the elastic `strain` ε − ε̄ (spans, a) at the points of stretch. `T_edge` (spans, 2, 3) at the holes.
+    `T`, `K` (spans, g, 3): first and second derivative of P at the points of bending [-, 1/m].
+    `T_axial` (spans, a, 3) and the elastic `strain` ε − ε̄ (spans, a) at the points of stretch.
+    `T_edge` (spans, 2, 3) at the holes.
     """
 
     T: Array
@@ -111,8 +115,8 @@ def point(a: Array, e: int, g: int) -> Vector:
 def crushing(curve: Curve, a: float) -> tuple[float, float, float]:
     """Return ½EA p⁴, p = ½(1 − a), for a = |T|² < 1, and its first two derivatives by a.
 
-    The term prevents |T| → 0 between the points of stretch. At a shortening of 1 % it is 1e-4 of the energy of
-    stretch.
+    The term prevents |T| → 0 between the points of stretch. At a shortening of 1 % it is 1e-4 of
+    the energy of stretch.
     """
     p = max(0.5 * (1.0 - a), 0.0)
     return 0.5 * curve.EA * p**4, -curve.EA * p**3, 1.5 * curve.EA * p**2
@@ -122,8 +126,8 @@ def crushing(curve: Curve, a: float) -> tuple[float, float, float]:
 def barrier(curve: Curve, a: float) -> tuple[float, float, float]:
     """Return ½EA p⁴/a and its first two derivatives by a; p is as in `crushing`.
 
-    The term is infinite for |T| → 0. It acts at the knot of a hole, where no point of stretch or bending lies.
-    Without it a corner of the path would collapse there.
+    The term is infinite for |T| → 0. It acts at the knot of a hole, where no point of stretch or
+    bending lies. Without it a corner of the path would collapse there.
     """
     p = max(0.5 * (1.0 - a), 0.0)
     return (
@@ -146,7 +150,9 @@ def bending_gradient(curve: Curve, T: Vector, K: Vector) -> tuple[Vector, Vector
 
 @loop
 def bending_hessian(curve: Curve, T: Vector, K: Vector) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the second derivatives of the terms of `bending_gradient` by (T, T), (T, T') and (T', T')."""
+    """Return the second derivatives of the terms of `bending_gradient` by (T, T), (T, T') and (T',
+    T').
+    """
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     half = 0.5 * curve.EI
     phi_b, phi_bb = half * -2.0 * b / a**2, half * -2.0 / a**2
@@ -236,9 +242,9 @@ def add_tangent(curve: Curve, at: Stretched, N: Array, A: Array) -> None:
 def bending_energy(curve: Curve, T: Vector, K: Vector) -> float:
     """Return ½EI κ² plus the term of `crushing` [N].
 
-    κ = |T × T'|/|T|² is the turn of the tangent per rest length. As in Reissner's rod, the bending moment then
-    exerts no axial force. With the turn per deformed length, the axial force would jump by 2 EI κ² at a jump of
-    curvature.
+    κ = |T × T'|/|T|² is the turn of the tangent per rest length. As in Reissner's rod, the bending
+    moment then exerts no axial force. With the turn per deformed length, the axial force would jump
+    by 2 EI κ² at a jump of curvature.
     """
     a, b, c = dot(T, T), dot(T, K), dot(K, K)
     return 0.5 * curve.EI * ((a * c - b * b) / a**2) + crushing(curve, a)[0]

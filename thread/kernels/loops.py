@@ -1,9 +1,10 @@
-"""Compilation of the loops: Numba compiles an outermost loop at its first call and caches it with all its parts.
+"""Compilation of the loops: Numba compiles an outermost loop at its first call and caches it with
+all its parts.
 
-A function is compiled again for each constant integer argument, except for integers of NumPy. Slices of arrays
-would bring in a hundred functions of Numba, so that the loops use single numbers. Sums keep their order: if the
-compiler could reorder a sum, the order would depend on the addresses of the arrays, and a resumed run would not
-give the same bits.
+A function is compiled again for each constant integer argument, except for integers of NumPy.
+Slices of arrays would bring in a hundred functions of Numba, so that the loops use single numbers.
+Sums keep their order: if the compiler could reorder a sum, the order would depend on the addresses
+of the arrays, and a resumed run would not give the same bits.
 """
 
 import sys
@@ -31,21 +32,23 @@ def numbers(*constants: int) -> tuple[int, ...]:
 def loop(kernel: Kernel) -> Kernel:
     """Return a function that is compiled into the loops that call it.
 
-    The function and the functions that it calls must not allocate or return arrays. Numba then does not count
-    references to its arguments, which can be dozens of arrays.
+    The function and the functions that it calls must not allocate or return arrays. Numba then does
+    not count references to its arguments, which can be dozens of arrays.
     """
     return njit(error_model="numpy", _nrt=False, **PART)(kernel)
 
 
 def owning(kernel: Kernel) -> Kernel:
-    """Return a function that is compiled as in `loop` and that can allocate arrays or call a function that returns
-    arrays."""
+    """Return a function that is compiled as in `loop` and that can allocate arrays or call a
+    function that returns arrays.
+    """
     return njit(error_model="numpy", _nrt=True, **PART)(kernel)
 
 
 def outermost(kernel: Kernel) -> Kernel:
-    """Return a compiled function that Python calls, cached on disk if a folder can be written; it allocates no
-    arrays."""
+    """Return a compiled function that Python calls, cached on disk if a folder can be written; it
+    allocates no arrays.
+    """
     options = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "pipeline_class": WholeCompiler}
     try:
         whole: Any = njit(cache=True, **options)(kernel)
@@ -57,11 +60,13 @@ def outermost(kernel: Kernel) -> Kernel:
 
 
 def entry(part: Kernel) -> Kernel:
-    """Return a part in a form that Python calls, cached on disk for the present text of the kernels (`files_of`).
+    """Return a part in a form that Python calls, cached on disk for the present text of the kernels
+    (`files_of`).
 
-    Numba's cache uses as key the name of a function, its code and the values in its closure, here a digest. Without
-    the digest Numba would not notice a change in a function that the part calls. The part is a global name, because
-    a part in a closure would have a different key in every process.
+    Numba's cache uses as key the name of a function, its code and the values in its closure, here a
+    digest. Without the digest Numba would not notice a change in a function that the part calls.
+    The part is a global name, because a part in a closure would have a different key in every
+    process.
     """
     digest = sources(str(sys.modules[part.__module__].__file__))
 
@@ -76,7 +81,9 @@ def entry(part: Kernel) -> Kernel:
 
 
 def files_of(module: str) -> list[Path]:
-    """Return the kernel files of the thread, and the kernel files in the folder "kernels" that contains a `module`."""
+    """Return the kernel files of the thread, and the kernel files in the folder "kernels" that
+    contains a `module`.
+    """
     here = Path(__file__).parent
     rooms = [here, *(folder for folder in Path(module).parents if folder.name == here.name and folder != here)]
     return [path for room in rooms for path in sorted(room.rglob("*.py"))]

@@ -1,10 +1,11 @@
 """Two kinds of compiled functions: parts, which are only compiled into others, and wholes.
 
-By default Numba optimises every function together with all functions that it calls, and makes machine code of it.
-This work is repeated at each level of calls. A part is only written down as intermediate code. A whole is linked
-from all its parts, including parts of parts, and is optimised once. `pipeline_class` is Numba's interface for this
-("Notes on Custom Pipelines" in its manual); the methods belong to `numba.core.codegen.JITCodeLibrary`. Only wholes
-and other parts can call a part.
+By default Numba optimises every function together with all functions that it calls, and makes
+machine code of it. This work is repeated at each level of calls. A part is only written down as
+intermediate code. A whole is linked from all its parts, including parts of parts, and is optimised
+once. `pipeline_class` is Numba's interface for this ("Notes on Custom Pipelines" in its manual);
+the methods belong to `numba.core.codegen.JITCodeLibrary`. Only wholes and other parts can call a
+part.
 """
 
 import logging
@@ -81,10 +82,11 @@ class WholeCompiler(Compiler):  # type: ignore[misc]
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is compiled again.
+    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is
+    compiled again.
 
-    A killed run or a full disk can leave damaged files. `tissue.loops` has the same class, because neither package
-    imports the other.
+    A killed run or a full disk can leave damaged files. `tissue.loops` has the same class, because
+    neither package imports the other.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

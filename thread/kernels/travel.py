@@ -1,22 +1,24 @@
-"""Knots that travel with the holes (`thread.packets`): the curve at given abscissae s, and its potential as a
-function of s.
+"""Knots that travel with the holes (`thread.packets`): the curve at given abscissae s, and its
+potential as a function of s.
 
-With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'². If a hole moves while the control points are
-constant, P' and P'' are constant and S' changes. The turn per rest length is |P' × P''|²/(|P'|⁴ S'²), without S''.
-Per dχ it follows
+With S' = dS/dχ at a point, T = P'/S' and T' = (P'' − T S'')/S'². If a hole moves while the control
+points are constant, P' and P'' are constant and S' changes. The turn per rest length is |P' ×
+P''|²/(|P'|⁴ S'²), without S''. Per dχ it follows
 
     bending  ½EI ψ/S',  ψ of P', P'' alone      ∂ = −½EI φ,  ∂² = EI φ/S',  φ = ψ/S'²
     stretch  ½EA ε² S',  ε = ½(P'²/S'² − 1)      ∂ = ½EA ε² − EA ε |T|²,  ∂² = |T|² (N + EA |T|²)/S'
 
-and the mixed derivatives by q. The mean ε̄ of a natural strain over a span from S_a to S_b changes with both ends:
+and the mixed derivatives by q. The mean ε̄ of a natural strain over a span from S_a to S_b changes
+with both ends:
 
     dε̄ = ((ε̄(S_b) − ε̄) dS_b − (ε̄(S_a) − ε̄) dS_a)/(S_b − S_a)
 
-With e = ε − ε̄ instead of ε, the derivative by ε̄ is −EA e S', the second one EA S', and the mixed one by ε̄ and S'
-is −(N − EA |T|²).
+With e = ε − ε̄ instead of ε, the derivative by ε̄ is −EA e S', the second one EA S', and the mixed
+one by ε̄ and S' is −(N − EA |T|²).
 
-Inertia and weight are integrals over S of two kinds of fields: the thread's present curve, and the earlier curves,
-each on its own knots. The earlier curves are evaluated at the material points of the present curve:
+Inertia and weight are integrals over S of two kinds of fields: the thread's present curve, and the
+earlier curves, each on its own knots. The earlier curves are evaluated at the material points of
+the present curve:
 
     Π = … + ½a∫ρA |P(S) − P̂(S)|² dS − ∫ρA g·P dS
 """
@@ -37,17 +39,17 @@ TRIES = 60  # Newton steps for the χ of an abscissa, on the span that contains 
 class Ride(NamedTuple):
     """The travel of knots, if `on`: S_i = `a` (n,) [m] + `b` (n, m) s.
 
-    `between` (spans, 2) are the holds at both ends of the strand of each span, −1 for an end of a piece of the
-    thread. `limits` (spans, 2) [m] is the abscissa of this end. The next arrays have functions in χ, weights, and
-    the rates of S' by the abscissae of the two holds:
+    `between` (spans, 2) are the holds at both ends of the strand of each span, −1 for an end of a
+    piece of the thread. `limits` (spans, 2) [m] is the abscissa of this end. The next arrays have
+    functions in χ, weights, and the rates of S' by the abscissae of the two holds:
 
     - Bending: `slope`, `bend` (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2).
-    - Stretch: `axial_value`, `axial_slope`, `axial_w`, `axial_rate`; and the rates of S itself at both ends of each
-      span, `edge_moves` (spans, 2, 2).
+    - Stretch: `axial_value`, `axial_slope`, `axial_w`, `axial_rate`; and the rates of S itself at
+      both ends of each span, `edge_moves` (spans, 2, 2).
     - Mass: `value`, `mass_slope`, `mass_w`, `mass_rate`; and the rates of S itself, `moves`.
 
-    `first` (m,) and `at` (m, 2, 4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity` on each span,
-    (spans, 3) [m/s²]; masses of the `ends` (2,) [kg].
+    `first` (m,) and `at` (m, 2, 4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity`
+    on each span, (spans, 3) [m/s²]; masses of the `ends` (2,) [kg].
     """
 
     on: bool
@@ -79,8 +81,8 @@ class Ride(NamedTuple):
 class Field(NamedTuple):
     """An earlier curve.
 
-    The ends of its spans in χ, `knots` (spans + 1,), and in S, `at` (spans + 1,) [m]; `first` (spans,),
-    `polynomials` (spans, 4, 4); control values `S` (n,) [m] and `c` (n, 3) [m].
+    The ends of its spans in χ, `knots` (spans + 1,), and in S, `at` (spans + 1,) [m]; `first`
+    (spans,), `polynomials` (spans, 4, 4); control values `S` (n,) [m] and `c` (n, 3) [m].
     """
 
     knots: Array
@@ -94,8 +96,8 @@ class Field(NamedTuple):
 class Ridden(NamedTuple):
     """The dependence of the potential on the abscissae at an iterate.
 
-    S_i, `S` (n,) [m]; the derivatives `by_s` (m,) [N], `by_ss` (m, m) [N/m] and `by_qs` (n, 3, m) [N/m]; the upper
-    band of the mass, `mass` (n, 4) [kg].
+    S_i, `S` (n,) [m]; the derivatives `by_s` (m,) [N], `by_ss` (m, m) [N/m] and `by_qs` (n, 3, m)
+    [N/m]; the upper band of the mass, `mass` (n, 4) [kg].
     """
 
     S: Array
@@ -113,7 +115,8 @@ def on_span(b: Array, S: Array, first: int) -> float:
 
 @loop
 def carry_functions(first: Indices, b: Array, S: Array, at: Array, rate: Array, by_S: Array) -> None:
-    """Write S, S' and the functions and their derivatives by S, from the functions of χ, `b` (spans, g, 4, 4).
+    """Write S, S' and the functions and their derivatives by S, from the functions of χ, `b`
+    (spans, g, 4, 4).
 
     `at`, `rate` (spans, g), `by_S` (spans, g, 4, 4), for knots at `S` (n,) [m].
     """
@@ -173,11 +176,11 @@ def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
 
 @loop
 def carry_points(ride: Ride, S: Array, q: Array, rates: Array, dt: float, out: Array) -> None:
-    """Add to `out` (n, 3) [m] the motion of control values `q` in `dt` [s] due to holes that move along a thread at
-    rest.
+    """Add to `out` (n, 3) [m] the motion of control values `q` in `dt` [s] due to holes that move
+    along a thread at rest.
 
-    Knots are at `S` (n,) [m], and the holes move at `rates` (m,) [m/s]. The motion is T Ṡ_i Δt, with T by central
-    differences.
+    Knots are at `S` (n,) [m], and the holes move at `rates` (m,) [m/s]. The motion is T Ṡ_i Δt,
+    with T by central differences.
     """
     for i in range(1, len(q) - 1):
         way = 0.0
@@ -201,7 +204,9 @@ def add_mixed(x: float, a: Vector, ride: Ride, e: int, rates: Pair, i: int, out:
 
 @loop
 def add_rates(by: float, by_by: float, ride: Ride, e: int, rates: Array, out: Ridden) -> None:
-    """Add the first and second derivative by S', `by` and `by_by`, to the derivatives by the two holds of span e."""
+    """Add the first and second derivative by S', `by` and `by_by`, to the derivatives by the two
+    holds of span e.
+    """
     for side in range(2):
         k = ride.between[e, side]
         if k >= 0:
@@ -226,8 +231,8 @@ def add_moves(
 ) -> None:
     """Add derivatives by S' and S to the derivatives by the two holds of span e.
 
-    `by_rate` is by S', `by_move` by S, `twice` the second one by S, and `both` by S' and S. S' changes by `rates`,
-    and S by `moves`.
+    `by_rate` is by S', `by_move` by S, `twice` the second one by S, and `both` by S' and S. S'
+    changes by `rates`, and S by `moves`.
     """
     for side in range(2):
         k = ride.between[e, side]
@@ -302,8 +307,9 @@ def add_bending_rates(curve: Curve, ride: Ride, at: Stretched, e: int, g: int, o
 
 @loop
 def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector, Vector]:
-    """Return an earlier curve and its first two derivatives by S at an abscissa; the search begins at the span
-    `near`."""
+    """Return an earlier curve and its first two derivatives by S at an abscissa; the search begins
+    at the span `near`.
+    """
     last = len(field.first) - 1
     e = min(near, last)
     while e > 0 and s < field.at[e]:
@@ -339,7 +345,8 @@ def read_field(field: Field, s: float, near: int) -> tuple[Vector, Vector, Vecto
 def add_inertia(
     curve: Curve, ride: Ride, fields: tuple[Field, Field], factor: float, q: Array, F: Array, out: Ridden
 ) -> None:
-    """Add the forces of inertia and weight to `F` (n, 3) [N], and their derivatives by the abscissae to `out`.
+    """Add the forces of inertia and weight to `F` (n, 3) [N], and their derivatives by the
+    abscissae to `out`.
 
     Inertia is `factor` [1/s²] times mass times the distance from the sum of the earlier curves.
     """

@@ -1,8 +1,9 @@
-"""Strain-energy densities: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of densities.
+"""Strain-energy densities: W, P = ∂W/∂F and A = ∂²W/∂F² at many points at once, and sums of
+densities.
 
-Deformation gradients F have shape `(3, 3, …)`: the axes of the points come last, so that numbers per point or per
-cell broadcast against F. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and A_ijkl = ∂P_ij/∂F_kl [Pa]
-`(3, 3, 3, 3, …)`.
+Deformation gradients F have shape `(3, 3, …)`: the axes of the points come last, so that numbers
+per point or per cell broadcast against F. W [J/m³] has shape `(…)`, P_ij [Pa] `(3, 3, …)` and
+A_ijkl = ∂P_ij/∂F_kl [Pa] `(3, 3, 3, 3, …)`.
 """
 
 from collections.abc import Sequence

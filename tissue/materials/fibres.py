@@ -2,8 +2,8 @@
 
     W = k₁/(2k₂) (exp(k₂ ⟨Ī₄ − 1⟩²) − 1),    Ī₄ = J^(−2/3) |F a|²
 
-A shortened fibre has no stiffness. When a fibre is stretched beyond its reference length, its stiffness starts at
-k₁: W has a continuous first derivative but no continuous second one.
+A shortened fibre has no stiffness. When a fibre is stretched beyond its reference length, its
+stiffness starts at k₁: W has a continuous first derivative but no continuous second one.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from tissue.materials.invariant import Invariant, invariant
 class Fibres:
     """One family: its `direction` (3,), of any length, stiffness `k1` [Pa] and stiffening `k2` [-].
 
-    k1 and k2 are numbers, or arrays that broadcast against the points; k1 = 0 means no fibres. Raises `TissueError`
-    unless k1 ≥ 0, k2 > 0 and the direction is a finite vector other than zero.
+    k1 and k2 are numbers, or arrays that broadcast against the points; k1 = 0 means no fibres.
+    Raises `TissueError` unless k1 ≥ 0, k2 > 0 and the direction is a finite vector other than zero.
     """
 
     direction: ArrayLike

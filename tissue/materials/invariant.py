@@ -1,4 +1,6 @@
-"""Isochoric invariants Ī = J^(−2/3) tr(F M Fᵀ): M = I gives Ī₁, M = a ⊗ a the squared stretch Ī₄ of a fibre a."""
+"""Isochoric invariants Ī = J^(−2/3) tr(F M Fᵀ): M = I gives Ī₁, M = a ⊗ a the squared stretch Ī₄ of
+a fibre a.
+"""
 
 from dataclasses import dataclass
 
@@ -12,7 +14,9 @@ I3 = np.eye(3)
 
 @dataclass(frozen=True)
 class Invariant:
-    """Ī as `value`, and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`, `scale` = J^(−2/3), M."""
+    """Ī as `value`, and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`,
+    `scale` = J^(−2/3), M.
+    """
 
     value: Array
     Q: Array
@@ -25,10 +29,11 @@ class Invariant:
         return np.asarray(2.0 * self.scale * self.Q - (2.0 / 3.0) * self.value * self.H)
 
     def tangent(self, slope: Array, bend: Array) -> Array:
-        """Return the second derivative by F of a function of Ī with first and second derivatives `slope` and
-        `bend`, `(…)`.
+        """Return the second derivative by F of a function of Ī with first and second derivatives
+        `slope` and `bend`, `(…)`.
 
-        ∂²Ī/∂F² = 2 J^(−2/3) I ⊠ M − (2/3)(D ⊗ H + H ⊗ D) − (4/9) Ī H ⊗ H + (2/3) Ī H ⊠ H with D = ∂Ī/∂F.
+        ∂²Ī/∂F² = 2 J^(−2/3) I ⊠ M − (2/3)(D ⊗ H + H ⊗ D) − (4/9) Ī H ⊗ H + (2/3) Ī H ⊠ H with D =
+        ∂Ī/∂F.
         """
         D, H, value = self.gradient(), self.H, self.value
         out = np.einsum("ij...,kl...->ijkl...", bend * D - (2.0 / 3.0) * slope * H, D)
@@ -41,7 +46,9 @@ class Invariant:
 
 
 def invariant(F: Array, M: Array = I3) -> Invariant:
-    """Return the invariant of deformation gradients `(3, 3, …)`; `M` `(3, 3)`, or with trailing axes that broadcast."""
+    """Return the invariant of deformation gradients `(3, 3, …)`; `M` `(3, 3)`, or with trailing
+    axes that broadcast.
+    """
     plain = M is I3
     M = M.reshape(*M.shape, *[1] * (F.ndim - M.ndim)) if M.ndim < F.ndim else M
     J = determinant(F)

@@ -2,8 +2,8 @@
 
     W = μ/(2b) (exp(b (Ī₁ − 3)) − 1) + κ/2 (J − 1)²,    Ī₁ = J^(−2/3) tr FᵀF
 
-b → 0 is the neo-Hookean solid; b = 5 gives the J-shaped curve of soft tissue (Demiray, J. Biomech. 5, 1972). At
-small strain both equal the linear organ with the same μ and κ.
+b → 0 is the neo-Hookean solid; b = 5 gives the J-shaped curve of soft tissue (Demiray, J. Biomech.
+5, 1972). At small strain both equal the linear organ with the same μ and κ.
 """
 
 from dataclasses import dataclass
@@ -19,9 +19,11 @@ from tissue.materials.invariant import invariant
 
 @dataclass(frozen=True)
 class Exponential:
-    """μ/(2b) (exp(b (Ī₁ − 3)) − 1): shear modulus `mu` [Pa] and stiffening `b` [-], 0 for a neo-Hookean solid.
+    """μ/(2b) (exp(b (Ī₁ − 3)) − 1): shear modulus `mu` [Pa] and stiffening `b` [-], 0 for a
+    neo-Hookean solid.
 
-    Each is a number, or an array that broadcasts against the points. Raises `TissueError` unless μ > 0 and b ≥ 0.
+    Each is a number, or an array that broadcasts against the points. Raises `TissueError` unless μ
+    > 0 and b ≥ 0.
     """
 
     mu: PerCell
@@ -61,7 +63,9 @@ class Exponential:
 
 @dataclass(frozen=True)
 class Volumetric:
-    """κ/2 (J − 1)² with the bulk modulus `kappa` [Pa], a number or an array that broadcasts against the points."""
+    """κ/2 (J − 1)² with the bulk modulus `kappa` [Pa], a number or an array that broadcasts against
+    the points.
+    """
 
     kappa: PerCell
 

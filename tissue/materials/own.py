@@ -1,9 +1,10 @@
-"""A user-defined density: a function of F in Python, differentiated twice without a difference quotient.
+"""A user-defined density: a function of F in Python, differentiated twice without a difference
+quotient.
 
-The function is called with numbers that carry their first and second derivatives by the nine components of F
-(hyper-dual numbers: Fike & Alonso, AIAA 2011-886). Stress and tangent are therefore exact to round-off. F is a
-`(3, 3)` array. The function can use + − * / and powers, `np.exp`, `np.log`, `np.sqrt`, `np.trace`, `@` and
-`tissue.materials.own.det`:
+The function is called with numbers that carry their first and second derivatives by the nine
+components of F (hyper-dual numbers: Fike & Alonso, AIAA 2011-886). Stress and tangent are therefore
+exact to round-off. F is a `(3, 3)` array. The function can use + − * / and powers, `np.exp`,
+`np.log`, `np.sqrt`, `np.trace`, `@` and `tissue.materials.own.det`:
 
     def mooney_rivlin(F):
         C = F.T @ F
@@ -25,8 +26,9 @@ POINTS = 2000  # differentiated together: 91 numbers per point stay in the proce
 
 
 class Jet:
-    """Numbers at k points, `value` (k,), with first and second derivatives by F, `slope` (9, k) and `bend` (9, 9,
-    k)."""
+    """Numbers at k points, `value` (k,), with first and second derivatives by F, `slope` (9, k) and
+    `bend` (9, 9, k).
+    """
 
     __slots__ = ("bend", "slope", "value")
 
@@ -34,7 +36,9 @@ class Jet:
         self.value, self.slope, self.bend = value, slope, bend
 
     def through(self, value: Array, first: Array, second: Array) -> "Jet":
-        """Return a function of this number, given the function's value and its first and second derivative."""
+        """Return a function of this number, given the function's value and its first and second
+        derivative.
+        """
         bend = first * self.bend + second * (self.slope[:, None] * self.slope[None])
         return Jet(value, first * self.slope, bend)
 
@@ -106,7 +110,9 @@ def det(F: Any) -> Any:
 
 @dataclass(frozen=True)
 class Own:
-    """The density that a function `W` returns for F, a `(3, 3)` array of numbers; W does not depend on the position."""
+    """The density that a function `W` returns for F, a `(3, 3)` array of numbers; W does not depend
+    on the position.
+    """
 
     W: Callable[[Any], Any]
 

@@ -1,7 +1,9 @@
-"""Tissue that is stretched in its reference shape, as skin is: W(F F₀) / det F₀ with F₀ = diag(λ₁, λ₂, λ₃).
+"""Tissue that is stretched in its reference shape, as skin is: W(F F₀) / det F₀ with F₀ = diag(λ₁,
+λ₂, λ₃).
 
-The density of the stress-free tissue is evaluated at F F₀. It is divided by det F₀, because a stress-free volume
-grows by det F₀ to the volume in the reference shape. Tissue that is cut free returns to its stress-free shape.
+The density of the stress-free tissue is evaluated at F F₀. It is divided by det F₀, because a
+stress-free volume grows by det F₀ to the volume in the reference shape. Tissue that is cut free
+returns to its stress-free shape.
 """
 
 from dataclasses import dataclass
@@ -15,10 +17,11 @@ from tissue.materials.density import Density
 
 @dataclass(frozen=True)
 class Prestretched:
-    """A `density` of stress-free tissue in a reference shape with principal `stretches` along x, y and z.
+    """A `density` of stress-free tissue in a reference shape with principal `stretches` along x, y
+    and z.
 
-    The stretches have shape `(3,)`, or `(3, …)` with axes that broadcast against the points. Raises `TissueError`
-    unless all stretches are positive.
+    The stretches have shape `(3,)`, or `(3, …)` with axes that broadcast against the points. Raises
+    `TissueError` unless all stretches are positive.
     """
 
     density: Density

@@ -2,13 +2,13 @@
 
     V = [Φ,  K⁻¹F,  (K⁻¹M) K⁻¹F,  …,  (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads]
 
-The first block holds the static answers to all forces, so that slow motion is exact. Then follow k blocks of a
-Krylov space. Each of them matches two more moments of the transfer function from forces to sites (Su & Craig, AIAA
-J. 29, 1991). The lowest modes Φ are optional. Rayleigh damping is a function of M and K, so that the space is the
-same with it. V is orthonormal in K.
+The first block holds the static answers to all forces, so that slow motion is exact. Then follow k
+blocks of a Krylov space. Each of them matches two more moments of the transfer function from forces
+to sites (Su & Craig, AIAA J. 29, 1991). The lowest modes Φ are optional. Rayleigh damping is a
+function of M and K, so that the space is the same with it. V is orthonormal in K.
 
-The residual of U = V η in the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is orthogonal to V. F
-and K V lie in the space of K V, and M V does except for its last block. Hence
+The residual of U = V η in the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is
+orthogonal to V. F and K V lie in the space of K V, and M V does except for its last block. Hence
 
     K⁻¹ r = −(I − V VᵀK) K⁻¹M V (η̈ + α η̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖
 
@@ -33,7 +33,8 @@ MASSLESS = 1e-14  # of the largest 1/ω² of a basis: a smaller value is round-o
 class ModalBasis:
     """A basis in which stiffness is the identity and mass is diagonal.
 
-    `vectors` has shape `(N, r)`, and `mu` (r,) = 1/ω² [s²]. `missed` is the matrix R of the module, shape `(m, r)`.
+    `vectors` has shape `(N, r)`, and `mu` (r,) = 1/ω² [s²]. `missed` is the matrix R of the module,
+    shape `(m, r)`.
     """
 
     vectors: Array
@@ -64,8 +65,8 @@ class Krylov:
 def build_krylov(
     K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array], forces: Array, blocks: int, modes: Array
 ) -> Krylov:
-    """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks` + 1 further
-    blocks.
+    """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks`
+    + 1 further blocks.
 
     `solve` returns K⁻¹ b.
     """

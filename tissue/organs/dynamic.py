@@ -55,7 +55,8 @@ class History(NamedTuple):
 
 
 def combination(weights: Sequence[float], fields: Sequence[Array]) -> Array:
-    """Return Σ w x, shape `(N,)`, in one pass over each field with a weight other than zero; at least one field.
+    """Return Σ w x, shape `(N,)`, in one pass over each field with a weight other than zero; at
+    least one field.
 
     A step takes thirty of these passes and reads more memory in them than in its matrix products.
     """
@@ -98,8 +99,9 @@ class DynamicOperator(LipCompliance):
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def residual(self, history: History, now: Products, load: Array) -> Array:
-        """Return b − A U under a load (N,) from known products of U and of the history, without a new matrix
-        product."""
+        """Return b − A U under a load (N,) from known products of U and of the history, without a
+        new matrix product.
+        """
         alpha, beta = self.organ.rayleigh
         a, c, k = self.a, alpha * self.d, beta * self.d
         inertia = (a, c, -a - c), (history.M_inertia, history.M_damping, now.MU)
@@ -109,14 +111,14 @@ class DynamicOperator(LipCompliance):
     def state(
         self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing, shares: Array | None
     ) -> OrganState:
-        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads, with its rates and
-        products.
+        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads, with
+        its rates and products.
 
         Only M U⁺ needs a new matrix product.
 
-        K U⁺ follows from the balance of forces of the step. The residuals of the solver therefore accumulate in K
-        U⁺; with a direct solver they are round-off. If they are larger, K U⁺ is left out and computed again by a
-        product.
+        K U⁺ follows from the balance of forces of the step. The residuals of the solver therefore
+        accumulate in K U⁺; with a direct solver they are round-off. If they are larger, K U⁺ is
+        left out and computed again by a product.
         """
         alpha, beta = self.organ.rayleigh
         MU = self.organ.mass_times(U)
@@ -196,16 +198,17 @@ class DynamicOrgan(MeshedOrgan):
         return self.operator(scheme.a, scheme.d)
 
     def mass_times(self, field: Array) -> Array:
-        """Return M times a field over the free unknowns `(N,)`; the three components of a node have the same row of
-        M."""
+        """Return M times a field over the free unknowns `(N,)`; the three components of a node have
+        the same row of M.
+        """
         weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
         return weighed if self.slots is None else weighed[self.slots]
 
     def elastic_force(self, U: Array) -> Array:
         """Return K U.
 
-        The forces of the last fields are cached, because the step to a state and the step from it need the same
-        force.
+        The forces of the last fields are cached, because the step to a state and the step from it
+        need the same force.
         """
         for known, force in self._recalled:
             if known is U:
@@ -215,7 +218,9 @@ class DynamicOrgan(MeshedOrgan):
         return force
 
     def _factorized(self, a: float, d: float, soft: csr_matrix | None = None) -> DynamicOperator:
-        """Return the operator of a scheme; `soft` is subtracted from the stiffness, None: no change."""
+        """Return the operator of a scheme; `soft` is subtracted from the stiffness, None: no
+        change.
+        """
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
         if soft is not None:
@@ -227,7 +232,8 @@ class DynamicOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, newest first, by one solve.
+        """Return the answer of a step of `scheme` from the states `past`, newest first, by one
+        solve.
 
         `share` of the loads acts at `time` [s].
         """
@@ -251,7 +257,9 @@ class DynamicOrgan(MeshedOrgan):
         pairing: Pairing,
         shares: Array | None,
     ) -> LinearAnswer:
-        """Return the answer of a step under a `load` (N,) that ends at `U_free` (N,) without site forces."""
+        """Return the answer of a step under a `load` (N,) that ends at `U_free` (N,) without site
+        forces.
+        """
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of U⁺ = U_free + W f_y + A⁻¹Gᵀ p."""
@@ -268,8 +276,8 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def history(self, scheme: TimeScheme, past: Sequence[OrganState]) -> History:
-        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme, and their
-        products.
+        """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme,
+        and their products.
 
         They are zero in equilibrium, which uses no earlier state.
         """
@@ -287,7 +295,9 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def products(self, state: OrganState) -> Products:
-        """Return M U, M V and K U of a state; products that the state already has are not computed again."""
+        """Return M U, M V and K U of a state; products that the state already has are not computed
+        again.
+        """
         MU = self.mass_times(state.U) if state.MU is None else state.MU
         MV = self.mass_times(state.V) if state.MV is None else state.MV
         return Products(MU, MV, self.elastic_force(state.U) if state.KU is None else state.KU)
@@ -348,7 +358,8 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        constant.
 
         These are the site forces `f_y` (9p,) and the contact forces of `state`. V does not change.
         """
@@ -375,10 +386,11 @@ class DynamicOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.
 
-        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The dissipation of
-        the scheme is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV); the bracket is zero for backward Euler. The viscous
-        work is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact dissipates −p⁺·Δg = p⁺·g ≥ 0. This is of first order in the
-        step, except if lips strike one another; it is part of `numerical`.
+        f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The
+        dissipation of the scheme is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV); the bracket is zero for
+        backward Euler. The viscous work is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact dissipates −p⁺·Δg =
+        p⁺·g ≥ 0. This is of first order in the step, except if lips strike one another; it is part
+        of `numerical`.
         """
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
@@ -396,7 +408,9 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def _by_nodes(self, field: Array) -> Array:
-        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`; held components are zero."""
+        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`; held
+        components are zero.
+        """
         if self.slots is None:
             return field.reshape(-1, 3)
         whole = np.zeros(3 * self.node_mass.shape[0])

@@ -1,8 +1,9 @@
-"""Pairing of points with a surface of triangles: the point of the surface that each point faces, and the normal
-there.
+"""Pairing of points with a surface of triangles: the point of the surface that each point faces,
+and the normal there.
 
-At an end of the surface, a point faces the edge up to a distance of half a triangle. Within this distance, part of
-the area around the point is still over the surface. A point farther away faces no triangle.
+At an end of the surface, a point faces the edge up to a distance of half a triangle. Within this
+distance, part of the area around the point is still over the surface. A point farther away faces no
+triangle.
 """
 
 import numpy as np
@@ -20,14 +21,15 @@ OPPOSITE = np.array([[1, 2], [0, 2], [0, 1]])  # sides of a triangle, opposite t
 
 
 def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array | None) -> Array:
-    """Return the facing of points `at` `(k, 3)`: triangle, barycentric coordinates and gap vector, shape `(k, 7)`.
+    """Return the facing of points `at` `(k, 3)`: triangle, barycentric coordinates and gap vector,
+    shape `(k, 7)`.
 
     The triangle is −1 if a point faces no triangle.
 
-    `triangles` `(m, 3)` of `points` `(n, 3)` [m] have normals that point away from `at`; `ends` are their open
-    sides. A point faces the nearest point of the surface, or the point in front of it or behind it `along` a unit
-    vector (3,). The gap is the distance along the averaged normal n. With `along`, it is this distance over
-    n·along, which is the distance in this direction.
+    `triangles` `(m, 3)` of `points` `(n, 3)` [m] have normals that point away from `at`; `ends` are
+    their open sides. A point faces the nearest point of the surface, or the point in front of it or
+    behind it `along` a unit vector (3,). The gap is the distance along the averaged normal n. With
+    `along`, it is this distance over n·along, which is the distance in this direction.
     """
     corners, normals = points[triangles], averaged_normals(points, triangles)
     flat = np.eye(3) if along is None else across(along)
@@ -56,7 +58,8 @@ def triangle_sizes(corners: Array) -> Array:
 
 
 def averaged_normals(points: Array, triangles: Indices) -> Array:
-    """Return averaged unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m, 3, 3)`.
+    """Return averaged unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m,
+    3, 3)`.
 
     The normal at a corner is the mean of the normals of its triangles, weighted by area.
     """
@@ -76,20 +79,24 @@ def facet_normals(corners: Array) -> Array:
 
 
 def _area_normals(corners: Array) -> Array:
-    """Return the cross products of two sides of triangles `(m, 3, 3)`, with the length of twice their areas."""
+    """Return the cross products of two sides of triangles `(m, 3, 3)`, with the length of twice
+    their areas.
+    """
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def open_sides(triangles: Indices) -> Mask:
-    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)` belong to no other triangle, `(m, 3)`."""
+    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)` belong to no other triangle,
+    `(m, 3)`.
+    """
     sides = np.sort(triangles[:, OPPOSITE].reshape(-1, 2), axis=1)
     _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
 
 
 def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
-    """Return the nearest triangle to each of the points `(k, d)`, the nearest point in it, `(k, 3)`, and its
-    distance, `(k,)`.
+    """Return the nearest triangle to each of the points `(k, d)`, the nearest point in it, `(k,
+    3)`, and its distance, `(k,)`.
 
     Triangles have `corners` `(m, 3, d)`; the nearest points are barycentric coordinates.
     """
@@ -102,7 +109,9 @@ def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
 
 
 def _barycentric(at: Array, corners: Array) -> Array:
-    """Return the barycentric coordinates of points `(…, d)`, or of their feet, in triangles `(…, 3, d)`."""
+    """Return the barycentric coordinates of points `(…, d)`, or of their feet, in triangles `(…, 3,
+    d)`.
+    """
     u, v, w = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :], at - corners[..., 0, :]
     uu, uv, vv, uw, vw = (np.sum(a * b, axis=-1) for a, b in ((u, u), (u, v), (v, v), (u, w), (v, w)))
     area = uu * vv - uv * uv
@@ -111,7 +120,8 @@ def _barycentric(at: Array, corners: Array) -> Array:
 
 
 def _held_inside(at: Array, corners: Array, inside: Array) -> Array:
-    """Return the barycentric coordinates of the nearest points in triangles `(k, 3, d)` to points `at` `(k, d)`.
+    """Return the barycentric coordinates of the nearest points in triangles `(k, 3, d)` to points
+    `at` `(k, d)`.
 
     `inside` `(k, 3)` are the barycentric coordinates of the points `at`.
     """

@@ -1,19 +1,23 @@
-"""An organ at finite strain: energy Π(U), internal force ∂Π/∂U and tangent K(U), in the same coupled system.
+"""An organ at finite strain: energy Π(U), internal force ∂Π/∂U and tangent K(U), in the same
+coupled system.
 
     a M (U⁺ − U_a) + α d M (U⁺ − U_d) + ∂Π/∂U − load = Zᵀ (∂y/∂z)ᵀ f_y,    z = Z U
 
-At an iterate U_k the site variables depend on U only through z (`tissue.sites.finite`), y ≈ y_k + J dz. With the
-residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ and S = f_y·∂²y/∂z² the answer is
+At an iterate U_k the site variables depend on U only through z (`tissue.sites.finite`), y ≈ y_k + J
+dz. With the residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ and S =
+f_y·∂²y/∂z² the answer is
 
     dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
 
-Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ, C_cy = G Ã⁻¹ Zᵀ Jᵀ
-and Ã = A − Zᵀ S Z. The pairing and its directions are found at the start of a step, in the deformed shape.
+Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ,
+C_cy = G Ã⁻¹ Zᵀ Jᵀ and Ã = A − Zᵀ S Z. The pairing and its directions are found at the start of a
+step, in the deformed shape.
 
-The coupled Newton iteration calls `again` after each correction. The organ then moves to U_k + dU. The move is
-shortened if a cell would be inverted or if the organ's potential under these forces would increase. The answer has
-converged when its own residual there is within RESIDUAL of the forces of the cells. A factor is reused while it
-reduces the residual; the converged answer does not depend on the factor.
+The coupled Newton iteration calls `again` after each correction. The organ then moves to U_k + dU.
+The move is shortened if a cell would be inverted or if the organ's potential under these forces
+would increase. The answer has converged when its own residual there is within RESIDUAL of the
+forces of the cells. A factor is reused while it reduces the residual; the converged answer does not
+depend on the factor.
 """
 
 from collections import OrderedDict, deque
@@ -74,10 +78,11 @@ MOST_CORRECTIONS = 50  # for the equilibrium without site forces
 class Motion:
     """The inertia and loads of a step.
 
-    `a` [1/s²] and `d` [1/s] are its factors, and `inertia` and `damping` the fields U_a and U_d, `(N,)` [m]. `load`
-    `(N,)` [N] is the dead load, and `shares` are the parts of the loads that act. If the organ `creeps`, `a` is the
-    factor of a drag towards U_a instead of inertia. If the organ is `led` along a branch of equilibria, its
-    potential can increase. `course` is the relaxation of the tissue; None without relaxation.
+    `a` [1/s²] and `d` [1/s] are its factors, and `inertia` and `damping` the fields U_a and U_d,
+    `(N,)` [m]. `load` `(N,)` [N] is the dead load, and `shares` are the parts of the loads that
+    act. If the organ `creeps`, `a` is the factor of a drag towards U_a instead of inertia. If the
+    organ is `led` along a branch of equilibria, its potential can increase. `course` is the
+    relaxation of the tissue; None without relaxation.
     """
 
     a: float
@@ -100,8 +105,8 @@ class Motion:
 class Course:
     """The relaxation of stress in a step of `dt` [s].
 
-    `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)` [Pa] are the stresses at the start of the step, and
-    `density` is the density used in the step (`tissue.relaxation`).
+    `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)` [Pa] are the stresses at the start of the
+    step, and `density` is the density used in the step (`tissue.relaxation`).
     """
 
     dt: float
@@ -112,8 +117,9 @@ class Course:
 
 @dataclass(frozen=True)
 class Tangent:
-    """The factorised tangent A at the displacement `U`, with the rows `Z` `(k, N)` of the sites, and whether A is
-    `definite`."""
+    """The factorised tangent A at the displacement `U`, with the rows `Z` `(k, N)` of the sites,
+    and whether A is `definite`.
+    """
 
     U: Array
     A: csr_matrix
@@ -142,7 +148,9 @@ class Tangent:
         return self._columns[1]
 
     def way_without_forces(self, r: Array) -> Array:
-        """Return −A⁻¹ r, shape `(N,)` [m], cached for the last residual r `(N,)` [N]. Raises `OrganError`."""
+        """Return −A⁻¹ r, shape `(N,)` [m], cached for the last residual r `(N,)` [N]. Raises
+        `OrganError`.
+        """
         for known, way in self._let_go:
             if known is r:
                 return way
@@ -150,7 +158,8 @@ class Tangent:
         return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
-        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N], cached for the last G.
+        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N], cached for
+        the last G.
 
         Raises `OrganError` if the tangent cannot be solved.
         """
@@ -174,7 +183,9 @@ class Displaced(LipCompliance):
 
 
 def unsolved(error: FactorError) -> OrganError:
-    """Return the error for a tangent that cannot be solved; the step is then repeated as two half steps."""
+    """Return the error for a tangent that cannot be solved; the step is then repeated as two half
+    steps.
+    """
     return OrganError(f"the tissue's tangent cannot be solved ({error})")
 
 
@@ -190,8 +201,8 @@ def solved(factor: Solver, b: Array) -> Array:
 class Point:
     """The organ at `U` `(N,)` without site forces.
 
-    `F` are the deformation gradients at the cells, `r` `(N,)` [N] the residual, `scale` [N] the largest force of a
-    cell on a node, and `z` the numbers of the sites.
+    `F` are the deformation gradients at the cells, `r` `(N,)` [N] the residual, `scale` [N] the
+    largest force of a cell on a node, and `z` the numbers of the sites.
     """
 
     U: Array
@@ -203,7 +214,9 @@ class Point:
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces on the organ: site forces `f_y` (9p,), and contact forces `push` = Gᵀ p over its unknowns `(N,)` [N]."""
+    """Forces on the organ: site forces `f_y` (9p,), and contact forces `push` = Gᵀ p over its
+    unknowns `(N,)` [N].
+    """
 
     f_y: Array
     push: Array
@@ -213,8 +226,9 @@ class Forces:
 class FiniteAnswer:
     """The answer linearised at a `point` under forces `f_y` (9p,).
 
-    The `tangent` was made at this point or at an earlier one. `pairing` is the pairing of the lips. `ahead` (N,)
-    [m] is an extrapolation beyond the correction with this tangent; None without extrapolation.
+    The `tangent` was made at this point or at an earlier one. `pairing` is the pairing of the lips.
+    `ahead` (N,) [m] is an extrapolation beyond the correction with this tangent; None without
+    extrapolation.
     """
 
     organ: "FiniteOrgan"
@@ -322,8 +336,8 @@ class FiniteAnswer:
         return self.organ.state_at(self.motion, U, f_y, p, self.pairing, self.tangent)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
-        """Return itself if the organ's equations have converged under these forces, else the answer linearised at
-        the new point.
+        """Return itself if the organ's equations have converged under these forces, else the answer
+        linearised at the new point.
 
         Raises `OrganError` if the organ finds no new point or no tangent.
         """
@@ -340,11 +354,12 @@ class FiniteAnswer:
         return kept.after(self, forces) if share == 1.0 and self.motion.a and not forces.push.any() else kept
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
-        """Return the answer with an extrapolation from the last two corrections by one tangent, without another
-        solve.
+        """Return the answer with an extrapolation from the last two corrections by one tangent,
+        without another solve.
 
-        With an old tangent, the remaining error of each correction has much the same ratio and direction (Anderson,
-        J. ACM 12, 1965, with one stored correction; more stored corrections hardly save iterations).
+        With an old tangent, the remaining error of each correction has much the same ratio and
+        direction (Anderson, J. ACM 12, 1965, with one stored correction; more stored corrections
+        hardly save iterations).
         """
         way = self.point.U - last.point.U
         left = self.moved(forces) - self.point.U
@@ -374,11 +389,12 @@ class FiniteAnswer:
 
 @dataclass(frozen=True, eq=False)
 class FiniteOrgan(MeshedOrgan):
-    """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always in equilibrium.
+    """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always
+    in equilibrium.
 
-    `hyper` is its energy, None: the neo-Hookean solid with the same E and ν. `relaxation` is the relaxation of its
-    stress, None: no relaxation. A factor is reused if it reduces the residual below the fraction `keep`; 0 makes a
-    new tangent for every correction.
+    `hyper` is its energy, None: the neo-Hookean solid with the same E and ν. `relaxation` is the
+    relaxation of its stress, None: no relaxation. A factor is reused if it reduces the residual
+    below the fraction `keep`; 0 makes a new tangent for every correction.
     """
 
     hyper: Hyperelasticity | None = None
@@ -460,13 +476,17 @@ class FiniteOrgan(MeshedOrgan):
         return self.elasticity.points + self._nodal(U)
 
     def pressing(self, shares: Array | None, U: Array) -> Array:
-        """Return the forces of the pressures, which follow their surfaces, over the free unknowns `(N,)` [N]."""
+        """Return the forces of the pressures, which follow their surfaces, over the free unknowns
+        `(N,)` [N].
+        """
         if not self.surface.follows:
             return np.zeros(self.size)
         return self.surface.pressing(shares, self._places(U))[self.elasticity.free]
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]; pressures act on the deformed surfaces."""
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]; pressures act on the
+        deformed surfaces.
+        """
         return self.surface.resultants_at(self._places(state.U))
 
     def off_balance(self, point: Point, forces: Forces) -> float:
@@ -475,8 +495,8 @@ class FiniteOrgan(MeshedOrgan):
         return float(np.abs(pull - point.r).max(initial=0.0))
 
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
-        """Return the potential that the organ minimises in a step under constant forces [J]; infinite if a cell is
-        inverted.
+        """Return the potential that the organ minimises in a step under constant forces [J];
+        infinite if a cell is inverted.
 
         The work of pressures is along the straight path from `start` (N,) to U.
         """
@@ -493,8 +513,8 @@ class FiniteOrgan(MeshedOrgan):
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
         """Return the point at U, or at a part of the way from `start` to U, and this part.
 
-        No cell is inverted at the point. Unless the organ is led, the residual, which is `before` at the start, or
-        the potential decreases. Raises `OrganError` if there is no such point.
+        No cell is inverted at the point. Unless the organ is led, the residual, which is `before`
+        at the start, or the potential decreases. Raises `OrganError` if there is no such point.
         """
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
@@ -518,7 +538,9 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
-        """Return the factorised tangent at U; the last few tangents are cached. Raises `OrganError`."""
+        """Return the factorised tangent at U; the last few tangents are cached. Raises
+        `OrganError`.
+        """
         shares = motion.shares if self.surface.follows else None
         met = None if motion.course is None else motion.course.dt
         key = motion.a, motion.d, met, id(U), b"" if shares is None else shares.tobytes()
@@ -540,8 +562,8 @@ class FiniteOrgan(MeshedOrgan):
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
         """Return the factorised A, and whether A is positive definite.
 
-        Beyond a bifurcation A is indefinite and is factorised by LU. Raises `OrganError` if A is singular, or
-        indefinite although it `must` be definite.
+        Beyond a bifurcation A is indefinite and is factorised by LU. Raises `OrganError` if A is
+        singular, or indefinite although it `must` be definite.
         """
         try:
             return solver(A, self.places, self.choice.name, bool(self._tangents), self._pattern), True
@@ -566,7 +588,9 @@ class FiniteOrgan(MeshedOrgan):
         return Motion(scheme.a, scheme.d, inertia, damping, load, shares, course=course)
 
     def course(self, state: OrganState, dt: float) -> Course | None:
-        """Return the relaxation of stress in a step of `dt` [s] from a state, or None without relaxation."""
+        """Return the relaxation of stress in a step of `dt` [s] from a state, or None without
+        relaxation.
+        """
         if self.relaxation is None:
             return None
         S = self.law.distortional_stress(self.law.gradient(self.whole(state.U)))
@@ -575,7 +599,9 @@ class FiniteOrgan(MeshedOrgan):
         return Course(dt, relaxing, S, self.law.relaxing(self.relaxation.met(dt), H))
 
     def stressed(self, state: OrganState) -> Density | None:
-        """Return the density that gives the stress of the tissue in a state; None: the density of the body."""
+        """Return the density that gives the stress of the tissue in a state; None: the density of
+        the body.
+        """
         if self.relaxation is None or state.relaxing is None:
             return self.lasting
         return self.law.relaxing(1.0 - self.relaxation.total, state.relaxing.sum(axis=0))
@@ -586,11 +612,11 @@ class FiniteOrgan(MeshedOrgan):
         return None if self.relaxation is None else self.law.relaxing(1.0 - self.relaxation.total, None)
 
     def start(self) -> OrganState:
-        """Return the state at the start: at rest and undeformed, or without inertia in equilibrium with gravity and
-        prestretch.
+        """Return the state at the start: at rest and undeformed, or without inertia in equilibrium
+        with gravity and prestretch.
 
-        It is undeformed too if contact surfaces would cross in this equilibrium. Raises `TissueError` if there is
-        no equilibrium.
+        It is undeformed too if contact surfaces would cross in this equilibrium. Raises
+        `TissueError` if there is no equilibrium.
         """
         return self._started
 
@@ -614,7 +640,9 @@ class FiniteOrgan(MeshedOrgan):
         return undeformed if crosses else replace(undeformed, U=U)
 
     def _sagged(self, U: Array) -> Array:
-        """Return the equilibrium without site forces that is found from U, shape `(N,)` [m]. Raises `OrganError`."""
+        """Return the equilibrium without site forces that is found from U, shape `(N,)` [m]. Raises
+        `OrganError`.
+        """
         none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
         course = self.course(OrganState(U, U, U, none), np.inf)
         still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None, course=course)
@@ -634,8 +662,8 @@ class FiniteOrgan(MeshedOrgan):
     ) -> FiniteAnswer:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        `share` of the loads acts at `time` [s]. The answer is linearised at the newest state with the tangent that
-        was last used there.
+        `share` of the loads acts at `time` [s]. The answer is linearised at the newest state with
+        the tangent that was last used there.
         """
         motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
         point = self.point(motion, state.U)
@@ -647,9 +675,9 @@ class FiniteOrgan(MeshedOrgan):
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
         """Return the answer of an organ that creeps from a state towards its equilibrium.
 
-        `share` of the loads acts at `time` [s]. A drag proportional to mass resists the motion. With a `pace` of 1
-        the drag is as stiff as the stiffest node, with 0 it vanishes. The potential decreases, so that the organ
-        reaches a stable equilibrium even if it is far away.
+        `share` of the loads acts at `time` [s]. A drag proportional to mass resists the motion.
+        With a `pace` of 1 the drag is as stiff as the stiffest node, with 0 it vanishes. The
+        potential decreases, so that the organ reaches a stable equilibrium even if it is far away.
         """
         shares = self.shares_at(time, share)
         a = pace * float(self.elasticity.K.diagonal().max()) / self._largest_mass
@@ -666,7 +694,8 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
-        """Return an answer at rest at the same displacement under another `share` of the loads at `time` [s].
+        """Return an answer at rest at the same displacement under another `share` of the loads at
+        `time` [s].
 
         The new answer is `led`, because the potential has no minimum at an unstable equilibrium.
         """
@@ -675,16 +704,20 @@ class FiniteOrgan(MeshedOrgan):
         return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
 
     def holds(self, answer: FiniteAnswer) -> bool:
-        """Return whether the equilibrium of an answer is stable under dead forces: its tangent is positive definite."""
+        """Return whether the equilibrium of an answer is stable under dead forces: its tangent is
+        positive definite.
+        """
         return answer.tangent.definite
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
-        """Return whether a new state with a converged `answer` is not a continuation of the old state.
+        """Return whether a new state with a converged `answer` is not a continuation of the old
+        state.
 
-        Two conditions must hold. The displacement is much longer than the tangent at its end predicts for the
-        change of the elastic forces. The elastic forces along the straight path drop and rise again. Stiffening
-        tissue or a turning flap meets only one condition. If a hand leads tissue past a limit point, the forces
-        hardly drop before they rise, and less on a shorter path.
+        Two conditions must hold. The displacement is much longer than the tangent at its end
+        predicts for the change of the elastic forces. The elastic forces along the straight path
+        drop and rise again. Stiffening tissue or a turning flap meets only one condition. If a hand
+        leads tissue past a limit point, the forces hardly drop before they rise, and less on a
+        shorter path.
         """
         way, density = new.U - old.U, answer.motion.density
         last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
@@ -705,7 +738,9 @@ class FiniteOrgan(MeshedOrgan):
         return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
-        """Return the pairing under a displacement of the free unknowns `(N,)`, along the current normals."""
+        """Return the pairing under a displacement of the free unknowns `(N,)`, along the current
+        normals.
+        """
         facing = None
         if self.gaps is not None:
             facing = self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)
@@ -723,7 +758,9 @@ class FiniteOrgan(MeshedOrgan):
         return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
-        """Return the relaxing stresses at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)` [Pa]."""
+        """Return the relaxing stresses at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)`
+        [Pa].
+        """
         if course is None or self.relaxation is None:
             return None
         change = self.law.distortional_stress(self.law.gradient(self.whole(U))) - course.S
@@ -741,7 +778,9 @@ class FiniteOrgan(MeshedOrgan):
         return Lips(self.gaps_of(state)[: self.pairs], p, self.slides(state.U), *self.rubbing(state))
 
     def impulse(self, state: OrganState) -> SiteAnswer | None:
-        """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None without inertia."""
+        """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None
+        without inertia.
+        """
         if not self.inertia:
             return None
         J, (W, C) = self.map.slope(np.asarray(self.map.Z @ state.U)), self._mobility
@@ -757,10 +796,11 @@ class FiniteOrgan(MeshedOrgan):
         return compliance(mass_solver(self.M, self.places, self.choice.name), self.map.Z)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        constant.
 
-        These are the site forces `f_y` (9p,) and the contact forces of `state`. The answer is linear in their
-        change; the next step removes the remaining error.
+        These are the site forces `f_y` (9p,) and the contact forces of `state`. The answer is
+        linear in their change; the next step removes the remaining error.
         """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing_of(state)
@@ -789,7 +829,9 @@ class FiniteOrgan(MeshedOrgan):
         return self.whole(state.V)
 
     def _stored(self, U: Array) -> tuple[float, Array]:
-        """Return the energy without relaxing stress [J] and its force (N,) [N], cached for the last fields."""
+        """Return the energy without relaxing stress [J] and its force (N,) [N], cached for the last
+        fields.
+        """
         for known, energy, force in self._recalled:
             if known is U:
                 return energy, force
@@ -798,7 +840,9 @@ class FiniteOrgan(MeshedOrgan):
         return self._recalled[-1][1:]
 
     def _forces_at(self, U: Array, density: Density | None) -> tuple[Array, Array]:
-        """Return F at the cells and the force of a density's energy (N,) [N], cached for the last points."""
+        """Return F at the cells and the force of a density's energy (N,) [N], cached for the last
+        points.
+        """
         for known, F, force, by in self._met:
             if by is density and np.array_equal(known, U):
                 return F, force
@@ -808,12 +852,12 @@ class FiniteOrgan(MeshedOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the work done from `old` to `new` [J].
 
-        The work of the relaxing stress counts as viscous and uses its value at the end of the step. Some of this
-        work is returned if the tissue moves back.
+        The work of the relaxing stress counts as viscous and uses its value at the end of the step.
+        Some of this work is returned if the tissue moves back.
 
-        The dissipation of the integrator is the work of the forces at the end along the step minus the change of
-        energy. It has parts of the cells, of the mass and of the contact as in the linear organ, and f_y·(Δy − J
-        Δz) of fibre frames.
+        The dissipation of the integrator is the work of the forces at the end along the step minus
+        the change of energy. It has parts of the cells, of the mass and of the contact as in the
+        linear organ, and f_y·(Δy − J Δz) of fibre frames.
         """
         dU, dV = new.U - old.U, new.V - old.V
         (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)

@@ -81,7 +81,9 @@ class FixedSites:
         return np.zeros((self.y0.size, self.y0.size))
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array]:
-        """Return zero energy, zero displacement of the sites and the forces on them: there are no loads."""
+        """Return zero energy, zero displacement of the sites and the forces on them: there are no
+        loads.
+        """
         return 0.0, np.zeros(self.y0.size), state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:

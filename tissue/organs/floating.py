@@ -1,14 +1,15 @@
 """An organ at rest with a body that can be held only by stitches and contact.
 
-K is singular if a body can move as a rigid body. An equilibrium then exists only if threads and contact balance the
-loads. It is found step by step (the proximal point algorithm: Rockafellar, SIAM J. Control and Optimization 14,
-1976). In each step a drag force resists the motion away from the last state:
+K is singular if a body can move as a rigid body. An equilibrium then exists only if threads and
+contact balance the loads. It is found step by step (the proximal point algorithm: Rockafellar, SIAM
+J. Control and Optimization 14, 1976). In each step a drag force resists the motion away from the
+last state:
 
     K U⁺ + κ M (U⁺ − U) = load + Yᵀf_y + Gᵀp
 
-In a step the drag falls to the fraction κm/(κm + k) of its value. m is the mass of the body, and k the stiffness of
-the threads and the contact that hold it. Once the drag has vanished, the equilibrium does not depend on κ. In
-directions without any force the body stays at rest.
+In a step the drag falls to the fraction κm/(κm + k) of its value. m is the mass of the body, and k
+the stiffness of the threads and the contact that hold it. Once the drag has vanished, the
+equilibrium does not depend on κ. In directions without any force the body stays at rest.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,9 @@ SCALE = np.finfo(float).tiny
 
 
 class Drag(NamedTuple):
-    """A step with a drag of `a` [1/s²] times the mass against motion away from the last state; there is no inertia."""
+    """A step with a drag of `a` [1/s²] times the mass against motion away from the last state;
+    there is no inertia.
+    """
 
     a: float
     d: float = 0.0
@@ -40,8 +43,8 @@ class Drag(NamedTuple):
 class FloatingOrgan(DynamicOrgan):
     """A linear organ at rest that need not be held by supports.
 
-    Its mass gives the weight and distributes the drag. A of its state is the remaining drag of the last step over
-    the mass [m/s²].
+    Its mass gives the weight and distributes the drag. A of its state is the remaining drag of the
+    last step over the mass [m/s²].
     """
 
     @cached_property
@@ -63,14 +66,16 @@ class FloatingOrgan(DynamicOrgan):
     ) -> LinearAnswer:
         """Return the answer of a step from the first state of `past` to the equilibrium.
 
-        `share` of the loads acts at `time` [s]. If `past` has several states, the last of them is the one at which
-        the load step began.
+        `share` of the loads acts at `time` [s]. If `past` has several states, the last of them is
+        the one at which the load step began.
         """
         pairing = self.slipping_from(past[-1].U, self.paired_anew(past[0].U, past[0].ahead))
         return self.answer_paired(self.drag(len(past) == 1), past[:1], pairing, time, share)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in motion."""
+        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in
+        motion.
+        """
         return super().displace(self.drag(True), state, y, f_y)
 
     def dragged(self, state: OrganState) -> float:

@@ -1,25 +1,26 @@
-"""An organ with inertia, solved in the Krylov space of its loads to the accuracy of a solution for all unknowns.
+"""An organ with inertia, solved in the Krylov space of its loads to the accuracy of a solution for
+all unknowns.
 
     V = [K⁻¹F, (K⁻¹M) K⁻¹F, …, (K⁻¹M)ᵏ K⁻¹F],   F = [Yᵀ, weight, loads],   U = V η
 
-as in `tissue.organs.basis`. If a body starts at rest and only F acts on it, it moves almost in this space. The
-remainder decreases with every block, so that after a few blocks it is below the residual of a solver. It is known
-at every step: the residual of the equations of motion for all unknowns,
+as in `tissue.organs.basis`. If a body starts at rest and only F acts on it, it moves almost in this
+space. The remainder decreases with every block, so that after a few blocks it is below the residual
+of a solver. It is known at every step: the residual of the equations of motion for all unknowns,
 
     r = F f − M (Ü + α U̇) − K (U + β U̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖,
 
-with one small matrix R, because F, K V, and M V without its last block are in the space of K V. The condition for
-the acceptance of a step is
+with one small matrix R, because F, K V, and M V without its last block are in the space of K V. The
+condition for the acceptance of a step is
 
     ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far.
 
-Otherwise the step is solved again in a wider space, if a prediction says that a few more blocks are enough. If not,
-the whole organ solves this step and all later ones. The sites are more accurate: their error is the product of two
-residuals, of the motion and of the answer to a force at a site. The reason is that r has no part along V, and V
-nearly contains this answer.
+Otherwise the step is solved again in a wider space, if a prediction says that a few more blocks are
+enough. If not, the whole organ solves this step and all later ones. The sites are more accurate:
+their error is the product of two residuals, of the motion and of the answer to a force at a site.
+The reason is that r has no part along V, and V nearly contains this answer.
 
-The whole organ answers an impulse on the sites between two steps. An impulse only moves nodes at the sites, and
-this motion is far from the space.
+The whole organ answers an impulse on the sites between two steps. An impulse only moves nodes at
+the sites, and this motion is far from the space.
 """
 
 import logging
@@ -65,8 +66,8 @@ class KrylovState(OrganState):
 class Level:
     """The organ in a number of `blocks` of its Krylov space.
 
-    `modes` are its modes, `turn` (n, n) is the matrix from the modes to the vectors of the space, and `missed`
-    (m, n) is R of the module.
+    `modes` are its modes, `turn` (n, n) is the matrix from the modes to the vectors of the space,
+    and `missed` (m, n) is R of the module.
     """
 
     blocks: int
@@ -86,7 +87,8 @@ class Level:
     def shortfall(self, scheme: TimeScheme) -> float:
         """Return the largest relative deficit of a site's compliance in a step [-].
 
-        As in every Galerkin solution, it is the square of the residual of the response to a unit force.
+        As in every Galerkin solution, it is the square of the residual of the response to a unit
+        force.
         """
         operator = self.modes.operator(scheme.a, scheme.d)
         left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
@@ -119,8 +121,9 @@ class Space:
         return self._levels[blocks]
 
     def level_of(self, vectors: int) -> Level:
-        """Return the organ in a number of `vectors`. Raises `TissueError` if no number of blocks has as many
-        vectors."""
+        """Return the organ in a number of `vectors`. Raises `TissueError` if no number of blocks
+        has as many vectors.
+        """
         while vectors not in self._ends and len(self._ends) <= MOST:
             self._extend()
         if vectors not in self._ends:
@@ -152,8 +155,9 @@ class Space:
 class KrylovAnswer(SiteAnswer[OrganState]):
     """An answer in the Krylov space.
 
-    `checked` returns an answer with the accuracy of the module under the forces f_y (9p,). For f_y = None the
-    answer has this accuracy under all forces. If the given answer is accurate enough, it is returned unchanged.
+    `checked` returns an answer with the accuracy of the module under the forces f_y (9p,). For f_y
+    = None the answer has this accuracy under all forces. If the given answer is accurate enough, it
+    is returned unchanged.
     """
 
     checked: "Callable[[KrylovAnswer, Array | None], SiteAnswer[OrganState] | LinearAnswer]"
@@ -169,9 +173,11 @@ class KrylovAnswer(SiteAnswer[OrganState]):
 
 @dataclass(frozen=True, eq=False)
 class KrylovOrgan(OrganOfModes):
-    """A linear organ with inertia, solved in its Krylov space while the space is accurate, and otherwise by `full`.
+    """A linear organ with inertia, solved in its Krylov space while the space is accurate, and
+    otherwise by `full`.
 
-    Raises `TissueError` for an organ with contact, for an organ that is not held, and if memory is too small.
+    Raises `TissueError` for an organ with contact, for an organ that is not held, and if memory is
+    too small.
     """
 
     def __post_init__(self) -> None:
@@ -274,7 +280,9 @@ class KrylovOrgan(OrganOfModes):
         return replace(found, accepted=lambda f_y, p: KrylovState(**vars(found.accepted(f_y, p)), work=work))
 
     def _at(self, level: Level, state: OrganState) -> OrganState:
-        """Return a state at its own level or a higher one; its parts in the additional blocks are zero."""
+        """Return a state at its own level or a higher one; its parts in the additional blocks are
+        zero.
+        """
         own = self.level(state)
         if own is level or own is None:
             return state
@@ -322,9 +330,9 @@ class KrylovOrgan(OrganOfModes):
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
         """Return the arrays with which a kernel makes steps, or None.
 
-        Masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and two bounds of the residual: as a
-        fraction of the largest forces, and from round-off [√J]. None if the loads change at the `times` [s], and
-        for a state of the whole organ.
+        Masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and two bounds of the
+        residual: as a fraction of the largest forces, and from round-off [√J]. None if the loads
+        change at the `times` [s], and for a state of the whole organ.
         """
         level = self.level(state)
         if level is None or not self.has_loads_of(state, times):
@@ -334,8 +342,9 @@ class KrylovOrgan(OrganOfModes):
         return (modes.mu, load, W, modes.Y, self.y0, level.missed, *modes.rayleigh, *within)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of a state at the level of the state `like` (n,), the site forces (9p,) and the largest
-        forces [√J]."""
+        """Return η, η̇, η̈ of a state at the level of the state `like` (n,), the site forces (9p,)
+        and the largest forces [√J].
+        """
         level = self.level(like)
         at = state if level is None else self._at(level, state)
         return at.U, at.V, at.A, at.f_y, work_of(at)
@@ -360,8 +369,9 @@ class KrylovOrgan(OrganOfModes):
         return 0 if self.level(state) is None else state.U.size
 
     def residual(self, state: OrganState) -> float:
-        """Return the residual of the equations of motion over the largest forces so far [-]; 0 for a state of the
-        whole organ."""
+        """Return the residual of the equations of motion over the largest forces so far [-]; 0 for
+        a state of the whole organ.
+        """
         level, work = self.level(state), work_of(state)
         return 0.0 if level is None or not work else level.left(state) / work
 
@@ -369,8 +379,8 @@ class KrylovOrgan(OrganOfModes):
 def has_space(organ: DynamicOrgan) -> bool:
     """Return whether an organ has a Krylov space.
 
-    Memory is not checked. The same scenario is therefore solved in the same way on every machine, and can be
-    resumed from a checkpoint of another machine.
+    Memory is not checked. The same scenario is therefore solved in the same way on every machine,
+    and can be resumed from a checkpoint of another machine.
     """
     try:
         check_held(organ)

@@ -1,24 +1,27 @@
-"""Gaps between surfaces that can touch: nodes of the left surface against facets of the right surface, g ≥ 0.
+"""Gaps between surfaces that can touch: nodes of the left surface against facets of the right
+surface, g ≥ 0.
 
-g is the distance of the right surface from a left node. It is measured along the right surface's normal n, averaged
-over the facets around each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a of the facet that the left node
-faces. This facet and d are found at the start of a step (`Gaps.facing`) and are constant during the step. A force p
-on the pair acts along d, so that lips that slide over one another do work along their slope.
+g is the distance of the right surface from a left node. It is measured along the right surface's
+normal n, averaged over the facets around each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a
+of the facet that the left node faces. This facet and d are found at the start of a step
+(`Gaps.facing`) and are constant during the step. A force p on the pair acts along d, so that lips
+that slide over one another do work along their slope.
 
-The lips of a wound match: in the reference each node faces a node of the other lip, its partner, along the normal e
-of the wound's plane; with P2 also the middles of the edges. No node of one lip then enters the other. After
-sliding, a node faces the point in front of it along e, and d = n/(n·e). g and p are therefore always measured along
-e, and p over the area projected along e is the pressure. For other surfaces (`surface_gaps`) a node faces the
-nearest point, and d = n. A node that belongs to both sides has no pair. While no pair has slid by more than SLID of
-a facet, the pairs are exactly the pairs of the reference.
+The lips of a wound match: in the reference each node faces a node of the other lip, its partner,
+along the normal e of the wound's plane; with P2 also the middles of the edges. No node of one lip
+then enters the other. After sliding, a node faces the point in front of it along e, and d =
+n/(n·e). g and p are therefore always measured along e, and p over the area projected along e is the
+pressure. For other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that
+belongs to both sides has no pair. While no pair has slid by more than SLID of a facet, the pairs
+are exactly the pairs of the reference.
 
-A pair of surfaces with friction also has two slips: how far the faced point has moved past the node along two unit
-vectors normal to d since the step began (`Gaps.slip_sums`). Two forces are conjugate to the slips. The sticking of
-a pair has no other memory: a newly faced point starts with zero slip.
+A pair of surfaces with friction also has two slips: how far the faced point has moved past the node
+along two unit vectors normal to d since the step began (`Gaps.slip_sums`). Two forces are conjugate
+to the slips. The sticking of a pair has no other memory: a newly faced point starts with zero slip.
 
-The forces p on the pairs are the forces of a pressure against the P1 functions ψ of the left side's vertices: P_a =
-Σ ψ_a(x_k) p_k / ∫ψ_a dA. With P1 this is force over area. With P2, whose vertices carry no force under a uniform
-pressure, it gathers the forces of the edges.
+The forces p on the pairs are the forces of a pressure against the P1 functions ψ of the left side's
+vertices: P_a = Σ ψ_a(x_k) p_k / ∫ψ_a dA. With P1 this is force over area. With P2, whose vertices
+carry no force under a uniform pressure, it gathers the forces of the edges.
 """
 
 import math
@@ -52,12 +55,13 @@ MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, in the order
 class Part:
     """The pairs of two surfaces; `between` are their names.
 
-    `triangles` `(t, 3)` are the vertices of the left side, and `left` `(k,)` its nodes that can meet the right
-    side. `facets` `(m, 3)`, with P2 `(m, 6)`, are the right side's, with normals that point away from the left
-    side; `ends` are their open sides. `along` is as in `tissue.organs.facing.face`. `start` `(k, 7)` is the facing
-    of each node in the reference shape. `sunk` `(k,)` [m] is the initial overlap, which counts as touching. `hats`
-    `(v, k)` are the P1 functions of the left vertices at the pairs, and `areas` `(v,)` [m²] their integrals.
-    `friction` is Coulomb's coefficient [-].
+    `triangles` `(t, 3)` are the vertices of the left side, and `left` `(k,)` its nodes that can
+    meet the right side. `facets` `(m, 3)`, with P2 `(m, 6)`, are the right side's, with normals
+    that point away from the left side; `ends` are their open sides. `along` is as in
+    `tissue.organs.facing.face`. `start` `(k, 7)` is the facing of each node in the reference shape.
+    `sunk` `(k,)` [m] is the initial overlap, which counts as touching. `hats` `(v, k)` are the P1
+    functions of the left vertices at the pairs, and `areas` `(v,)` [m²] their integrals. `friction`
+    is Coulomb's coefficient [-].
     """
 
     between: tuple[str, str]
@@ -83,21 +87,24 @@ class Part:
         return np.asarray(self.hats.T @ (self.areas / np.asarray(self.hats.sum(axis=1)).ravel()))
 
     def faced(self, points: Array, turns: bool = False) -> Array:
-        """Return the facing of each left node, shape `(k, 7)`, with all nodes at `points` `(n, 3)` [m].
+        """Return the facing of each left node, shape `(k, 7)`, with all nodes at `points` `(n, 3)`
+        [m].
 
         A node faces the point along `along`, or the nearest point if the surface `turns`.
         """
         return face(points[self.left], points, self.facets[:, :3], self.ends, None if turns else self.along)
 
     def vertex_pressure(self, p: Array) -> Array:
-        """Return the pressure at the left vertices under the forces `p` `(k,)` [N], shape `(v,)` [Pa]."""
+        """Return the pressure at the left vertices under the forces `p` `(k,)` [N], shape `(v,)`
+        [Pa].
+        """
         return np.asarray((self.hats @ p) / self.areas)
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """The `k` pairs of all `parts` of a `body` in order: g = `g0` + `G` U over its free unknowns while no pair
-    slides.
+    """The `k` pairs of all `parts` of a `body` in order: g = `g0` + `G` U over its free unknowns
+    while no pair slides.
 
     Made by `build_gaps` for a wound's lips, by `surface_gaps` for surfaces by name.
     """
@@ -132,7 +139,9 @@ class Gaps:
 
     @cached_property
     def nodes(self) -> Indices:
-        """Left node of each pair, and the node nearest to its facing point in the reference shape, shape `(k, 2)`."""
+        """Left node of each pair, and the node nearest to its facing point in the reference shape,
+        shape `(k, 2)`.
+        """
         nodes, weights = self.weights(self.start)
         return np.column_stack([self.left, nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
 
@@ -159,7 +168,8 @@ class Gaps:
         return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
 
     def nearest(self, points: Array) -> tuple[Indices, Array]:
-        """Return the nearest pair to each of the `points` `(m, 3)` [m], and its distance [m], `(m,)` each.
+        """Return the nearest pair to each of the `points` `(m, 3)` [m], and its distance [m],
+        `(m,)` each.
 
         The distance is to the nearest node of the pair in the reference shape.
         """
@@ -196,7 +206,8 @@ class Gaps:
         return np.concatenate([part.hats.T @ part.vertex_pressure(p[pairs]) for part, pairs in own])
 
     def slides(self, displacement: Array) -> Array:
-        """Return the sliding distance of each pair along the surface since the reference, shape `(k,)` [m].
+        """Return the sliding distance of each pair along the surface since the reference, shape
+        `(k,)` [m].
 
         `displacement` `(n, 3)` [m] is the displacement of all nodes.
         """
@@ -207,14 +218,14 @@ class Gaps:
         return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
     def facing(self, points: Array, displacement: Array, turns: bool = False) -> Array | None:
-        """Return the facing of each left node, shape `(k, 7)`: facet (−1: none), barycentric coordinates in it, and
-        d.
+        """Return the facing of each left node, shape `(k, 7)`: facet (−1: none), barycentric
+        coordinates in it, and d.
 
         It is None if no pair has slid, so that the pairing of the reference is valid.
 
-        `points` `(n, 3)` [m] are all nodes of the reference, and `displacement` is as for `slides`. If surfaces
-        turn, each node faces the nearest point. The pairing of the reference is then also invalid after a normal
-        has turned by more than TURNED.
+        `points` `(n, 3)` [m] are all nodes of the reference, and `displacement` is as for `slides`.
+        If surfaces turn, each node faces the nearest point. The pairing of the reference is then
+        also invalid after a normal has turned by more than TURNED.
         """
         sizes, faced = triangle_sizes(points[self.facets[:, :3]]), self.start[:, 0] >= 0.0
         still = faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min()
@@ -223,18 +234,22 @@ class Gaps:
         return self._stacked([part.faced(points + displacement, turns) for part in self.parts])
 
     def _turn(self, points: Array, displacement: Array) -> float:
-        """Return the largest turn of a facet's normal, as the distance between the unit normals [-]."""
+        """Return the largest turn of a facet's normal, as the distance between the unit normals
+        [-].
+        """
         before, now = (facet_normals(x[self.facets[:, :3]]) for x in (points, points + displacement))
         return float(np.linalg.norm(now - before, axis=1).max(initial=0.0))
 
     def crossed(self, U: Array) -> float:
-        """Return the largest overlap under a displacement of all unknowns (N,) [m], over the extent of the surfaces
-        [-]."""
+        """Return the largest overlap under a displacement of all unknowns (N,) [m], over the extent
+        of the surfaces [-].
+        """
         gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
 
     def apart(self, displacement: Array, turns: bool = False) -> Array:
-        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape `(k,)` [m].
+        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape
+        `(k,)` [m].
 
         They are measured along `along`, or to the nearest point if surfaces turn.
         """
@@ -243,18 +258,22 @@ class Gaps:
         return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
-        """Return the nodes and weights of the point that each left node faces, shape `(k, 3)`, with P2 `(k, 6)`.
+        """Return the nodes and weights of the point that each left node faces, shape `(k, 3)`, with
+        P2 `(k, 6)`.
 
         Weights are zero if a node faces no facet.
         """
         return weights_on(self.facets, facing)
 
     def sums(self, facing: Array) -> csr_matrix:
-        """Return S, the matrix from the displacement of all nodes of both sides to the gaps, shape `(k, 3r)`."""
+        """Return S, the matrix from the displacement of all nodes of both sides to the gaps, shape
+        `(k, 3r)`.
+        """
         return self._sums(self.left, facing, facing[:, 4:])
 
     def slip_sums(self, facing: Array) -> csr_matrix:
-        """Return the matrix from the displacement of all nodes of both sides to the slips, shape `(2m, 3r)`.
+        """Return the matrix from the displacement of all nodes of both sides to the slips, shape
+        `(2m, 3r)`.
 
         Each rough pair has two slips, along its two `tangents`.
         """
@@ -262,11 +281,11 @@ class Gaps:
         return self._sums(self.left[twice], facing[twice], tangents(facing[self.rough, 4:]).reshape(-1, 3))
 
     def _sums(self, left: Indices, facing: Array, along: Array) -> csr_matrix:
-        """Return the matrix from the displacement of all nodes to the relative displacement of pairs, shape
-        `(j, 3r)`.
+        """Return the matrix from the displacement of all nodes to the relative displacement of
+        pairs, shape `(j, 3r)`.
 
-        The relative displacement is the motion of the faced points minus the motion of the nodes `left` `(j,)`,
-        `along` `(j, 3)`.
+        The relative displacement is the motion of the faced points minus the motion of the nodes
+        `left` `(j,)`, `along` `(j, 3)`.
         """
         right, weights = self.weights(facing)
         nodes, w = np.hstack([right, left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
@@ -287,11 +306,12 @@ class Gaps:
 
 
 def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal: ArrayLike) -> Gaps:
-    """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and the right one.
+    """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and
+    the right one.
 
-    `vertices` `(v, 2)` has each vertex of the left lip and its partner; a vertex common to both lips is its own
-    partner. `normal` (3,) points from the left lip to the right one. Raises `TissueError` if the lips cross, or if
-    no pair can move.
+    `vertices` `(v, 2)` has each vertex of the left lip and its partner; a vertex common to both
+    lips is its own partner. `normal` (3,) points from the left lip to the right one. Raises
+    `TissueError` if the lips cross, or if no pair can move.
     """
     n, pairs = _unit(normal), np.asarray(vertices, dtype=np.intp)
     partner = np.arange(body.mesh.nvertices)
@@ -307,10 +327,11 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
 
 
 def tangents(normals: Array) -> Array:
-    """Return two perpendicular unit vectors normal to each of the `normals` `(m, 3)`, shape `(m, 2, 3)`.
+    """Return two perpendicular unit vectors normal to each of the `normals` `(m, 3)`, shape `(m, 2,
+    3)`.
 
-    The first one is nearest to the axis that is most perpendicular to the normal. A roller along an axis then holds
-    only one of them.
+    The first one is nearest to the axis that is most perpendicular to the normal. A roller along an
+    axis then holds only one of them.
     """
     n = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = np.eye(3)[np.abs(n).argmin(axis=1)]
@@ -324,9 +345,9 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction:
 
     `friction` has a coefficient for each pair; missing coefficients are 0.
 
-    The left one of two boundaries is the boundary with the smaller facets, or the only one that is not held. With
-    larger facets on the left, some nodes on the right would get no force. Raises `TissueError` if two boundaries
-    overlap by more than SUNK of a facet, or if no pair can move.
+    The left one of two boundaries is the boundary with the smaller facets, or the only one that is
+    not held. With larger facets on the left, some nodes on the right would get no force. Raises
+    `TissueError` if two boundaries overlap by more than SUNK of a facet, or if no pair can move.
     """
     parts = [_between(body, names) for names in between]
     coefficients = [*friction, *[0.0] * (len(parts) - len(friction))]
@@ -355,8 +376,9 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
 
 
 def _rank(body: Elasticity, facets: Indices) -> tuple[bool, float]:
-    """Return the rank of a surface: whether it is held, and the mean size of its facets [m]; the lower one is on
-    the left."""
+    """Return the rank of a surface: whether it is held, and the mean size of its facets [m]; the
+    lower one is on the left.
+    """
     corners = body.mesh.facets[:, facets].T
     size = float(triangle_sizes(body.points[corners]).mean())
     return not _movable(body)[corners].any(), round(size, EXACT - math.floor(math.log10(size)))
@@ -372,7 +394,8 @@ def _part(
 ) -> tuple[Part, Array]:
     """Return the pairs that can move, and their initial overlaps [m].
 
-    The left `side` has its triangles, its nodes, and for each node the two vertices whose middle it is.
+    The left `side` has its triangles, its nodes, and for each node the two vertices whose middle it
+    is.
     """
     triangles, left, corners = side
     nodes, weights = weights_on(right, start)
@@ -393,8 +416,9 @@ def _part(
 
 
 def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr_matrix:
-    """Return the matrix from the displacement of `known` nodes `(r,)` to the weighted sums over `nodes` `(j, i)` of it
-    `along` `(j, 3)`, shape `(j, 3r)`."""
+    """Return the matrix from the displacement of `known` nodes `(r,)` to the weighted sums over
+    `nodes` `(j, i)` of it `along` `(j, 3)`, shape `(j, 3r)`.
+    """
     columns = 3 * np.searchsorted(known, nodes)[..., None] + np.arange(3)
     values, at = weights[..., None] * along[:, None], np.repeat(np.arange(len(nodes)), 3 * nodes.shape[1])
     S = csr_matrix((values.ravel(), (at, columns.ravel())), (len(nodes), 3 * len(known)))
@@ -403,8 +427,9 @@ def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr
 
 
 def facets_inwards(body: Elasticity, facets: Indices) -> Indices:
-    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`, which turn so that their normals point
-    into the body."""
+    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`, which turn so that
+    their normals point into the body.
+    """
     mesh = body.mesh
     triangles = mesh.facets[:, facets].T.astype(np.intp)
     inside = body.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - body.points[triangles].mean(axis=1)
@@ -426,15 +451,18 @@ def _movable(body: Elasticity) -> Mask:
 
 
 def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
-    """Return triangles `(m, 3)` in the vertex order in which their normals point in the direction `towards`
-    `(m, 3)`."""
+    """Return triangles `(m, 3)` in the vertex order in which their normals point in the direction
+    `towards` `(m, 3)`.
+    """
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
     return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 def _at_partners(facets: Indices, nodes: Indices, n: Array) -> Array:
-    """Return the facing of points that face the `nodes` `(k,)` of `facets` along `n`, shape `(k, 7)`."""
+    """Return the facing of points that face the `nodes` `(k,)` of `facets` along `n`, shape `(k,
+    7)`.
+    """
     corners = np.vstack([np.eye(3), np.eye(3)[MIDDLES].mean(axis=1)])[: facets.shape[1]]
     order = np.argsort(facets, axis=None, kind="stable")
     facet, place = np.divmod(order[np.searchsorted(facets.ravel(), nodes, sorter=order)], facets.shape[1])
@@ -449,8 +477,8 @@ def _unit(normal: ArrayLike) -> Array:
 
 
 def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Indices, Indices]:
-    """Return the left and right node of every pair, `(k, 2)`, and two vertices with the left node in their middle,
-    `(k, 2)`.
+    """Return the left and right node of every pair, `(k, 2)`, and two vertices with the left node
+    in their middle, `(k, 2)`.
 
     For a vertex, both are the vertex itself.
     """
@@ -465,7 +493,8 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
 
 
 def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array | None) -> tuple[csr_array, Array]:
-    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA; the area is projected along n if n is given.
+    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA; the area is projected along
+    n if n is given.
 
     Vertices without a pair are left out.
     """

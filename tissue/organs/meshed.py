@@ -1,23 +1,28 @@
-"""The organ in the coupled system: nine site variables per piercing, their compliance and one back-substitution.
+"""The organ in the coupled system: nine site variables per piercing, their compliance and one
+back-substitution.
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
-with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries (`tissue.loads`).
-Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)` is the force on the organ conjugate to
-y; eliminating U is exact, so that y = y_free + C f_y.
+with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries
+(`tissue.loads`). Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)`
+is the force on the organ conjugate to y; eliminating U is exact, so that y = y_free + C f_y.
 
-The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them apart:
+The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push
+them apart:
 
     A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
 
-Behind the gaps g of all pairs stand two slips since the start of the step of each pair with friction, and behind their
-forces p those along them, so that k is the number of both (`MeshedOrgan.contacts`) where it is not that of the pairs.
-The columns A⁻¹Gᵀ are not kept: once those of C_cc that belong to pressed pairs are known, p costs one more
-back-substitution a step. Lips that slide are paired anew where a step begins, and G = S R sums the rows R of their
-nodes by other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ needs a solve for each number of a node that it has not met yet.
+Behind the gaps g of all pairs stand two slips since the start of the step of each pair with
+friction, and behind their forces p those along them, so that k is the number of both
+(`MeshedOrgan.contacts`) where it is not that of the pairs. The columns A⁻¹Gᵀ are not kept: once
+those of C_cc that belong to pressed pairs are known, p costs one more back-substitution a step.
+Lips that slide are paired anew where a step begins, and G = S R sums the rows R of their nodes by
+other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ needs a solve for each number of a node that it has not met
+yet.
 
-Points outside may bear on the surface (`tissue.organs.skin`): their rows d·x, with friction their slips, stand behind
-those of all pairs. How many points there are may change from step to step, and a state keeps what they faced.
+Points outside may bear on the surface (`tissue.organs.skin`): their rows d·x, with friction their
+slips, stand behind those of all pairs. How many points there are may change from step to step, and
+a state keeps what they faced.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,18 +56,18 @@ NO_POINTS = np.zeros((0, OWN))
 
 @dataclass(frozen=True)
 class OrganState:
-    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`, the site
-    forces, and the contact forces `(k,)` [N], those along the slips with them, None of an organ without gaps. `facing`
-    `(pairs, 7)` is where and which way they act on the right lip (`tissue.organs.lips.Gaps.facing`), None: on the pairs
-    of the reference. `linearised`
-    `(N,)` [m] is where the tangent of a nonlinear organ was last made, which the next step goes on with, None of a
-    linear organ. `shares` `(l,)` are the parts of the loads that act
-    (`tissue.loads`), None of an organ without loads. `relaxing` is what relaxes, the stresses
-    `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`) or of a linear organ fields `(b, N)` [m] (`tissue.organs.relaxing`),
-    None where all has relaxed. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass
-    and stiffness that the step has left, None if it left none. `points` `(j, 9 + l)` is what points outside face
-    (`tissue.organs.skin.Skin.faced`), whose forces stand behind those of the pairs; None if nothing may bear on the
-    organ. `ahead` `(j, 9 + l)` is the same for the next step.
+    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`,
+    the site forces, and the contact forces `(k,)` [N], those along the slips with them, None of an
+    organ without gaps. `facing` `(pairs, 7)` is where and which way they act on the right lip
+    (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised` `(N,)` [m]
+    is where the tangent of a nonlinear organ was last made, which the next step goes on with, None
+    of a linear organ. `shares` `(l,)` are the parts of the loads that act (`tissue.loads`), None of
+    an organ without loads. `relaxing` is what relaxes, the stresses `(b, 3, 3, q, c)` [Pa]
+    (`tissue.relaxation`) or of a linear organ fields `(b, N)` [m] (`tissue.organs.relaxing`), None
+    where all has relaxed. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass and
+    stiffness that the step has left, None if it left none. `points` `(j, 9 + l)` is what points
+    outside face (`tissue.organs.skin.Skin.faced`), whose forces stand behind those of the pairs;
+    None if nothing may bear on the organ. `ahead` `(j, 9 + l)` is the same for the next step.
     """
 
     U: Array
@@ -83,8 +88,8 @@ class OrganState:
 
 @dataclass(frozen=True)
 class Pairing:
-    """The pairing during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of the lips' nodes,
-    with slips counted from the start of the step.
+    """The pairing during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of
+    the lips' nodes, with slips counted from the start of the step.
 
     `facing` as in a state: None means the pairs of the reference; `points` as in a state.
     """
@@ -97,12 +102,15 @@ class Pairing:
 
 
 class TimeScheme(Protocol):
-    """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity d (U − U_d)."""
+    """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity
+    d (U − U_d).
+    """
 
     @property
     def dt(self) -> float:
-        """Length of the step [s], in equilibrium the time since the last equilibrium; infinite after complete
-        relaxation."""
+        """Length of the step [s], in equilibrium the time since the last equilibrium; infinite
+        after complete relaxation.
+        """
 
     @property
     def a(self) -> float:
@@ -120,8 +128,8 @@ class TimeScheme(Protocol):
 class OrganEnergies(NamedTuple):
     """Energies at the end of a step and work done during it [J].
 
-    `friction` is the dissipation of contact friction, `prestretch` the energy of a prestretch in the reference
-    shape.
+    `friction` is the dissipation of contact friction, `prestretch` the energy of a prestretch in
+    the reference shape.
     """
 
     kinetic: float
@@ -136,9 +144,10 @@ class OrganEnergies(NamedTuple):
 class Lips(NamedTuple):
     """The pairs of a state that can touch.
 
-    Arrays `(pairs,)`: the gaps g [m], the contact forces p that push the surfaces apart [N], and the sliding
-    distances since the reference [m]. `friction` `(pairs, 3)` [N] is the friction that the left node of each pair
-    exerts on the point that it faces. `slips` `(pairs,)` says whether the friction has its largest possible value.
+    Arrays `(pairs,)`: the gaps g [m], the contact forces p that push the surfaces apart [N], and
+    the sliding distances since the reference [m]. `friction` `(pairs, 3)` [N] is the friction that
+    the left node of each pair exerts on the point that it faces. `slips` `(pairs,)` says whether
+    the friction has its largest possible value.
     """
 
     gap: Array
@@ -152,7 +161,9 @@ NO_LIPS = Lips(EMPTY, EMPTY, EMPTY, np.zeros((0, 3)), np.zeros(0, dtype=bool))
 
 
 class Equation(NamedTuple):
-    """The organ's rows of the assembled matrix: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U."""
+    """The organ's rows of the assembled matrix: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g =
+    g0 + G U.
+    """
 
     A: csr_matrix
     b: Array
@@ -167,7 +178,8 @@ Body = TypeVar("Body")
 
 @dataclass(frozen=True)
 class SiteAnswer(Generic[Body]):
-    """An answer of sites alone, y = y_free + C f_y; `compliance` is a function that returns C, shape (9p, 9p).
+    """An answer of sites alone, y = y_free + C f_y; `compliance` is a function that returns C,
+    shape (9p, 9p).
 
     `accepted` makes the organ's state at the end of the step from f_y and p.
     """
@@ -223,8 +235,8 @@ class SiteAnswer(Generic[Body]):
 class LinearAnswer:
     """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and its factored operator.
 
-    `accepted` makes the state at the end of the step from f_y and p. `right_hand_side` makes b of the organ's
-    equation. `pairing` is the pairing of the lips during the step.
+    `accepted` makes the state at the end of the step from f_y and p. `right_hand_side` makes b of
+    the organ's equation. `pairing` is the pairing of the lips during the step.
     """
 
     operator: "LipCompliance"
@@ -284,7 +296,9 @@ class LinearAnswer:
 
 @dataclass(frozen=True, eq=False)
 class MeshedOrgan:
-    """Common part of dynamic and quasi-static organs: the body, its sites and the blocks over the free unknowns."""
+    """Common part of dynamic and quasi-static organs: the body, its sites and the blocks over the
+    free unknowns.
+    """
 
     elasticity: Elasticity
     sites: Sites
@@ -354,7 +368,9 @@ class MeshedOrgan:
 
     @property
     def contacts(self) -> int:
-        """Number of contact forces of pairs: one for each, and two more for each of those with friction."""
+        """Number of contact forces of pairs: one for each, and two more for each of those with
+        friction.
+        """
         return 0 if self.gaps is None else self.pairs + 2 * self.gaps.rough.size
 
     def friction(self, facing: Array | None) -> Array:
@@ -374,8 +390,9 @@ class MeshedOrgan:
 
     @cached_property
     def lip_rows(self) -> csr_matrix:
-        """R, the displacement of the nodes of surfaces that may touch over all unknowns, shape `(3r, N)`: those of the
-        lips, then those of the skin."""
+        """R, the displacement of the nodes of surfaces that may touch over all unknowns, shape
+        `(3r, N)`: those of the lips, then those of the skin.
+        """
         rows = [surface.rows for surface in (self.gaps, self.skin) if surface is not None]
         return csr_matrix(vstack(rows)) if rows else csr_matrix((0, self.size))
 
@@ -397,7 +414,9 @@ class MeshedOrgan:
         return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
 
     def pairing(self, facing: Array | None, points: Array | None = None) -> Pairing:
-        """Return the gaps of the pairs and of the `points` outside, and the slips since the reference."""
+        """Return the gaps of the pairs and of the `points` outside, and the slips since the
+        reference.
+        """
         pairing = self._matched
         if self.gaps is not None and facing is not None:
             sums = self._sums(self.gaps, facing)
@@ -428,7 +447,9 @@ class MeshedOrgan:
         return self.skin.finest
 
     def faced(self, state: OrganState, places: Array, labels: Array) -> Array:
-        """Return what points outside at `places` `(j, 3)` [m], with `labels` `(j, l)`, face, shape `(j, 9 + l)`."""
+        """Return what points outside at `places` `(j, 3)` [m], with `labels` `(j, l)`, face, shape
+        `(j, 9 + l)`.
+        """
         assert self.skin is not None
         return self.skin.faced(self.elasticity.nodal(self.whole(self.field(state))), places, labels)
 
@@ -441,19 +462,25 @@ class MeshedOrgan:
         return state.U
 
     def gaps_of(self, state: OrganState) -> Array:
-        """Return the gaps and slips of all pairs, and behind them those of points outside, of a state, `(k,)` [m]."""
+        """Return the gaps and slips of all pairs, and behind them those of points outside, of a
+        state, `(k,)` [m].
+        """
         pairing = self.pairing_of(state)
         return np.asarray(pairing.g0 + pairing.G @ state.U)
 
     def touching_points(self, state: OrganState) -> tuple[Array, Array]:
-        """Return what points outside faced in the step to a state, `(j, 9 + l)`, and their forces on the organ along d,
-        with friction those along both tangents of each behind them, `(j,)` or `(3j,)` [N]."""
+        """Return what points outside faced in the step to a state, `(j, 9 + l)`, and their forces
+        on the organ along d, with friction those along both tangents of each behind them, `(j,)` or
+        `(3j,)` [N].
+        """
         if state.points is None:
             return NO_POINTS, EMPTY
         return state.points, self.contact_forces(state)[self.contacts :]
 
     def slipping_from(self, U: Array, pairing: Pairing) -> Pairing:
-        """Return the pairing with its slips counted from a displacement of the free unknowns `(N,)`."""
+        """Return the pairing with its slips counted from a displacement of the free unknowns
+        `(N,)`.
+        """
         slips = self.slips(pairing)
         if not slips.size:
             return pairing
@@ -467,8 +494,9 @@ class MeshedOrgan:
         return np.append(np.arange(self.pairs, self.contacts), np.arange(self.contacts + points, len(pairing.g0)))
 
     def slides(self, U: Array) -> Array:
-        """Return how far each pair of the lips has slid under a displacement of the free unknowns, shape `(pairs,)`
-        [m]."""
+        """Return how far each pair of the lips has slid under a displacement of the free unknowns,
+        shape `(pairs,)` [m].
+        """
         return EMPTY if self.gaps is None else self.gaps.slides(self.elasticity.nodal(self.whole(U)))
 
     def contact_forces(self, state: OrganState) -> Array:
@@ -476,8 +504,9 @@ class MeshedOrgan:
         return EMPTY if state.p is None else state.p
 
     def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the friction of each pair's left node on its facing point, `(pairs, 3)` [N], and whether it slips,
-        `(pairs,)`."""
+        """Return the friction of each pair's left node on its facing point, `(pairs, 3)` [N], and
+        whether it slips, `(pairs,)`.
+        """
         out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
         if self.gaps is None or not self.gaps.rough.size:
             return out, np.zeros(self.pairs, dtype=bool)
@@ -491,8 +520,8 @@ class MeshedOrgan:
     def slipping_surfaces(self, state: OrganState) -> dict[str, bool]:
         """Return by name whether each pressed contact surface with friction slips as a whole.
 
-        A surface slips as a whole if all of its pressed pairs slip. Surfaces without pressed pairs are not
-        included.
+        A surface slips as a whole if all of its pressed pairs slip. Surfaces without pressed pairs
+        are not included.
         """
         if self.gaps is None or not self.gaps.rough.size:
             return {}
@@ -502,10 +531,11 @@ class MeshedOrgan:
         return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
 
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
-        """Return the energies that contact forces `(k,)` dissipate: numerical −p·Δg, and friction [J].
+        """Return the energies that contact forces `(k,)` dissipate: numerical −p·Δg, and friction
+        [J].
 
-        `ways` `(k,)` [m] are the changes of the gaps and slips. The part −p·Δg counts as dissipation of the time
-        integrator.
+        `ways` `(k,)` [m] are the changes of the gaps and slips. The part −p·Δg counts as
+        dissipation of the time integrator.
         """
         works, rubs = -p * ways, np.zeros(len(p), dtype=bool)
         points = (len(p) - self.contacts) // (3 if self.skin is not None and self.skin.friction else 1)
@@ -513,8 +543,9 @@ class MeshedOrgan:
         return float(works[~rubs].sum()), float(works[rubs].sum())
 
     def shares_at(self, time: float, share: float) -> Array | None:
-        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps; None without
-        loads."""
+        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps;
+        None without loads.
+        """
         return self.surface.shares(time, share) if self.surface.each else None
 
     @property
@@ -523,12 +554,15 @@ class MeshedOrgan:
         return np.zeros(len(self.surface.each)) if self.surface.each else None
 
     def load_under(self, shares: Array | None) -> Array:
-        """Return the forces of gravity and of the given parts of the loads `(l,)`, shape `(N,)` [N]."""
+        """Return the forces of gravity and of the given parts of the loads `(l,)`, shape `(N,)`
+        [N].
+        """
         return self.load if shares is None else self.load + self.surface_load @ shares
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]; in a linear organ the forces keep their
-        direction."""
+        """Return the sum of the forces of each whole load, `(l, 3)` [N]; in a linear organ the
+        forces keep their direction.
+        """
         return self.surface.resultants
 
     def contact_or_none(self, p: Array) -> Array | None:
@@ -564,7 +598,9 @@ class MeshedOrgan:
         return int(self.K.shape[0])
 
     def whole(self, field: Array) -> Array:
-        """Return a field over the free unknowns as one over all unknowns of the mesh, shape `(N_all,)`."""
+        """Return a field over the free unknowns as one over all unknowns of the mesh, shape
+        `(N_all,)`.
+        """
         return self.elasticity.extended(field)
 
 
@@ -581,7 +617,8 @@ class Remade:
 
 
 def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
-    """Return the state from which slips are counted: the newest one, or in equilibrium the oldest one.
+    """Return the state from which slips are counted: the newest one, or in equilibrium the oldest
+    one.
 
     In equilibrium, the oldest of the states `past` is the one at which the load step began.
     """
@@ -632,7 +669,9 @@ class LipCompliance:
     C: Array
 
     def free_values(self, y: Array, g: Array, f_y: Array, p: Array, pairing: Pairing) -> tuple[Array, Array]:
-        """Return `y_free` and `g_free` of an answer that has y and g under the forces `f_y` and `p`."""
+        """Return `y_free` and `g_free` of an answer that has y and g under the forces `f_y` and
+        `p`.
+        """
         y = y - self.C @ f_y
         if not g.size:
             return y, g
@@ -671,7 +710,8 @@ class LipCompliance:
     def C_rr(self) -> Columns:
         """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid.
 
-        Columns are solved node by node, so that a resumed run, which asks for other nodes together, has equal bits.
+        Columns are solved node by node, so that a resumed run, which asks for other nodes together,
+        has equal bits.
         """
         return gap_compliance(self.factor, self.organ.lip_rows, together=ROWS_OF_NODE)
 
@@ -681,8 +721,8 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
 
     Rows of zeros in Y, which belong to frames that do not move, are not solved for.
 
-    If `rough`, W has an error E, and the residual of the solve corrects C = Y W + Wᵀ(Yᵀ − A W). The error of C is
-    then EᵀA E, of second order.
+    If `rough`, W has an error E, and the residual of the solve corrects C = Y W + Wᵀ(Yᵀ − A W). The
+    error of C is then EᵀA E, of second order.
     """
     moving = np.flatnonzero(np.diff(Y.indptr))
     together = [moving[first : first + COLUMNS] for first in range(0, moving.size, COLUMNS)]

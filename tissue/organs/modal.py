@@ -4,7 +4,8 @@ A step is one small product:
 
     (a + α d) μ (η − η_a) + …  becomes  η⁺ = η_free + W f_y,   W = Yᵀ / (a μ + d (α μ + β) + 1),   y = y0 + Y η
 
-as in `tissue.organs.meshed`, with numbers instead of matrices. Rayleigh damping is α μ + β in each mode.
+as in `tissue.organs.meshed`, with numbers instead of matrices. Rayleigh damping is α μ + β in each
+mode.
 """
 
 from collections import OrderedDict
@@ -32,7 +33,9 @@ from tissue.solvers.choice import SolverChoice
 
 @dataclass(frozen=True)
 class ModalOperator:
-    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W `(n, 9p)` = its inverse times Yᵀ, and C `(9p, 9p)`."""
+    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W `(n, 9p)` = its inverse times Yᵀ, and
+    C `(9p, 9p)`.
+    """
 
     a: float
     d: float
@@ -45,8 +48,8 @@ class ModalOperator:
 class Modes:
     """Modes of an organ; the first `size` of them move the sites.
 
-    `mu` (n,) = 1/ω² [s²] are their masses for a stiffness of one. `Y` has shape (9p, n). `load` (n,) is gravity,
-    `surface_load` (n, l) the loads, and `rayleigh` = (α [1/s], β [s]).
+    `mu` (n,) = 1/ω² [s²] are their masses for a stiffness of one. `Y` has shape (9p, n). `load`
+    (n,) is gravity, `surface_load` (n, l) the loads, and `rayleigh` = (α [1/s], β [s]).
     """
 
     mu: Array
@@ -85,8 +88,8 @@ class Modes:
     ) -> SiteAnswer[OrganState]:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        Parts `shares` `(l,)` of the loads act. The sites have the reference `y0` (9p,). `state` makes the state
-        from η, η̇, η̈ (n,) and f_y.
+        Parts `shares` `(l,)` of the loads act. The sites have the reference `y0` (9p,). `state`
+        makes the state from η, η̇, η̈ (n,) and f_y.
         """
         operator = self.operator(scheme.a, scheme.d)
         terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium uses no earlier state
@@ -142,7 +145,9 @@ class Modes:
 
 @dataclass(frozen=True, eq=False)
 class OrganOfModes:
-    """Common part of organs that move in modes of the `full` organ and have its mesh, sites and loads."""
+    """Common part of organs that move in modes of the `full` organ and have its mesh, sites and
+    loads.
+    """
 
     full: DynamicOrgan
 

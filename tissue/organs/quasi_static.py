@@ -35,10 +35,11 @@ ALL = np.ones(1)  # the part of gravity, which has no ramp
 
 @dataclass(frozen=True)
 class QuasiStaticOperator(LipCompliance):
-    """A = K with known answers to gravity and to each load: the work in a step does not grow with the mesh.
+    """A = K with known answers to gravity and to each load: the work in a step does not grow with
+    the mesh.
 
-    `U_loads` (N, 1 + l) and `y_loads` (9p, 1 + l) are the answers, gravity first. `loads_work` (1 + l, 1 + l) [J]
-    is the work of each load on the displacement due to each load.
+    `U_loads` (N, 1 + l) and `y_loads` (9p, 1 + l) are the answers, gravity first. `loads_work` (1 +
+    l, 1 + l) [J] is the work of each load on the displacement due to each load.
     """
 
     organ: "QuasiStaticOrgan"
@@ -61,11 +62,11 @@ class QuasiStaticOperator(LipCompliance):
 
 @dataclass(frozen=True, eq=False)
 class QuasiStaticOrgan(MeshedOrgan):
-    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state has only forces; its field is computed on
-    demand.
+    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state has only forces; its field is
+    computed on demand.
 
-    `ranks` distribute the columns of its sites and loads among processes, in one call of `operator`. None: this
-    process solves all columns.
+    `ranks` distribute the columns of its sites and loads among processes, in one call of
+    `operator`. None: this process solves all columns.
     """
 
     ranks: Ranks | None = None
@@ -114,7 +115,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def parts(self, state: OrganState) -> Array:
-        """Return the parts of gravity, always 1, and of each load that act in a state, shape `(1 + l,)`."""
+        """Return the parts of gravity, always 1, and of each load that act in a state, shape `(1 +
+        l,)`.
+        """
         return ALL if state.shares is None else np.append(ALL, state.shares)
 
     def operator(self, a: float, d: float) -> QuasiStaticOperator:
@@ -126,8 +129,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     ) -> LinearAnswer:
         """Return the answer of any step under `share` of the loads at `time` [s].
 
-        It starts from the known equilibrium without site forces. With contact, the pairing is found in the field of
-        the last state, which takes one back-substitution.
+        It starts from the known equilibrium without site forces. With contact, the pairing is found
+        in the field of the last state, which takes one back-substitution.
         """
         operator, shares = self._operator, self.shares_at(time, share)
         pairing = self._paired_after(past, scheme) if self.touches and past else self.pairing(None)
@@ -144,8 +147,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
         """Return the pairing after states.
 
-        At a start under gravity surfaces can cross, because no contact force acts yet. Their slips are then counted
-        from the reference.
+        At a start under gravity surfaces can cross, because no contact force acts yet. Their slips
+        are then counted from the reference.
         """
         pairing, first = self.paired_anew(self.field(past[0]), past[0].ahead), slips_since(past, scheme)
         if not self.slips(pairing).size:
@@ -191,7 +194,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]; the last two in contact are cached."""
+        """Return the displacement over the free unknowns, shape `(N,)` [m]; the last two in contact
+        are cached.
+        """
         for known, field in self._recalled:
             if known is state:
                 return field
@@ -210,7 +215,8 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return None: an organ without mass has no answer to an impulse."""
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant.
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        constant.
 
         These are the site forces `f_y` (9p,) and the contact forces of `state`.
         """
@@ -227,11 +233,11 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
-        """Return the elastic energy under only gravity and loads [J], the displacement of the sites under them and
-        the site forces.
+        """Return the elastic energy under only gravity and loads [J], the displacement of the sites
+        under them and the site forces.
 
-        The last two have shape `(9p,)`. It returns None if the loads at the `times` [s] differ from the loads of
-        the state, or if surfaces can touch.
+        The last two have shape `(9p,)`. It returns None if the loads at the `times` [s] differ from
+        the loads of the state, or if surfaces can touch.
         """
         shares = state.shares
         changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
@@ -241,9 +247,11 @@ class QuasiStaticOrgan(MeshedOrgan):
         return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works of a step, as for the dynamic organ, from 9p + k + l numbers.
+        """Return the energies and works of a step, as for the dynamic organ, from 9p + k + l
+        numbers.
 
-        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load = g_load − g0.
+        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load =
+        g_load − g0.
         """
         p = self.contact_forces(new)
         if p.any() or self.contact_forces(old).any():
@@ -259,8 +267,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
 
     def _energies_in_contact(self, p: Array, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works from the fields, if contact forces act or acted; −p⁺·Δg is part of
-        `numerical`."""
+        """Return the energies and works from the fields, if contact forces act or acted; −p⁺·Δg is
+        part of `numerical`.
+        """
         U = self.field(new)
         dU = U - self.field(old)
         pushes, friction = self.contact_works(p, self.pairing_of(new).G @ dU)

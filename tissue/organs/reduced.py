@@ -1,15 +1,18 @@
-"""An organ with inertia in a small basis, U ≈ V η: the cost of a step does not depend on the size of the mesh.
+"""An organ with inertia in a small basis, U ≈ V η: the cost of a step does not depend on the size
+of the mesh.
 
-In parallel with this model, a check runs under the same forces. The basis of the check has one more block of the
-Krylov space (`tissue.organs.basis`). With y_k and y_{k+1} of the two, and y of the whole organ,
+In parallel with this model, a check runs under the same forces. The basis of the check has one more
+block of the Krylov space (`tissue.organs.basis`). With y_k and y_{k+1} of the two, and y of the
+whole organ,
 
     |y − y_k|  ≤  |y_{k+1} − y_k| + |y − y_{k+1}|,      |y_i − y_{k+1,i}| ≤ ‖Y_i‖ ‖e‖,   ‖Y_i‖² = (Y K⁻¹ Yᵀ)_ii
     ‖e(t)‖ in K  ≤  ‖r(t)‖ + Σ ‖Δr‖,   both in K⁻¹
 
-If the second term is small, the first term is the error. The last line holds because a body that is released at
-rest does not swing beyond its initial displacement: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1 in each mode, by backward
-Euler, by BDF2 and in continuous time. An impulse or a displacement between two steps leaves a further residual,
-which is added in the same norm. The bound does not include the change of the thread's forces due to the error.
+If the second term is small, the first term is the error. The last line holds because a body that is
+released at rest does not swing beyond its initial displacement: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1
+in each mode, by backward Euler, by BDF2 and in continuous time. An impulse or a displacement
+between two steps leaves a further residual, which is added in the same norm. The bound does not
+include the change of the thread's forces due to the error.
 """
 
 from collections.abc import Sequence
@@ -34,7 +37,8 @@ TIMES_HELD = 4  # vectors, K times the vectors, and products and copies of a blo
 
 @dataclass(frozen=True)
 class ReducedState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of the model, followed by η, η̇, η̈ of its check, `(r + c,)` [√J, …].
+    """A state whose U, V, A are η, η̇, η̈ of the model, followed by η, η̇, η̈ of its check, `(r +
+    c,)` [√J, …].
 
     `drift` is Σ‖Δr‖ of the check so far [√J].
     """
@@ -44,11 +48,12 @@ class ReducedState(OrganState):
 
 @dataclass(frozen=True)
 class Reduction:
-    """An organ in two bases: the first `size` numbers of each array belong to the model, the rest to its check.
+    """An organ in two bases: the first `size` numbers of each array belong to the model, the rest
+    to its check.
 
-    `vectors` (N, size) is V of the model. `mu` (n,) are the masses for a stiffness of one. `Y` (9p, n), `load` (n,)
-    and `surface_load` (n, l) are as in `tissue.organs.modal`. `missed` (m, c) is R of the check, as in
-    `tissue.organs.basis`.
+    `vectors` (N, size) is V of the model. `mu` (n,) are the masses for a stiffness of one. `Y` (9p,
+    n), `load` (n,) and `surface_load` (n, l) are as in `tissue.organs.modal`. `missed` (m, c) is R
+    of the check, as in `tissue.organs.basis`.
     """
 
     vectors: Array
@@ -65,7 +70,9 @@ class Reduction:
 
     @cached_property
     def reach(self) -> Array:
-        """Largest displacement of each site's point per unit of strain energy, ‖Y_x‖ in K⁻¹, `(p,)` [m/√J]."""
+        """Largest displacement of each site's point per unit of strain energy, ‖Y_x‖ in K⁻¹, `(p,)`
+        [m/√J].
+        """
         own = self.Y[:, self.size :].reshape(-1, 9, self.mu.size - self.size)[:, :3]
         return np.linalg.norm(own, 2, axis=(1, 2)) if own.size else np.zeros(len(own))
 
@@ -78,16 +85,20 @@ class Reduction:
 
 
 def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
-    """Return the reduction of an organ by static answers, `blocks` of the Krylov space and `modes` vibration modes.
+    """Return the reduction of an organ by static answers, `blocks` of the Krylov space and `modes`
+    vibration modes.
 
-    Raises `TissueError` for an organ with contact, for an organ that is not held, and for impossible numbers.
+    Raises `TissueError` for an organ with contact, for an organ that is not held, and for
+    impossible numbers.
     """
     check_reducible(organ, blocks, modes)
     return _reduction(organ, _krylov_of(organ, blocks, modes))
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
-    """Raise `TissueError` for an organ without a small basis, and for a basis that does not fit into memory."""
+    """Raise `TissueError` for an organ without a small basis, and for a basis that does not fit
+    into memory.
+    """
     check_held(organ)
     if blocks < 0 or not (0 <= modes <= organ.size // 2):
         raise TissueError(
@@ -201,10 +212,11 @@ class ReducedOrgan(OrganOfModes):
     def modes(
         self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
-        """Return the arrays with which a kernel makes steps, or None if the loads change at the `times` [s].
+        """Return the arrays with which a kernel makes steps, or None if the loads change at the
+        `times` [s].
 
-        Masses and loads of model and check (n,), W (n, 9p), Y of the model, y0, R of the check, Rayleigh's α and β,
-        and two zeros: no bound on the residual of a step.
+        Masses and loads of model and check (n,), W (n, 9p), Y of the model, y0, R of the check,
+        Rayleigh's α and β, and two zeros: no bound on the residual of a step.
         """
         shares, given = state.shares, self.reduction
         if not self.has_loads_of(state, times):
@@ -214,7 +226,9 @@ class ReducedOrgan(OrganOfModes):
         return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh, 0.0, 0.0)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of model and check (n,), the site forces (9p,), and Σ‖Δr‖ of the check so far [√J]."""
+        """Return η, η̇, η̈ of model and check (n,), the site forces (9p,), and Σ‖Δr‖ of the check
+        so far [√J].
+        """
         return state.U, state.V, state.A, state.f_y, drift_of(state)
 
     def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> ReducedState:
@@ -246,8 +260,9 @@ class ReducedOrgan(OrganOfModes):
         return np.asarray(inverse[:, None] * self.reduction.Y.T)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer[OrganState]:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are constant; V does
-        not change."""
+        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        constant; V does not change.
+        """
         operator = self.both.operator(scheme.a, scheme.d)
 
         def displaced(f_new: Array, p: Array) -> ReducedState:
@@ -269,7 +284,9 @@ class ReducedOrgan(OrganOfModes):
         return np.asarray(np.linalg.norm(apart.reshape(-1, 9)[:, :3], axis=1))
 
     def bound(self, state: OrganState) -> Array:
-        """Return bounds of the errors of the site points against the whole organ under the same forces, `(p,)` [m]."""
+        """Return bounds of the errors of the site points against the whole organ under the same
+        forces, `(p,)` [m].
+        """
         left = self._dual_norm(self.both.rates(state)) + drift_of(state)
         return np.asarray(self.difference(state) + self.reduction.reach * left)
 

@@ -2,9 +2,10 @@
 
     K U − Σ K_i U + Σ K_i e_i = forces,    de_i/dt + e_i/τ_i = dU/dt
 
-K_i is the stiffness of the share of the distortion that relaxes with τ_i. e_i, a field over the free unknowns, is
-the part of U that has not relaxed yet. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U). The step is therefore the
-step of an organ with the stiffness K − Σ (1 − φ_i) K_i under the additional forces Σ K_i (φ_i U − e^(−x_i) e_i).
+K_i is the stiffness of the share of the distortion that relaxes with τ_i. e_i, a field over the
+free unknowns, is the part of U that has not relaxed yet. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺
+− U). The step is therefore the step of an organ with the stiffness K − Σ (1 − φ_i) K_i under the
+additional forces Σ K_i (φ_i U − e^(−x_i) e_i).
 """
 
 from collections.abc import Sequence
@@ -37,8 +38,8 @@ DIGITS = 12  # of a step's length in the key of a cached operator: further digit
 class RelaxingOrgan(DynamicOrgan):
     """A linear organ whose distortion relaxes by a series `relaxation`.
 
-    It has `inertia`, or is always in equilibrium. Its states have the fields e_i in `relaxing` `(b, N)` [m]; None
-    if all stress has relaxed.
+    It has `inertia`, or is always in equilibrium. Its states have the fields e_i in `relaxing` `(b,
+    N)` [m]; None if all stress has relaxed.
     """
 
     relaxation: Prony = field(kw_only=True)
@@ -66,12 +67,15 @@ class RelaxingOrgan(DynamicOrgan):
         return csr_matrix(sum((1.0 - mean) * K for mean, K in parts))
 
     def scheme_of(self, scheme: TimeScheme) -> TimeScheme:
-        """Return the scheme used for the organ: an equilibrium at the end of the step if it has no inertia."""
+        """Return the scheme used for the organ: an equilibrium at the end of the step if it has no
+        inertia.
+        """
         return scheme if self.inertia else Drag(0.0, coefficients=(), dt=scheme.dt)
 
     def start(self) -> OrganState:
-        """Return the state at the start: undeformed and at rest, or in equilibrium with gravity if it has no
-        inertia."""
+        """Return the state at the start: undeformed and at rest, or in equilibrium with gravity if
+        it has no inertia.
+        """
         rest = super().start()
         if self.inertia:
             return rest
@@ -88,7 +92,9 @@ class RelaxingOrgan(DynamicOrgan):
         return [stress_recovery(self.elasticity, share) for share in self.relaxation.shares]
 
     def relaxed_stress(self, state: OrganState) -> Array:
-        """Return the instantaneous elastic stress minus the present stress, per node, shape `(m, 6)` [Pa]."""
+        """Return the instantaneous elastic stress minus the present stress, per node, shape `(m,
+        6)` [Pa].
+        """
         left = zip(self._stresses, self.strains(state), strict=True)
         return np.asarray(sum(each.stress(self.whole(state.U - e)) for each, e in left))
 
@@ -124,7 +130,8 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(answer, accepted=complete)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in motion.
+        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in
+        motion.
 
         Motion due to a change of the forces is instantaneous.
         """
@@ -139,9 +146,9 @@ class RelaxingOrgan(DynamicOrgan):
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step.
 
-        The elastic energy is the part that remains after complete relaxation. The work of the relaxing stress
-        counts as viscous and uses its value at the end of the step. Some of this work is returned if the tissue
-        moves back.
+        The elastic energy is the part that remains after complete relaxation. The work of the
+        relaxing stress counts as viscous and uses its value at the end of the step. Some of this
+        work is returned if the tissue moves back.
         """
         whole, dU = super().energies(old, new), new.U - old.U
         lost, taken, relaxed = 0.0, 0.0, 0.0

@@ -1,8 +1,8 @@
 """The rim of a wound's side: the edge of a contact surface on the outer surface of the organ.
 
-A facet of the outer surface lies next to each edge of a rim. The edge is everted by an angle if this facet has
-turned by that angle so that it rises towards the edge. If the organ turns as a whole, it everts one side of a wound
-and inverts the other by the same angle.
+A facet of the outer surface lies next to each edge of a rim. The edge is everted by an angle if
+this facet has turned by that angle so that it rises towards the edge. If the organ turns as a
+whole, it everts one side of a wound and inverts the other by the same angle.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,11 @@ SMOOTH = 0.5  # cosine of 60°: within one rim, the outer surface turns by less 
 class Rim:
     """The edges of a surface on the outer surface of the organ.
 
-    `edges` `(e, 2)` are their vertices. `facets` `(e, 3)` are the vertices of the outer facet next to each edge, in
-    the order in which its normal points out of the organ. The other arrays describe the reference shape: `normal`
-    `(e, 3)` of the facet, `rising` `(e, 3)` the unit vector in the facet across the edge and towards it, `middles`
-    `(e, 3)` [m] and `lengths` `(e,)` [m] of the edges.
+    `edges` `(e, 2)` are their vertices. `facets` `(e, 3)` are the vertices of the outer facet next
+    to each edge, in the order in which its normal points out of the organ. The other arrays
+    describe the reference shape: `normal` `(e, 3)` of the facet, `rising` `(e, 3)` the unit vector
+    in the facet across the edge and towards it, `middles` `(e, 3)` [m] and `lengths` `(e,)` [m] of
+    the edges.
     """
 
     edges: Indices
@@ -45,8 +46,9 @@ class Rim:
     def near(self, points: Array) -> "Rim":
         """Return the part of the rim that is nearest to most of the `points` `(m, 3)` [m].
 
-        A part is a chain of edges that continue in one another without a fold of the outer surface. Of two parts
-        with equally many points, the part of the first point is returned; without points, the longest part.
+        A part is a chain of edges that continue in one another without a fold of the outer surface.
+        Of two parts with equally many points, the part of the first point is returned; without
+        points, the longest part.
         """
         if not len(self.edges):
             return self
@@ -56,10 +58,11 @@ class Rim:
         return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
 
     def turn(self, points: Array) -> float:
-        """Return the mean angle along the rim by which the outer facets rise towards their edges [rad].
+        """Return the mean angle along the rim by which the outer facets rise towards their edges
+        [rad].
 
-        All nodes are at `points` `(n, 3)` [m]; the angle is relative to the reference shape. It is 0 for an empty
-        rim.
+        All nodes are at `points` `(n, 3)` [m]; the angle is relative to the reference shape. It is
+        0 for an empty rim.
         """
         normal = facet_normals(points[self.facets])
         angles = np.arctan2(-np.vecdot(normal, self.rising), np.vecdot(normal, self.normal))
@@ -67,7 +70,8 @@ class Rim:
 
     @cached_property
     def way(self) -> tuple[Indices, Array]:
-        """The rim's vertices in order along it, `(v,)`, and their distance along it from the first, `(v,)` [m].
+        """The rim's vertices in order along it, `(v,)`, and their distance along it from the first,
+        `(v,)` [m].
 
         A closed rim begins at its vertex with the lowest number.
         """
@@ -117,7 +121,8 @@ def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
 
 
 def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
-    """Return the facets of the organ's surface except the `inner` ones, `(f, 3)`, and their unit normals `(f, 3)`.
+    """Return the facets of the organ's surface except the `inner` ones, `(f, 3)`, and their unit
+    normals `(f, 3)`.
 
     The vertices of a facet are in the order in which its normal points out of the organ.
     """
@@ -133,6 +138,8 @@ def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
 
 
 def _numbered(mesh: MeshTet, corners: Indices) -> Indices:
-    """Return one number for each edge `(m, 2)` or triangle `(m, 3)`, independent of the order of its vertices."""
+    """Return one number for each edge `(m, 2)` or triangle `(m, 3)`, independent of the order of
+    its vertices.
+    """
     numbers = np.sort(corners, axis=1).T
     return np.asarray(np.ravel_multi_index(tuple(numbers), (mesh.nvertices,) * len(numbers)))

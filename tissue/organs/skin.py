@@ -1,14 +1,16 @@
 """The outer surface of an organ, and what points outside bear on there, such as those of a thread.
 
-The facets of the reference shape stand for a smooth surface: its normals n are interpolated between means over the
-facets at each vertex, and it bulges over a facet by −½ Σ ξ_i ((x − x_i)·n_i) n_i (Phong tessellation: Boubekeur and
-Alexa, ACM Trans. Graph. 27, 2008), so that n is across it. The tilt of n and the bulge go along with their facet as
-the organ deforms. Facets that meet at a sharp edge are no part of one smooth surface.
+The facets of the reference shape stand for a smooth surface: its normals n are interpolated between
+means over the facets at each vertex, and it bulges over a facet by −½ Σ ξ_i ((x − x_i)·n_i) n_i
+(Phong tessellation: Boubekeur and Alexa, ACM Trans. Graph. 27, 2008), so that n is across it. The
+tilt of n and the bulge go along with their facet as the organ deforms. Facets that meet at a sharp
+edge are no part of one smooth surface.
 
-A point P faces the nearest point x of the facets. Its gap is d·(x − P) less the bulge, with d = n into the organ. Over
-an edge that is sharp, or flat in the reference shape, d is the way from P to x, which turns from one facet to the next.
-So d is the gradient of a gap that is continuous as P and the organ move. The organ's part, d·x, follows the
-displacement of the facet; the place of x, d and the bulge stay during a step.
+A point P faces the nearest point x of the facets. Its gap is d·(x − P) less the bulge, with d = n
+into the organ. Over an edge that is sharp, or flat in the reference shape, d is the way from P to
+x, which turns from one facet to the next. So d is the gradient of a gap that is continuous as P and
+the organ move. The organ's part, d·x, follows the displacement of the facet; the place of x, d and
+the bulge stay during a step.
 """
 
 from dataclasses import dataclass
@@ -32,8 +34,10 @@ QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a facet 
 
 @dataclass(frozen=True)
 class Skin:
-    """The outer surface of a `body`: the nodes of its `facets` `(m, 3)`, with P2 of the quarters of its facets, which
-    turn so that their normals point into the organ; and the coefficient of `friction` of what bears on it [-]."""
+    """The outer surface of a `body`: the nodes of its `facets` `(m, 3)`, with P2 of the quarters of
+    its facets, which turn so that their normals point into the organ; and the coefficient of
+    `friction` of what bears on it [-].
+    """
 
     body: Elasticity
     facets: Indices
@@ -66,7 +70,9 @@ class Skin:
 
     @cached_property
     def _beyond(self) -> Indices:
-        """The facet beyond each side of each facet, opposite its corners, shape `(m, 3)`; itself at an open side."""
+        """The facet beyond each side of each facet, opposite its corners, shape `(m, 3)`; itself at
+        an open side.
+        """
         sides = np.sort(self.facets[:, OPPOSITE].reshape(-1, 2), axis=1)
         order = np.lexsort(sides.T)
         same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
@@ -77,9 +83,10 @@ class Skin:
 
     @cached_property
     def _smooth(self) -> tuple[Array, Mask]:
-        """Unit normals of the smooth surface at the corners of all facets of the reference shape, `(m, 3, 3)`: the
-        mean, by area, over the facets that meet there without a sharp edge; and which sides of each facet are part of
-        a curved surface, `(m, 3)`."""
+        """Unit normals of the smooth surface at the corners of all facets of the reference shape,
+        `(m, 3, 3)`: the mean, by area, over the facets that meet there without a sharp edge; and
+        which sides of each facet are part of a curved surface, `(m, 3)`.
+        """
         corners, (row, other) = self.body.points[self.facets], self._around.coords
         each, areas = facet_normals(corners), triangle_sizes(corners) ** 2
         smooth, mean = np.vecdot(each[row // 3], each[other]) > SHARP, np.zeros((3 * len(each), 3))
@@ -89,9 +96,10 @@ class Skin:
         return normals.reshape(-1, 3, 3), (angle > SHARP) & (angle < FLAT)
 
     def faced(self, displacement: Array, places: Array, labels: Array) -> Array:
-        """Return what points at `places` `(k, 3)` [m] face under a `displacement` of all nodes `(n, 3)` [m], shape
-        `(k, 9 + l)`: facet, barycentric coordinates, d, the distance from the surface, negative inside, and the bulge
-        [m], then the `labels` `(k, l)` of each point."""
+        """Return what points at `places` `(k, 3)` [m] face under a `displacement` of all nodes `(n,
+        3)` [m], shape `(k, 9 + l)`: facet, barycentric coordinates, d, the distance from the
+        surface, negative inside, and the bulge [m], then the `labels` `(k, l)` of each point.
+        """
         if not len(places):
             return np.zeros((0, OWN + labels.shape[1]))
         points, (normals, curved) = self.body.points + displacement, self._smooth
@@ -110,8 +118,10 @@ class Skin:
         return np.column_stack([facing[:, :4], d, np.vecdot(way, d) - bulge, bulge, labels])
 
     def sums(self, points: Array) -> csr_matrix:
-        """Return d·x of `points` `(k, 9 + l)` by the displacement of the surface's nodes, shape `(k, 3r)`; with
-        friction, x along both of `tissue.organs.lips.tangents` of each point behind them, `(3k, 3r)`."""
+        """Return d·x of `points` `(k, 9 + l)` by the displacement of the surface's nodes, shape
+        `(k, 3r)`; with friction, x along both of `tissue.organs.lips.tangents` of each point behind
+        them, `(3k, 3r)`.
+        """
         along, at = points[:, 4:7], points
         if self.friction:
             along = np.vstack([along, tangents(along).reshape(-1, 3)])
@@ -120,8 +130,9 @@ class Skin:
         return sums_of(self.nodes, nodes, w, along)
 
     def rest(self, points: Array) -> Array:
-        """Return d·x less the bulge of `points` `(k, 9 + l)` in the reference shape, and zeros for the slips, as of
-        `sums` [m]."""
+        """Return d·x less the bulge of `points` `(k, 9 + l)` in the reference shape, and zeros for
+        the slips, as of `sums` [m].
+        """
         out = np.asarray(self.sums(points) @ self.body.points[self.nodes].ravel())
         out[: len(points)] -= points[:, 8]
         out[len(points) :] = 0.0
@@ -129,14 +140,17 @@ class Skin:
 
 
 def frames(corners: Array) -> Array:
-    """Return frames of triangles `(k, 3, 3)`: as columns, the unit vectors along the first side and across it, and the
-    normal, shape `(k, 3, 3)`."""
+    """Return frames of triangles `(k, 3, 3)`: as columns, the unit vectors along the first side and
+    across it, and the normal, shape `(k, 3, 3)`.
+    """
     n, side = facet_normals(corners), corners[:, 1] - corners[:, 0]
     side = side / np.linalg.norm(side, axis=1, keepdims=True)
     return np.stack([side, np.cross(n, side), n], axis=2)
 
 
 def skin_of(body: Elasticity, friction: float = 0.0) -> Skin:
-    """Return the whole outer surface of a body, with the coefficient of `friction` of what bears on it [-]."""
+    """Return the whole outer surface of a body, with the coefficient of `friction` of what bears on
+    it [-].
+    """
     nodes = facets_inwards(body, body.mesh.boundary_facets())
     return Skin(body, nodes if nodes.shape[1] == 3 else nodes[:, QUARTERS].reshape(-1, 3), friction)

@@ -1,15 +1,17 @@
-"""Estimate of the error of each hole's compliance, cell by cell, from the columns K⁻¹Yᵀ of the condensation.
+"""Estimate of the error of each hole's compliance, cell by cell, from the columns K⁻¹Yᵀ of the
+condensation.
 
-The compliance is C = Y K⁻¹ Yᵀ. By Galerkin orthogonality, C_kk − C_kk,h is the energy of the error of column k. An
-estimate of this energy is therefore an estimate of the error of the compliance (Becker and Rannacher, Acta Numerica
-10, 2001). The exact stress is replaced by the stress of the column, averaged at the nodes. This stress is changed
-at the surface to balance the traction (Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
+The compliance is C = Y K⁻¹ Yᵀ. By Galerkin orthogonality, C_kk − C_kk,h is the energy of the error
+of column k. An estimate of this energy is therefore an estimate of the error of the compliance
+(Becker and Rannacher, Acta Numerica 10, 2001). The exact stress is replaced by the stress of the
+column, averaged at the nodes. This stress is changed at the surface to balance the traction
+(Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
 
     η_T² = ∫_T (σ* − σ_h) : D⁻¹ (σ* − σ_h) dx,      C_kk − C_kk,h ≈ Σ_T η_T².
 
-σ* has the order of the element. It is averaged only within one material, because stress jumps between two
-materials. The part of the pressure that is already averaged at the vertices (`tissue.elasticity`) is the same in σ*
-and in σ_h.
+σ* has the order of the element. It is averaged only within one material, because stress jumps
+between two materials. The part of the pressure that is already averaged at the vertices
+(`tissue.elasticity`) is the same in σ* and in σ_h.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,11 +43,11 @@ SOFT = 1.0  # of E/ρL²: springs that hold a free body are as soft as the body 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The `compliance` of the goals along x, y and z, `(g, 3)` [m/N], and its estimated error, `missed` `(g, 3)`
-    [m/N].
+    """The `compliance` of the goals along x, y and z, `(g, 3)` [m/N], and its estimated error,
+    `missed` `(g, 3)` [m/N].
 
-    `goals` `(g,)` are the sites with a footprint. The `indicators` `(c,)` [-] are the errors from each cell over
-    the compliance of the goal and direction, summed over all goals and directions.
+    `goals` `(g,)` are the sites with a footprint. The `indicators` `(c,)` [-] are the errors from
+    each cell over the compliance of the goal and direction, summed over all goals and directions.
     """
 
     goals: Indices
@@ -64,8 +66,8 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
 
     A bare point is no goal, because its compliance has no limit under refinement.
 
-    The error of a goal's column is computed in all cells except the fine cells at other, distant goals. The cost of
-    a goal then does not grow with the number of goals.
+    The error of a goal's column is computed in all cells except the fine cells at other, distant
+    goals. The cost of a goal then does not grow with the number of goals.
     """
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0], np.intp)
     compliance, missed = np.empty((2, goals.size, AXES))
@@ -90,8 +92,8 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
 def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Callable[[int], Indices]:
     """Return a function that returns the cells in which the error of a goal's column is computed.
 
-    Goals have footprints of `radii` (g,) [m] at `centres` `(g, 3)` [m]. Cells that are fine because of another,
-    much nearer goal are left out.
+    Goals have footprints of `radii` (g,) [m] at `centres` `(g, 3)` [m]. Cells that are fine because
+    of another, much nearer goal are left out.
     """
     middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
     nearest, reach = np.full(len(middles), np.inf), np.zeros(len(middles))
@@ -109,8 +111,9 @@ def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Call
 
 
 def held(body: Elasticity) -> csr_matrix:
-    """Return the stiffness over the free unknowns; with soft springs everywhere if a part of the body can move
-    freely."""
+    """Return the stiffness over the free unknowns; with soft springs everywhere if a part of the
+    body can move freely.
+    """
     K = body.K[body.free][:, body.free]
     if is_held(body):
         return csr_matrix(K)
@@ -131,7 +134,8 @@ def is_held(body: Elasticity) -> bool:
 
 
 def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], placed: Sites, goal: int) -> Array:
-    """Return the traction of a unit force on a goal's footprint at the nodes of the surface, `(r,)` [Pa/N].
+    """Return the traction of a unit force on a goal's footprint at the nodes of the surface, `(r,)`
+    [Pa/N].
 
     It is zero for a force inside the body.
     """
@@ -160,7 +164,9 @@ class Recovery:
 
     @cached_property
     def copies(self) -> tuple[Indices, Indices]:
-        """The numbers of each cell's nodes within its material, `(c, n)`, and the node of each number."""
+        """The numbers of each cell's nodes within its material, `(c, n)`, and the node of each
+        number.
+        """
         return np.searchsorted(self.keys, self._cell_keys), self.keys % len(self.body.nodes)
 
     @cached_property
@@ -170,7 +176,9 @@ class Recovery:
 
     @property
     def _cell_keys(self) -> Indices:
-        """A key for each node of each cell, `(c, n)`: material index times number of nodes, plus node index."""
+        """A key for each node of each cell, `(c, n)`: material index times number of nodes, plus
+        node index.
+        """
         return np.asarray(self.groups[:, None] * len(self.body.nodes) + self.body.cells)
 
     @cached_property
@@ -207,8 +215,8 @@ class Recovery:
     def missed(self, W: Array, traction: Array, cells: Indices) -> Array:
         """Return η² of `cells` `(k,)` for three columns W `(N, 3)` [m/N], shape `(3, k)` [m/N].
 
-        The columns belong to unit forces along x, y and z with a `traction` `(r,)` [Pa/N] at the nodes of the
-        surface.
+        The columns belong to unit forces along x, y and z with a `traction` `(r,)` [Pa/N] at the
+        nodes of the surface.
         """
         nodal, numbers = self._nodal(W, traction, cells)
         out = np.empty((AXES, cells.size))
@@ -243,7 +251,8 @@ class Recovery:
         return stress
 
     def _nodal(self, W: Array, traction: Array, cells: Indices) -> tuple[Array, Indices]:
-        """Return σ* `(m, 3, 3, k)` at the nodes of `cells` `(c,)`, and the indices of each cell's nodes, `(c, n)`.
+        """Return σ* `(m, 3, 3, k)` at the nodes of `cells` `(c,)`, and the indices of each cell's
+        nodes, `(c, n)`.
 
         A node on a border between materials has one σ* in each material.
         """
@@ -271,7 +280,9 @@ class Recovery:
 
     @cached_property
     def _borders(self) -> tuple[Indices, Array]:
-        """The two key indices of each node on a border between materials, `(b, 2)`, and the normal there, `(b, 3)`."""
+        """The two key indices of each node on a border between materials, `(b, 2)`, and the normal
+        there, `(b, 3)`.
+        """
         mesh, groups = self.body.mesh, self.groups
         inner = np.flatnonzero(mesh.f2t[1] >= 0)
         facets = inner[groups[mesh.f2t[0, inner]] != groups[mesh.f2t[1, inner]]]
@@ -290,10 +301,11 @@ class Recovery:
         return pairs, sums / np.linalg.norm(sums, axis=1)[:, None]
 
     def _continuous(self, stress: Array, known: Indices) -> Array:
-        """Return σ* `(m, 3, 3, k)` of the `known` key indices `(m,)` with continuous traction at borders of
-        materials.
+        """Return σ* `(m, 3, 3, k)` of the `known` key indices `(m,)` with continuous traction at
+        borders of materials.
 
-        The change is the smallest one, with weights by softness, so that the softer side changes less.
+        The change is the smallest one, with weights by softness, so that the softer side changes
+        less.
         """
         pairs, n = self._borders
         both = np.isin(pairs, known).all(axis=1)
@@ -318,7 +330,9 @@ class Recovery:
         return place
 
     def _balanced(self, stress: Array, node: Indices, W: Array, traction: Array) -> Array:
-        """Return σ* at nodes `(m,)`, with the smallest change for which σ*n is the traction at the surface."""
+        """Return σ* at nodes `(m,)`, with the smallest change for which σ*n is the traction at the
+        surface.
+        """
         at = np.flatnonzero(self._places[node] >= 0)
         row = self._places[node[at]]
         n = self.normals[row]
@@ -328,7 +342,9 @@ class Recovery:
         return stress
 
     def _pressure(self, W: Array, nodes: Indices) -> Array:
-        """Return the part of λ div U that is averaged at the vertices, at `nodes` `(m,)`, shape `(m, k)`."""
+        """Return the part of λ div U that is averaged at the vertices, at `nodes` `(m,)`, shape
+        `(m, k)`.
+        """
         body = self.body
         if body.pressure is None:
             return np.zeros((nodes.size, W.shape[1]))
@@ -343,8 +359,8 @@ def chunks(count: int) -> list[slice]:
 
 
 def turned(traction: Array, n: Array) -> Array:
-    """Return the smallest symmetric stresses `(m, 3, 3, k)` with a `traction` `(m, 3, k)` on planes of unit normals
-    `n`.
+    """Return the smallest symmetric stresses `(m, 3, 3, k)` with a `traction` `(m, 3, k)` on planes
+    of unit normals `n`.
 
     `n` has shape `(m, 3)`.
     """

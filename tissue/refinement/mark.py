@@ -1,4 +1,6 @@
-"""Marking of too large cells: at first by their distance from the holes, then by their contribution to the error."""
+"""Marking of too large cells: at first by their distance from the holes, then by their contribution
+to the error.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -21,13 +23,13 @@ ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and
 
 
 def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
-    """Return a function that returns the largest size [m] of cells with corners `(c, 4, 3)`, before an error is
-    known.
+    """Return a function that returns the largest size [m] of cells with corners `(c, 4, 3)`, before
+    an error is known.
 
     The compliance of the holes at `sites` is to have a relative `accuracy` [-].
 
-    A region of the mesh that begins or ends within the radius of a surface hole is a thin layer there. It needs
-    proportionally smaller cells.
+    A region of the mesh that begins or ends within the radius of a surface hole is a thin layer
+    there. It needs proportionally smaller cells.
     """
     on_surface, inside, growth, order = SIZES[element]
     looser, surface = (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
@@ -63,7 +65,9 @@ def borders(mesh: MeshTet) -> Array:
 
 
 def place(surface: Surface, site: Site) -> tuple[Array, Array]:
-    """Return the located point (3,) [m] of a site, and the outward normal there, not a number inside the body."""
+    """Return the located point (3,) [m] of a site, and the outward normal there, not a number
+    inside the body.
+    """
     point = np.asarray(site.point, float)
     distance, nearest, facets = surface.nearest(point)
     if distance > ON_SURFACE * surface.diagonal:
@@ -73,8 +77,9 @@ def place(surface: Surface, site: Site) -> tuple[Array, Array]:
 
 
 def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
-    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m]; without an axis from a
-    ball."""
+    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m]; without
+    an axis from a ball.
+    """
     offset = points - centre
     height = offset @ axis if np.isfinite(axis).all() else np.zeros(len(points))
     across = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - height**2, 0.0))
@@ -82,10 +87,11 @@ def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
 
 
 def marked(mesh: MeshTet, indicators: Array, mirror: int | None = None) -> Indices:
-    """Return the cells with the largest `indicators` `(c,)`, which together have the share BULK of the sum.
+    """Return the cells with the largest `indicators` `(c,)`, which together have the share BULK of
+    the sum.
 
-    Cells with an equal indicator are included. The mirror images about the plane normal to the axis `mirror` are
-    included too; None if the mesh need not stay symmetric.
+    Cells with an equal indicator are included. The mirror images about the plane normal to the axis
+    `mirror` are included too; None if the mesh need not stay symmetric.
     """
     falling = np.sort(indicators)[::-1]
     least = falling[np.searchsorted(np.cumsum(falling), BULK * falling.sum())]

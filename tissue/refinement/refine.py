@@ -1,9 +1,11 @@
-"""Refinement of tetrahedra by bisection of the longest edge (Rivara, Int. J. Numer. Meth. Eng. 20, 1984).
+"""Refinement of tetrahedra by bisection of the longest edge (Rivara, Int. J. Numer. Meth. Eng. 20,
+1984).
 
-Marked cells are cut, and all names of the mesh are kept. A cut edge hangs in the cells around it. These cells are
-bisected too, each at its own longest edge, until no edge hangs. Among edges of equal length the place decides. It
-decides in the same way for a mesh and for its mirror images about the planes through the origin, so that symmetric
-marks give a symmetric mesh. If two edges of one cell are mirror images, the side decides, and not round-off.
+Marked cells are cut, and all names of the mesh are kept. A cut edge hangs in the cells around it.
+These cells are bisected too, each at its own longest edge, until no edge hangs. Among edges of
+equal length the place decides. It decides in the same way for a mesh and for its mirror images
+about the planes through the origin, so that symmetric marks give a symmetric mesh. If two edges of
+one cell are mirror images, the side decides, and not round-off.
 """
 
 from collections.abc import Callable
@@ -36,8 +38,8 @@ Keys = NDArray[np.int64]
 class Refined:
     """A refined `mesh` with the names of the mesh before refinement.
 
-    `parents` `(c,)` is the earlier cell that contains each cell. `sides` `(f,)` is the earlier facet that contains
-    each facet, WITHIN for a facet inside a cell.
+    `parents` `(c,)` is the earlier cell that contains each cell. `sides` `(f,)` is the earlier
+    facet that contains each facet, WITHIN for a facet inside a cell.
     """
 
     mesh: MeshTet
@@ -46,14 +48,18 @@ class Refined:
 
 
 def refine(mesh: MeshTet, marked: Indices) -> Refined:
-    """Return the mesh with the `marked` cells bisected, and all cells around them in which edges would hang."""
+    """Return the mesh with the `marked` cells bisected, and all cells around them in which edges
+    would hang.
+    """
     split = np.zeros(mesh.nelements, dtype=bool)
     split[marked] = True
     return _refined(mesh, split, lambda corners: np.zeros(len(corners), dtype=bool))
 
 
 def refine_to(mesh: MeshTet, size: Callable[[Array], Array]) -> Refined:
-    """Return the mesh bisected until no cell is larger than the `size` [m] wanted for its corners `(c, 4, 3)`."""
+    """Return the mesh bisected until no cell is larger than the `size` [m] wanted for its corners
+    `(c, 4, 3)`.
+    """
 
     def too_large(corners: Array) -> Mask:
         return np.asarray(cell_sizes(corners) > size(corners))
@@ -62,7 +68,8 @@ def refine_to(mesh: MeshTet, size: Callable[[Array], Array]) -> Refined:
 
 
 def _refined(mesh: MeshTet, split: Mask, too_large: Callable[[Array], Mask]) -> Refined:
-    """Return the mesh with the cells `split` `(c,)` bisected, and their parts too while they are `too_large`.
+    """Return the mesh with the cells `split` `(c,)` bisected, and their parts too while they are
+    `too_large`.
 
     Boundaries and subdomains keep their names. A double node on both lips of a slit stays double.
     """
@@ -92,10 +99,11 @@ def _joined(mesh: MeshTet) -> Indices:
 
 
 def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]:
-    """Return points and cells with a separate node for each connected group of cells around a place.
+    """Return points and cells with a separate node for each connected group of cells around a
+    place.
 
-    Cells are connected by common facets, except facets of the surface; `outer` `(c, 4)` marks these opposite to
-    each corner.
+    Cells are connected by common facets, except facets of the surface; `outer` `(c, 4)` marks these
+    opposite to each corner.
     """
     whole = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(cells.T))
     closed = np.zeros(whole.nfacets, dtype=bool)
@@ -112,8 +120,8 @@ def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]
 def _bisected(
     mesh: MeshTet, cells: Indices, split: Mask, too_large: Callable[[Array], Mask]
 ) -> tuple[Array, Indices, Indices, Indices]:
-    """Return points, cells, their parents `(c,)`, and the mesh facet that contains the facet opposite to each
-    corner.
+    """Return points, cells, their parents `(c,)`, and the mesh facet that contains the facet
+    opposite to each corner.
 
     The latter has shape `(c, 4)`, with WITHIN for a facet inside a cell of the mesh.
     """
@@ -141,10 +149,11 @@ def _bisected(
 
 
 def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) -> tuple[Indices, Indices]:
-    """Return the two parts of each of the `cells` `(k, 4)` and their `sides`; all first parts come first.
+    """Return the two parts of each of the `cells` `(k, 4)` and their `sides`; all first parts come
+    first.
 
-    In each part, one end of the longest edge becomes the middle of this edge. The facet opposite to the other end
-    lies inside the cell.
+    In each part, one end of the longest edge becomes the middle of this edge. The facet opposite to
+    the other end lies inside the cell.
     """
     rows, parts, inner = np.arange(len(cells)), [], []
     for end, other in (PAIRS[longest].T, PAIRS[longest].T[::-1]):
@@ -156,7 +165,9 @@ def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) 
 
 
 def _edges(points: Array, cells: Indices, span: float) -> tuple[Keys, Indices]:
-    """Return the keys of the edges `(c, 6)` and the longest edge of each cell `(c,)`, in a mesh of a `span` [m]."""
+    """Return the keys of the edges `(c, 6)` and the longest edge of each cell `(c,)`, in a mesh of
+    a `span` [m].
+    """
     ends = np.sort(cells[:, PAIRS], axis=2).astype(np.int64)
     keys, (low, high) = (ends[..., 0] << BITS) + ends[..., 1], np.moveaxis(points[ends], 2, 0)
     # A pseudo-random number from the place prevents the choice from running in one direction through the mesh.
@@ -171,5 +182,7 @@ def _ends(keys: Keys) -> Indices:
 
 
 def cell_sizes(corners: Array) -> Array:
-    """Return the size of cells with corners `(c, 4, 3)`, shape `(c,)` [m]: the edge of a cube of six equal cells."""
+    """Return the size of cells with corners `(c, 4, 3)`, shape `(c,)` [m]: the edge of a cube of
+    six equal cells.
+    """
     return np.asarray(np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))))

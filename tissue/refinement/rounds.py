@@ -1,4 +1,6 @@
-"""A body with fine cells at its holes: its error is estimated, and its mesh refined until the accuracy is reached."""
+"""A body with fine cells at its holes: its error is estimated, and its mesh refined until the
+accuracy is reached.
+"""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -25,8 +27,8 @@ GROWTH = 2.0  # of the unknowns in a round, about the largest factor
 class Round:
     """A round of refinement.
 
-    `unknowns` are the free ones, `error` is the largest estimated relative error of a hole's compliance [-], and
-    `seconds` the time of the round.
+    `unknowns` are the free ones, `error` is the largest estimated relative error of a hole's
+    compliance [-], and `seconds` the time of the round.
     """
 
     unknowns: int
@@ -42,8 +44,8 @@ class Round:
 class Fitted:
     """A `body` whose mesh was refined in `rounds`, with its estimated errors.
 
-    `errors` `(p,)` [-] are the relative errors of the compliance of its sites, not a number for bare points.
-    `indicators` `(c,)` [-] are the shares of its cells in these errors.
+    `errors` `(p,)` [-] are the relative errors of the compliance of its sites, not a number for
+    bare points. `indicators` `(c,)` [-] are the shares of its cells in these errors.
     """
 
     body: Elasticity
@@ -66,13 +68,14 @@ def fitted(
     most: float = np.inf,
     mirror: int | None = None,
 ) -> Fitted:
-    """Return the body that `body_on` makes on a mesh, refined until every site's compliance is accurate enough.
+    """Return the body that `body_on` makes on a mesh, refined until every site's compliance is
+    accurate enough.
 
-    The refinement ends when the estimated relative errors are within the `accuracy`, or if the next round could
-    have more than `most` unknowns.
+    The refinement ends when the estimated relative errors are within the `accuracy`, or if the next
+    round could have more than `most` unknowns.
 
-    A mesh that is symmetric about the plane normal to the axis `mirror` stays symmetric, because matching lips need
-    this.
+    A mesh that is symmetric about the plane normal to the axis `mirror` stays symmetric, because
+    matching lips need this.
     """
     begun, size = perf_counter(), wanted(mesh, element, accuracy, sites)
     body = body_on(refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh)

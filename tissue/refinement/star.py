@@ -1,18 +1,22 @@
-"""A stress in equilibrium with a load, made star by star from the stress of quadratic displacements.
+"""A stress in equilibrium with a load, made star by star from the stress of quadratic
+displacements.
 
-A star is the set of cells around a vertex i. With its hat function ψ_i, the stress θ_i on the star solves
+A star is the set of cells around a vertex i. With its hat function ψ_i, the stress θ_i on the star
+solves
 
     minimise ‖θ_i − ψ_i σ_h‖  with  div θ_i = σ_h ∇ψ_i,  θ_i n = ψ_i t on free facets,  θ_i n = 0 where the star ends.
 
-Since Σ ψ_i = 1, Σ θ_i has no divergence and has the traction t (Ladevèze and Leguillon, SIAM J. Numer. Anal. 20,
-1983; Braess and Schöberl, Math. Comp. 77, 2008). A star that can move as a rigid body is in balance: ψ_i times a
-rigid motion is a quadratic displacement, and σ_h is in equilibrium for all quadratic displacements.
+Since Σ ψ_i = 1, Σ θ_i has no divergence and has the traction t (Ladevèze and Leguillon, SIAM J.
+Numer. Anal. 20, 1983; Braess and Schöberl, Math. Comp. 77, 2008). A star that can move as a rigid
+body is in balance: ψ_i times a rigid motion is a quadratic displacement, and σ_h is in equilibrium
+for all quadratic displacements.
 
-θ_i is symmetric and quadratic on four parts of a cell, which meet at the cell's centre. Its tractions are
-continuous. With these parts, every quadratic traction on the facets of a cell is possible (Johnson and Mercier,
-Numer. Math. 30, 1978, in the plane). The multipliers of equilibrium are displacements, linear in each part. The
-multipliers of the tractions are quadratic on facets. After elimination of the inner multipliers, a cell has a
-stiffness matrix over the 72 multipliers of its facets, and a star is solved like a small organ.
+θ_i is symmetric and quadratic on four parts of a cell, which meet at the cell's centre. Its
+tractions are continuous. With these parts, every quadratic traction on the facets of a cell is
+possible (Johnson and Mercier, Numer. Math. 30, 1978, in the plane). The multipliers of equilibrium
+are displacements, linear in each part. The multipliers of the tractions are quadratic on facets.
+After elimination of the inner multipliers, a cell has a stiffness matrix over the 72 multipliers of
+its facets, and a star is solved like a small organ.
 """
 
 import logging
@@ -51,10 +55,10 @@ FIXED = 1e-9  # of the largest singular value: a rigid motion with a smaller val
 class Pull:
     """A unit force on a footprint, facet by facet.
 
-    `cells` `(k,)` are behind the facets, and `opposite` `(k,)` is the corner opposite to each facet, with the
-    vertices of a cell in ascending order. `moments` `(k, 3, 6)` [-] are of the traction with the products of a
-    linear and a quadratic shape function of the facet. `missed` `(k,)` [m/N] bounds the energy of the part of the
-    traction that is not quadratic.
+    `cells` `(k,)` are behind the facets, and `opposite` `(k,)` is the corner opposite to each
+    facet, with the vertices of a cell in ascending order. `moments` `(k, 3, 6)` [-] are of the
+    traction with the products of a linear and a quadratic shape function of the facet. `missed`
+    `(k,)` [m/N] bounds the energy of the part of the traction that is not quadratic.
     """
 
     cells: Indices
@@ -64,15 +68,19 @@ class Pull:
 
 
 def quadratic(at: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return the quadratic shape functions at barycentric coordinates `(n, k)`, shape `(n + pairs, k)`.
+    """Return the quadratic shape functions at barycentric coordinates `(n, k)`, shape `(n + pairs,
+    k)`.
 
-    The functions of the corners come first, then the functions of the middles of `pairs` of corners.
+    The functions of the corners come first, then the functions of the middles of `pairs` of
+    corners.
     """
     return np.vstack([at * (2.0 * at - 1.0), *([4.0 * at[a] * at[b]] for a, b in pairs)])
 
 
 def hat_gradients(points: Array) -> Array:
-    """Return the gradients of the barycentric coordinates of cells `(c, 4, 3)` [m], `(c, 4, 3)` [1/m]."""
+    """Return the gradients of the barycentric coordinates of cells `(c, 4, 3)` [m], `(c, 4, 3)`
+    [1/m].
+    """
     inner = np.linalg.inv(points[:, 1:] - points[:, :1]).swapaxes(1, 2)
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
 
@@ -80,10 +88,11 @@ def hat_gradients(points: Array) -> Array:
 class Means(NamedTuple):
     """Means of products of shape functions, which are the same in any cell.
 
-    `facet`: of two quadratic functions on a facet, `(6, 6)`. `thrice`: of two linear functions and a quadratic one
-    on a facet, `(3, 3, 6)`. `strains` `(28, 4, 28, 4)`: the energy of a part, from two of its multipliers and the
-    gradients of two linear functions; the multipliers of its corners come before the multipliers of its facets.
-    `hats`: of a linear function of a part and a hat function of the cell, by part and corner, `(16, 4)`.
+    `facet`: of two quadratic functions on a facet, `(6, 6)`. `thrice`: of two linear functions and
+    a quadratic one on a facet, `(3, 3, 6)`. `strains` `(28, 4, 28, 4)`: the energy of a part, from
+    two of its multipliers and the gradients of two linear functions; the multipliers of its corners
+    come before the multipliers of its facets. `hats`: of a linear function of a part and a hat
+    function of the cell, by part and corner, `(16, 4)`.
     """
 
     facet: Array
@@ -115,7 +124,8 @@ def means() -> Means:
 
 
 def slopes_of(cell: Array) -> Array:
-    """Return the derivatives of the quadratic shape functions by the barycentric coordinates, shape `(10, 4, k)`.
+    """Return the derivatives of the quadratic shape functions by the barycentric coordinates, shape
+    `(10, 4, k)`.
 
     `cell` `(4, k)` are the barycentric coordinates of the points.
     """
@@ -127,7 +137,9 @@ def slopes_of(cell: Array) -> Array:
 
 
 def part_numbers() -> Indices:
-    """Return the multiplier numbers of each part of a cell, `(4, 84)`; multipliers inside the cell come first."""
+    """Return the multiplier numbers of each part of a cell, `(4, 84)`; multipliers inside the cell
+    come first.
+    """
     rows = []
     for j, others in enumerate(OTHERS.tolist()):
         between = [EDGES.index((others[a], others[b])) for a, b in reversed(SIDES)]  # opposite to the other corners
@@ -140,7 +152,9 @@ MEANS, PARTS = means(), part_numbers()
 
 
 def isotropic(N: Array, lam: Array, mu: Array) -> Array:
-    """Return the stiffness `(c, x, 3, y, 3)` of products of strains `(c, x, 3, y, 3)`, with λ and μ `(c,)`."""
+    """Return the stiffness `(c, x, 3, y, 3)` of products of strains `(c, x, 3, y, 3)`, with λ and μ
+    `(c,)`.
+    """
     lam, mu = (modulus[:, None, None, None, None] for modulus in (lam, mu))
     K = mu * N.swapaxes(2, 4) + lam * N
     trace = mu[..., 0, 0] * np.einsum("cxiyi->cxy", N)
@@ -152,8 +166,9 @@ def isotropic(N: Array, lam: Array, mu: Array) -> Array:
 class Cells(NamedTuple):
     """Cells over the multipliers of their facets.
 
-    `stiffness` has shape `(c, 72, 72)`. `drag` `(c, 72, 4, 3)` are the forces of a unit divergence of σ_h along x,
-    y and z times the hat function of each corner. `inner` `(c, 3, 3)` is the inner energy of this divergence.
+    `stiffness` has shape `(c, 72, 72)`. `drag` `(c, 72, 4, 3)` are the forces of a unit divergence
+    of σ_h along x, y and z times the hat function of each corner. `inner` `(c, 3, 3)` is the inner
+    energy of this divergence.
     """
 
     stiffness: Array
@@ -162,7 +177,9 @@ class Cells(NamedTuple):
 
 
 def condensed(points: Array, lam: Array, mu: Array) -> Cells:
-    """Return cells with corners `(c, 4, 3)` [m] and moduli `(c,)` [Pa], with the inner multipliers eliminated."""
+    """Return cells with corners `(c, 4, 3)` [m] and moduli `(c,)` [Pa], with the inner multipliers
+    eliminated.
+    """
     count, volume = len(points), np.abs(np.linalg.det(points[:, 1:] - points[:, :1])) / (6.0 * CORNERS)
     whole = np.zeros((count, WITHIN + OF_CELL, WITHIN + OF_CELL))
     for others, numbers in zip(OTHERS, PARTS, strict=True):
@@ -186,8 +203,9 @@ def condensed(points: Array, lam: Array, mu: Array) -> Cells:
 class Field:
     """σ_h of n columns.
 
-    `stress` `(c, 4, 3, 3, n)` is the stress at the corners of each cell, linear in between. `divergence` is its
-    divergence `(c, 3, n)`. `pulls` lists for each loaded facet the goals and moments `(3, 6)`.
+    `stress` `(c, 4, 3, 3, n)` is the stress at the corners of each cell, linear in between.
+    `divergence` is its divergence `(c, 3, n)`. `pulls` lists for each loaded facet the goals and
+    moments `(3, 6)`.
     """
 
     stress: Array
@@ -199,9 +217,9 @@ class Field:
 class Star:
     """The cells around a vertex, and their facets.
 
-    The vertex is the corner `place` of each of the `cells`, `(k,)` both. `facets` `(f,)` share the vertex, and
-    `local` `(k, 3)` are the facets of each cell among them. `first` `(f,)` gives one cell and side for each facet:
-    cell times three plus side.
+    The vertex is the corner `place` of each of the `cells`, `(k,)` both. `facets` `(f,)` share the
+    vertex, and `local` `(k, 3)` are the facets of each cell among them. `first` `(f,)` gives one
+    cell and side for each facet: cell times three plus side.
     """
 
     cells: Indices
@@ -217,7 +235,9 @@ class Star:
 
     @property
     def near(self) -> Indices:
-        """The multipliers of the facets that share the vertex, by their numbers in each cell, `(k, 54)`."""
+        """The multipliers of the facets that share the vertex, by their numbers in each cell, `(k,
+        54)`.
+        """
         return (OF_FACET * self.sides[..., None] + np.arange(OF_FACET)).reshape(len(self.cells), -1)
 
     @property
@@ -233,8 +253,9 @@ class Star:
 
 @dataclass(frozen=True)
 class Stars:
-    """The stars of the vertices of a `mesh` of a linear material; `held` `(f, 3)` says which facet components are
-    held."""
+    """The stars of the vertices of a `mesh` of a linear material; `held` `(f, 3)` says which facet
+    components are held.
+    """
 
     mesh: MeshTet
     material: Material
@@ -308,7 +329,9 @@ class Stars:
         return Field(stress, np.einsum("cpijk,cpj->cik", stress, self.gradients), loaded)
 
     def excess(self, field: Field) -> Array:
-        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N]. Raises `TissueError` if the stars are not in balance."""
+        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N]. Raises `TissueError` if the stars are not
+        in balance.
+        """
         divergence, cells = field.divergence, self.cells
         moved, balance = np.zeros((len(divergence), OF_CELL, divergence.shape[2])), np.zeros(2)
         for star in self._stars():
@@ -332,8 +355,8 @@ class Stars:
             yield Star(cells, place, facets, local.reshape(every.shape), first)
 
     def _add(self, moved: Array, star: Star, field: Field) -> Array:
-        """Add the multipliers of a star to `moved` `(c, 72, n)`, and return the squares of its unbalanced load and
-        its loads.
+        """Add the multipliers of a star to `moved` `(c, 72, n)`, and return the squares of its
+        unbalanced load and its loads.
 
         `moved` has the multipliers of all facets, cell by cell.
         """
@@ -358,7 +381,9 @@ class Stars:
         return np.array([np.sum(unbalanced**2), np.sum(b[free] ** 2)])
 
     def _forces(self, star: Star, field: Field) -> Array:
-        """Return the forces of σ_h times the vertex's hat function on the multipliers of each cell, `(k, 72, n)`."""
+        """Return the forces of σ_h times the vertex's hat function on the multipliers of each cell,
+        `(k, 72, n)`.
+        """
         rows, cells = np.arange(len(star.cells)), star.cells
         dragged = np.einsum("cxi,cik->cxk", self.cells.drag[cells, :, star.place], field.divergence[cells])
         forces = -dragged.reshape(rows.size, CORNERS, NODES, AXES, -1)
@@ -381,7 +406,8 @@ class Stars:
         return forces.reshape(OF_FACET * star.facets.size, -1)
 
     def _motions(self, star: Star, free: NDArray[np.bool_]) -> Array:
-        """Return the rigid motions of a star that its supports allow, as orthonormal columns `(k, d)`.
+        """Return the rigid motions of a star that its supports allow, as orthonormal columns `(k,
+        d)`.
 
         Rows are the `free` multipliers of its facets.
         """
@@ -397,7 +423,8 @@ class Stars:
 
 
 def solved_with(A: Array, b: Array, motions: Array) -> Array:
-    """Return x `(k, n)` with A x = b for a matrix A `(k, k)` that is singular for the orthonormal `motions`
-    `(k, d)`."""
+    """Return x `(k, n)` with A x = b for a matrix A `(k, k)` that is singular for the orthonormal
+    `motions` `(k, d)`.
+    """
     A = A + np.trace(A) / len(A) * motions @ motions.T
     return np.asarray(scipy.linalg.cho_solve(scipy.linalg.cho_factor(A, overwrite_a=True, check_finite=False), b))

@@ -1,1 +1,3 @@
-"""Sites of threads on the organ: footprints, their rows over the unknowns, and checks against too coarse meshes."""
+"""Sites of threads on the organ: footprints, their rows over the unknowns, and checks against too
+coarse meshes.
+"""

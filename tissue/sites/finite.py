@@ -1,9 +1,11 @@
-"""Site variables at finite strain: y = y(z), z = Z U linear in the organ's unknowns, y(z) local and smooth.
+"""Site variables at finite strain: y = y(z), z = Z U linear in the organ's unknowns, y(z) local and
+smooth.
 
-The point is linear in U. A normal frame, which convects with the surface by u = ⟨F⟩ u₀, is linear too. For both, z
-is y − y₀ itself. A fibre frame, along the cut of the needle, follows the material line d₀ by T ∥ ⟨F⟩ d₀. Its u and
-v are normal to T, u = ⟨F⟩⁻ᵀ u₀. There z holds the displacement of the point and the nine numbers of ⟨∇U⟩. To first
-order in U the result is the frame of the linear organ.
+The point is linear in U. A normal frame, which convects with the surface by u = ⟨F⟩ u₀, is linear
+too. For both, z is y − y₀ itself. A fibre frame, along the cut of the needle, follows the material
+line d₀ by T ∥ ⟨F⟩ d₀. Its u and v are normal to T, u = ⟨F⟩⁻ᵀ u₀. There z holds the displacement of
+the point and the nine numbers of ⟨∇U⟩. To first order in U the result is the frame of the linear
+organ.
 """
 
 from dataclasses import dataclass

@@ -1,16 +1,18 @@
-"""Averaging rules over the width of the hole: ⟨f⟩ = Σ_q w_q f(x_q) with Σ_q w_q = 1, and ⟨∇f⟩ = Σ_q c_q f(x_q).
+"""Averaging rules over the width of the hole: ⟨f⟩ = Σ_q w_q f(x_q) with Σ_q w_q = 1, and ⟨∇f⟩ = Σ_q
+c_q f(x_q).
 
-Points are in units of the radius. The rules are products of Gauss rules and equal angles, so that they are exact
-for polynomials far above the degree of the shape functions. The rules have many points, because a shape function is
-only piecewise polynomial.
+Points are in units of the radius. The rules are products of Gauss rules and equal angles, so that
+they are exact for polynomials far above the degree of the shape functions. The rules have many
+points, because a shape function is only piecewise polynomial.
 
-The gradient is averaged by parts, ⟨∂f/∂x_j⟩ = ∫ w ∂f/∂x_j = ∮ w f n_j − ∫ f ∂w/∂x_j, which uses only values of f.
-Gradients of shape functions jump from cell to cell. A sum of gradients needs many more points than cells under the
-footprint; with fewer points it is as wrong as a bare point (measured: a couple's compliance doubled at a/h = 5).
+The gradient is averaged by parts, ⟨∂f/∂x_j⟩ = ∫ w ∂f/∂x_j = ∮ w f n_j − ∫ f ∂w/∂x_j, which uses
+only values of f. Gradients of shape functions jump from cell to cell. A sum of gradients needs many
+more points than cells under the footprint; with fewer points it is as wrong as a bare point
+(measured: a couple's compliance doubled at a/h = 5).
 
-The number of points must grow while the cells shrink. A fixed sum is a set of bare points, and their compliance has
-no limit (measured with 640 points and P2: orders fell from 3 to 0.5 from a/h = 4 to 6). A disc is therefore
-integrated exactly, facet by facet.
+The number of points must grow while the cells shrink. A fixed sum is a set of bare points, and
+their compliance has no limit (measured with 640 points and P2: orders fell from 3 to 0.5 from a/h =
+4 to 6). A disc is therefore integrated exactly, facet by facet.
 """
 
 from dataclasses import dataclass
@@ -29,8 +31,8 @@ POLAR = 8  # 8 · 16 · 24 = 3072 points in the ball, half of them in a half bal
 
 @dataclass(frozen=True)
 class FootprintRule:
-    """Points of the unit disc (z = 0) or the unit ball, shape `(k, 3)`, and their weights `(k,)`, which sum
-    to one.
+    """Points of the unit disc (z = 0) or the unit ball, shape `(k, 3)`, and their weights `(k,)`,
+    which sum to one.
     """
 
     points: Array
@@ -54,7 +56,9 @@ def disc(weight: str) -> FootprintRule:
 
 
 def density(weight: str, r: Array) -> Array:
-    """Return the weight of the unit disc at distances r from its centre, which integrates to one; zero outside."""
+    """Return the weight of the unit disc at distances r from its centre, which integrates to one;
+    zero outside.
+    """
     _check(weight)
     inside = 2.0 * (1.0 - r**2) if weight == "parabolic" else np.ones_like(r)
     return np.where(r < 1.0, inside, 0.0) / np.pi
@@ -62,10 +66,11 @@ def density(weight: str, r: Array) -> Array:
 
 @dataclass(frozen=True)
 class Cover:
-    """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and flat weights `(k,)`.
+    """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and flat
+    weights `(k,)`.
 
-    The weights are for the density 1/π. They integrate polynomials up to degree six over each part. Points can lie
-    outside the disc.
+    The weights are for the density 1/π. They integrate polynomials up to degree six over each part.
+    Points can lie outside the disc.
     """
 
     points: Array
@@ -73,7 +78,9 @@ class Cover:
     flat: Array
 
     def weights(self, weight: str) -> Array:
-        """Return the weights of the points for a footprint's `weight`. Raises `TissueError` for an unknown one."""
+        """Return the weights of the points for a footprint's `weight`. Raises `TissueError` for an
+        unknown one.
+        """
         _check(weight)
         return self.flat * (2.0 * (1.0 - np.sum(self.points**2, axis=1)) if weight == "parabolic" else 1.0)
 
@@ -81,9 +88,9 @@ class Cover:
 def cover(triangles: Array) -> Cover:
     """Return the unit disc cut by triangles of a plane, shape `(f, 3, 2)`.
 
-    A triangle is the sum of signed triangles, one between each edge and the centre. The disc cuts each signed
-    triangle. Below the part of its edge inside the disc, a smaller triangle remains. Below each part outside the
-    disc, a sector remains.
+    A triangle is the sum of signed triangles, one between each edge and the centre. The disc cuts
+    each signed triangle. Below the part of its edge inside the disc, a smaller triangle remains.
+    Below each part outside the disc, a sector remains.
     """
     turn = np.sign(_cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
     begin, end, of = _pieces(triangles)
@@ -171,7 +178,9 @@ def ball(weight: str) -> FootprintRule:
 
 @dataclass(frozen=True)
 class Slope:
-    """⟨∇f⟩ = Σ_q c_q f(x_q) over the unit disc or ball: points `(k, 3)` and vectors c `(k, 3)`; Σ_q c_q = 0."""
+    """⟨∇f⟩ = Σ_q c_q f(x_q) over the unit disc or ball: points `(k, 3)` and vectors c `(k, 3)`; Σ_q
+    c_q = 0.
+    """
 
     points: Array
     vectors: Array
@@ -183,7 +192,9 @@ class Slope:
 
 
 def disc_slope(weight: str) -> Slope:
-    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or only the rim n/π (uniform)."""
+    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or only the rim
+    n/π (uniform).
+    """
     _check(weight)
     if weight == "parabolic":
         flat = disc("uniform")
@@ -194,14 +205,18 @@ def disc_slope(weight: str) -> Slope:
 
 
 def ball_slope(weight: str) -> Slope:
-    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or only the sphere 3n/4π (uniform)."""
+    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or only the sphere 3n/4π
+    (uniform).
+    """
     _check(weight)
     rule, factor = (ball("uniform"), 5.0) if weight == "parabolic" else (_sphere(), 3.0)
     return Slope(rule.points, factor * rule.weights[:, None] * rule.points)
 
 
 def half_ball_slope(weight: str) -> Slope:
-    """Return the gradient over the half z < 0 of the unit ball: as for the ball, plus ∮ w f n over the flat side."""
+    """Return the gradient over the half z < 0 of the unit ball: as for the ball, plus ∮ w f n over
+    the flat side.
+    """
     _check(weight)
     whole, flat = ball_slope(weight), disc(weight)
     below = whole.points[:, 2] < 0.0

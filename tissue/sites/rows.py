@@ -12,7 +12,9 @@ from tissue.sites.surface import Surface
 
 @dataclass(frozen=True)
 class Average:
-    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights whose sum is one."""
+    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights whose
+    sum is one.
+    """
 
     reference: Array
     cells: Indices
@@ -64,7 +66,9 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
-    """Return slopes of shape functions `(n, 3, k)`, summed over points in `cells`; row 3i + j is ∂U_i/∂x_j."""
+    """Return slopes of shape functions `(n, 3, k)`, summed over points in `cells`; row 3i + j is
+    ∂U_i/∂x_j.
+    """
     unknowns, sums = _by_node(elasticity, cells, slopes)
     shape = (3, 3, len(unknowns))
     rows = np.broadcast_to(np.arange(9).reshape(3, 3, 1), shape)
@@ -73,7 +77,8 @@ def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_ma
 
 
 def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Indices, Array]:
-    """Return the unknowns of m nodes, `(m, 3)`, and the sums of shape functions over points at each node, `(j, m)`.
+    """Return the unknowns of m nodes, `(m, 3)`, and the sums of shape functions over points at each
+    node, `(j, m)`.
 
     `values` `(n, j, k)` belong to points in `cells` `(k,)`. There are far more points than nodes.
     """

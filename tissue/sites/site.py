@@ -1,14 +1,16 @@
-"""Piercing sites: nine numbers y = (x, u, v) per piercing, linear in the organ's unknowns, y = y0 + Y U.
+"""Piercing sites: nine numbers y = (x, u, v) per piercing, linear in the organ's unknowns, y = y0 +
+Y U.
 
     x = X + ⟨N⟩ U                      the point, averaged over the footprint of the hole
     u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect, T ⟂ u, v is the normal
     u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected cut of the needle
 
-with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the surface and a ball inside. On the surface, the fibre frame
-needs the derivative along the normal. The average of this derivative over a surface patch is not bounded by the
-elastic energy; it grows without limit under refinement. The gradient is therefore averaged over the part of the
-ball inside the body. With a parabolic weight, the tangential derivatives of the normal frame are bounded on the
-surface. With a uniform weight they depend on the circle alone, and their compliance grows like log(radius/h).
+with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the surface and a ball inside. On the surface,
+the fibre frame needs the derivative along the normal. The average of this derivative over a surface
+patch is not bounded by the elastic energy; it grows without limit under refinement. The gradient is
+therefore averaged over the part of the ball inside the body. With a parabolic weight, the
+tangential derivatives of the normal frame are bounded on the surface. With a uniform weight they
+depend on the circle alone, and their compliance grows like log(radius/h).
 """
 
 import logging
@@ -51,10 +53,10 @@ COVERED = 1e-9  # of a disc: a smaller error of the covered area is round-off
 class Site:
     """A piercing with its `point` (3,) [m] and the footprint around it.
 
-    `radius` [m] is the footprint's radius (0: the bare point) and `weight` its weight. `direction` is None,
-    "normal" (the organ's outward normal) or the vector (3,), of any length, along which the needle cuts. `line`
-    names the line of balls inside the organ that the site belongs to; empty for no line. A site of a line has a
-    moving point but no moving frame.
+    `radius` [m] is the footprint's radius (0: the bare point) and `weight` its weight. `direction`
+    is None, "normal" (the organ's outward normal) or the vector (3,), of any length, along which
+    the needle cuts. `line` names the line of balls inside the organ that the site belongs to; empty
+    for no line. A site of a line has a moving point but no moving frame.
     """
 
     point: ArrayLike
@@ -94,11 +96,11 @@ class Site:
 class Sites:
     """Site variables y = y0 + Y U over the free unknowns: `y0` `(9p,)`, `Y` `(9p, N)`.
 
-    `points` `(p, 3)` [m] are the located sites, `directions` `(p, 3)` the t₀ of their frames, and `normals`
-    `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal and right-handed.
-    `directed` says for each site whether a direction was given; empty if unknown. `slopes` has the rows of
-    ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], for each site with a fibre frame: with a vector as direction, or inside the organ
-    and on no line. Other sites have None.
+    `points` `(p, 3)` [m] are the located sites, `directions` `(p, 3)` the t₀ of their frames, and
+    `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal
+    and right-handed. `directed` says for each site whether a direction was given; empty if unknown.
+    `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], for each site with a fibre frame: with a
+    vector as direction, or inside the organ and on no line. Other sites have None.
     """
 
     y0: Array
@@ -122,12 +124,12 @@ class Sites:
 
 
 def frame(t0: Array) -> tuple[Array, Array]:
-    """Return u₀, v₀ with u₀ × v₀ = t₀: the axes x and y, turned by the smallest rotation from z to the unit vector
-    t₀.
+    """Return u₀, v₀ with u₀ × v₀ = t₀: the axes x and y, turned by the smallest rotation from z to
+    the unit vector t₀.
 
-    The rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a rotation about t₀.
-    The clamped end of a thread uses the same rule. It is written again in `thread`, because the two packages do not
-    import one another.
+    The rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a
+    rotation about t₀. The clamped end of a thread uses the same rule. It is written again in
+    `thread`, because the two packages do not import one another.
     """
     x, y, z = t0
     across = np.hypot(x, y)
@@ -160,9 +162,9 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
 class Load:
     """A unit force on a footprint: a traction on facets of a `surface`.
 
-    It has points `(k, 3)` [m], the facet of each `(k,)`, weights `(k,)` and the traction there, `densities` `(k,)`
-    [1/m²]. The weights integrate polynomials up to degree six over each facet. A point can lie outside its facet,
-    in the plane of the facet.
+    It has points `(k, 3)` [m], the facet of each `(k,)`, weights `(k,)` and the traction there,
+    `densities` `(k,)` [1/m²]. The weights integrate polynomials up to degree six over each facet. A
+    point can lie outside its facet, in the plane of the facet.
     """
 
     surface: Surface
@@ -175,7 +177,8 @@ class Load:
 def load_of(surface: Surface, site: Site) -> Load:
     """Return the load of a unit force on the footprint of a site.
 
-    Raises `TissueError` for a site inside the body, and for a footprint that the facets do not cover exactly once.
+    Raises `TissueError` for a site inside the body, and for a footprint that the facets do not
+    cover exactly once.
     """
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance > ON_SURFACE * surface.diagonal:
@@ -229,7 +232,8 @@ def space_frames(sites: Sequence[Site]) -> Array:
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
 ) -> tuple[Array, csr_matrix, Array, Array, Array, csr_matrix | None]:
-    """Return y0 (9,), rows `(9, N)`, point, direction and outward normal of one site, and its rows of ⟨∇U⟩.
+    """Return y0 (9,), rows `(9, N)`, point, direction and outward normal of one site, and its rows
+    of ⟨∇U⟩.
 
     The rows of ⟨∇U⟩ are None without a fibre frame.
     """
@@ -248,7 +252,9 @@ def _build(
 
 
 def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:
-    """Return point and outward normal of a site, and the rows of its averages ⟨U⟩ and ⟨∂U_i/∂x_j⟩ over all unknowns."""
+    """Return point and outward normal of a site, and the rows of its averages ⟨U⟩ and ⟨∂U_i/∂x_j⟩
+    over all unknowns.
+    """
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance <= ON_SURFACE * surface.diagonal:
         X, normal, average, patch = _surface_footprint(surface, site, nearest, facets)
@@ -265,7 +271,9 @@ def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Arr
 def _surface_footprint(
     surface: Surface, site: Site, X: Array, facets: Indices
 ) -> tuple[Array, Array, Average, Indices]:
-    """Return point, outward normal, averaging points and surrounding facets of a site on the surface."""
+    """Return point, outward normal, averaging points and surrounding facets of a site on the
+    surface.
+    """
     normal = _mean_normal(site, surface.normals[facets], np.full(facets.size, 1.0 / facets.size))
     if site.radius == 0.0:
         cells = surface.behind[facets]
@@ -284,8 +292,8 @@ def _surface_footprint(
 def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, struck: Indices) -> Array:
     """Return the average of the outward normal over the disc.
 
-    The average is taken facet by facet, so that it turns smoothly when the site moves. If the facets do not cover
-    the disc once, the average is taken over the facets `struck` by lines.
+    The average is taken facet by facet, so that it turns smoothly when the site moves. If the
+    facets do not cover the disc once, the average is taken over the facets `struck` by lines.
     """
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
@@ -295,7 +303,9 @@ def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: 
 
 
 def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
-    """Return points of the unit disc, placed at X normal to `normal` and projected on the surface, and their facets."""
+    """Return points of the unit disc, placed at X normal to `normal` and projected on the surface,
+    and their facets.
+    """
     axes = np.stack([*frame(normal), normal])
     hits, struck = surface.project(X + site.radius * unit @ axes, normal, patch, site.radius)
     if np.any(struck < 0):
@@ -312,8 +322,8 @@ def _cover(
 ) -> tuple[Array, footprint.Cover] | None:
     """Return the disc cut into its facets, with points on the planes of the facets, or None.
 
-    It is None for a bare point, if facets cover the disc twice, or if a facet is seen edge-on. Only lines along the
-    normal can separate two facets that cover the same point.
+    It is None for a bare point, if facets cover the disc twice, or if a facet is seen edge-on. Only
+    lines along the normal can separate two facets that cover the same point.
     """
     if site.radius == 0.0:
         return None
@@ -329,7 +339,9 @@ def _cover(
 
 
 def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> Average | None:
-    """Return the average over a disc, exact for functions that are polynomial on each facet; None without a cover."""
+    """Return the average over a disc, exact for functions that are polynomial on each facet; None
+    without a cover.
+    """
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
         return None
@@ -368,10 +380,11 @@ def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patc
 
 
 def _consistent(points: Array, vectors: Array) -> Array:
-    """Return the vectors with the smallest change such that Σ c = 0 and Σ x cᵀ = I: linear fields are then exact.
+    """Return the vectors with the smallest change such that Σ c = 0 and Σ x cᵀ = I: linear fields
+    are then exact.
 
-    On a flat surface the vectors do not change. On a curved or thin body, part of the half ball is missing. The
-    change then adds the slope of the linear field that fits best in the mean square.
+    On a flat surface the vectors do not change. On a curved or thin body, part of the half ball is
+    missing. The change then adds the slope of the linear field that fits best in the mean square.
     """
     vectors = vectors - vectors.mean(axis=0)
     offset = points - points.mean(axis=0)
@@ -425,7 +438,8 @@ def _mean_normal(site: Site, normals: Array, weights: Array) -> Array:
 def _check_free(elasticity: Elasticity, site: Site, average: Average) -> None:
     """Raise `TissueError` for a site that touches a clamped boundary.
 
-    At a point on a clamped boundary, or in a cell with all nodes clamped, every unknown along an axis is clamped.
+    At a point on a clamped boundary, or in a cell with all nodes clamped, every unknown along an
+    axis is clamped.
     """
     phi, _ = shapes(elasticity, average.reference)
     held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)

@@ -1,4 +1,6 @@
-"""Location of points on or in a tetrahedral mesh: the outer surface, its normals, projections and containing cells."""
+"""Location of points on or in a tetrahedral mesh: the outer surface, its normals, projections and
+containing cells.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,8 +23,9 @@ TOGETHER = 64  # neighbouring points that are located together: most boxes are f
 
 @dataclass(frozen=True)
 class Surface:
-    """The outer facets of `mesh`: triangles `(f, 3, 3)` [m], outward unit normals `(f, 3)`, the cell `behind` each
-    `(f,)`."""
+    """The outer facets of `mesh`: triangles `(f, 3, 3)` [m], outward unit normals `(f, 3)`, the
+    cell `behind` each `(f,)`.
+    """
 
     mesh: MeshTet
     triangles: Array
@@ -42,15 +45,18 @@ class Surface:
 
     @cached_property
     def to_reference(self) -> Array:
-        """Per cell the matrix from x − first vertex to reference coordinates, shape `(c, 3, 3)` [1/m]."""
+        """Per cell the matrix from x − first vertex to reference coordinates, shape `(c, 3, 3)`
+        [1/m].
+        """
         edges = self.corners[:, 1:] - self.corners[:, :1]
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
-        """Return the distance to the surface [m], the nearest point (3,) and every facet that contains this point.
+        """Return the distance to the surface [m], the nearest point (3,) and every facet that
+        contains this point.
 
-        Cells cut from the interior of a body have no outer facet. The distance is then infinite and the point not a
-        number.
+        Cells cut from the interior of a body have no outer facet. The distance is then infinite and
+        the point not a number.
         """
         if not len(self.triangles):
             return np.inf, np.full(3, np.nan), np.zeros(0, np.intp)
@@ -61,10 +67,11 @@ class Surface:
         return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
 
     def met_by(self, point: Array, along: Array) -> Array | None:
-        """Return the point (3,) [m] at which a line meets the surface, or None if it does not meet the surface.
+        """Return the point (3,) [m] at which a line meets the surface, or None if it does not meet
+        the surface.
 
-        The line goes through `point` along the unit vector `along`. Of several points the one nearest to `point` is
-        returned.
+        The line goes through `point` along the unit vector `along`. Of several points the one
+        nearest to `point` is returned.
         """
         facing = np.flatnonzero(np.abs(self.normals @ along) > EDGE_ON)
         if facing.size == 0:
@@ -73,9 +80,11 @@ class Surface:
         return None if struck[0] < 0 else hits[0]
 
     def patch(self, centre: Array, seeds: Indices, normal: Array, radius: float) -> Indices:
-        """Return the facets that face `normal`, come within `radius` of `centre` and are joined to `seeds` by edges.
+        """Return the facets that face `normal`, come within `radius` of `centre` and are joined to
+        `seeds` by edges.
 
-        A disc near an open cut therefore averages over its own lip and not over the other lip in the same plane.
+        A disc near an open cut therefore averages over its own lip and not over the other lip in
+        the same plane.
         """
         reach = np.linalg.norm(closest_on_triangles(centre, self.triangles) - centre, axis=1) <= radius
         facets = np.flatnonzero(reach & (self.normals @ normal > 0.0))
@@ -105,7 +114,9 @@ class Surface:
         return hits, found
 
     def _seen_along(self, points: Array, normal: Array, facets: Indices) -> tuple[Indices, Indices]:
-        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap in the projection along a vector."""
+        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap in the projection
+        along a vector.
+        """
         across, triangles = np.linalg.svd(normal[None])[2][1:], self.triangles[facets]
         corners, slack = triangles @ across.T, OVERLAP * np.ptp(triangles, axis=1).max(axis=1)[:, None]
         point, facet = overlapping(points @ across.T, corners.min(axis=1) - slack, corners.max(axis=1) + slack)
@@ -123,13 +134,17 @@ class Surface:
         return found
 
     def depths(self, points: Array) -> Array:
-        """Return the depth of points `(k, 3)` below the surface, shape `(k,)` [m]; negative outside."""
+        """Return the depth of points `(k, 3)` below the surface, shape `(k,)` [m]; negative
+        outside.
+        """
         inside = self.containing(points) >= 0
         return np.where(inside, 1.0, -1.0) * self.away(points)
 
     @cached_property
     def away(self) -> Callable[[Array], Array]:
-        """A function that returns the distance of points `(k, 3)` from the surface, shape `(k,)` [m]."""
+        """A function that returns the distance of points `(k, 3)` from the surface, shape `(k,)`
+        [m].
+        """
         return distances_from(self.triangles)
 
     def sharing(self, point: Array) -> Indices:
@@ -148,8 +163,9 @@ class Surface:
 
 
 def overlapping(points: Array, low: Array, high: Array) -> tuple[Indices, Indices]:
-    """Return the pairs of points `(k, d)` and boxes that contain them, `(n,)` each; boxes go from `low` to `high`
-    `(b, d)`."""
+    """Return the pairs of points `(k, d)` and boxes that contain them, `(n,)` each; boxes go from
+    `low` to `high` `(b, d)`.
+    """
     order, pairs, every = np.argsort(points[:, 0]), [np.zeros((2, 0), np.intp)], _met(points, low, high)
     for own in (order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)):
         near = every[_met(points[own], low[every], high[every])]
@@ -169,8 +185,8 @@ def _met(points: Array, low: Array, high: Array) -> Indices:
 def first_of_each(points: Indices, measure: Array, other: Indices) -> Indices:
     """Return the index of one pair per point: the pair with the smallest `measure` `(n,)`.
 
-    The n pairs combine `points` `(n,)` with `other` items `(n,)`. Of equal measures, the pair with the first other
-    item is returned.
+    The n pairs combine `points` `(n,)` with `other` items `(n,)`. Of equal measures, the pair with
+    the first other item is returned.
     """
     order = np.lexsort((other, measure, points))
     return np.asarray(order[np.unique(points[order], return_index=True)[1]])
@@ -190,22 +206,25 @@ def outer_surface(mesh: MeshTet) -> Surface:
 
 
 def depths(mesh: MeshTet) -> Callable[[Array], Array]:
-    """Return a function that returns the depth of points `(k, 3)` below a mesh's surface, `(k,)` [m], negative
-    outside."""
+    """Return a function that returns the depth of points `(k, 3)` below a mesh's surface, `(k,)`
+    [m], negative outside.
+    """
     return outer_surface(mesh).depths
 
 
 def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
-    """Return a function that returns the distance of points `(k, 3)` from a named boundary of a mesh, shape `(k,)`
-    [m]."""
+    """Return a function that returns the distance of points `(k, 3)` from a named boundary of a
+    mesh, shape `(k,)` [m].
+    """
     return distances_from(mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T])
 
 
 def distances_from(triangles: Array) -> Callable[[Array], Array]:
-    """Return a function that returns the distance of points `(k, 3)` from triangles `(t, 3, 3)`, shape `(k,)` [m].
+    """Return a function that returns the distance of points `(k, 3)` from triangles `(t, 3, 3)`,
+    shape `(k,)` [m].
 
-    Only triangles near a point are measured. The middle of the nearest triangle is at most as far as the nearest
-    middle plus the largest radius of a triangle, with a margin for round-off.
+    Only triangles near a point are measured. The middle of the nearest triangle is at most as far
+    as the nearest middle plus the largest radius of a triangle, with a margin for round-off.
     """
     from scipy.spatial import cKDTree
 
@@ -226,9 +245,10 @@ def distances_from(triangles: Array) -> Callable[[Array], Array]:
 def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | None]:
     """Return a function that returns a point `(3,)` [m] on the surface of a mesh, or None.
 
-    The function takes a point and a vector of any length. It returns the point at which the line along the vector
-    meets the surface; of several points the one nearest to the given point, and None if the line misses the
-    surface. Without a vector it returns the nearest point of the surface.
+    The function takes a point and a vector of any length. It returns the point at which the line
+    along the vector meets the surface; of several points the one nearest to the given point, and
+    None if the line misses the surface. Without a vector it returns the nearest point of the
+    surface.
     """
     surface = outer_surface(mesh)
 
@@ -262,8 +282,8 @@ def _closest_on_segments(point: Array, p: Array, q: Array) -> Array:
 
 
 def _triangle_coordinates(points: Array, a: Array, b: Array, c: Array) -> Array:
-    """Return the barycentric coordinates of points `(…, f, 3)` in the planes of triangles `(f, 3)`, shape
-    `(…, f, 3)`.
+    """Return the barycentric coordinates of points `(…, f, 3)` in the planes of triangles `(f, 3)`,
+    shape `(…, f, 3)`.
     """
     e, g = b - a, c - a
     normal = np.cross(e, g)

@@ -1,10 +1,13 @@
 """Sparse Cholesky and LU factors by the installed libraries, with their back-substitution.
 
-- SuperLU comes with scipy: LU in symmetric mode, with twice the entries and a tenth of the speed of the other two.
-- CHOLMOD comes with cvxopt, whose wheels contain SuiteSparse and a BLAS (Chen, Davis, Hager and Rajamanickam, ACM TOMS
-  35, 2008). scikit-sparse has no wheels and is built with the installed BLAS.
-- Pardiso comes with MKL and pypardiso, on x86-64. It is used in its symmetric positive definite mode, on the upper
-  triangle. A loaded MKL changes the last bits of results of other libraries, and is therefore loaded only on request.
+- SuperLU comes with scipy: LU in symmetric mode, with twice the entries and a tenth of the speed of
+  the other two.
+- CHOLMOD comes with cvxopt, whose wheels contain SuiteSparse and a BLAS (Chen, Davis, Hager and
+  Rajamanickam, ACM TOMS 35, 2008). scikit-sparse has no wheels and is built with the installed
+  BLAS.
+- Pardiso comes with MKL and pypardiso, on x86-64. It is used in its symmetric positive definite
+  mode, on the upper triangle. A loaded MKL changes the last bits of results of other libraries, and
+  is therefore loaded only on request.
 """
 
 import weakref
@@ -37,7 +40,8 @@ NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 def is_installed(method: str) -> bool:
     """Return whether the library of a method is installed.
 
-    The library is loaded, so that a later limit on BLAS threads also limits the threads of the library.
+    The library is loaded, so that a later limit on BLAS threads also limits the threads of the
+    library.
     """
     try:
         import_module(LIBRARIES[method])
@@ -48,7 +52,9 @@ def is_installed(method: str) -> bool:
 
 @dataclass(eq=False)
 class Pattern:
-    """A cache of parts of the symbolic factorisation; for each part only the last pattern is cached."""
+    """A cache of parts of the symbolic factorisation; for each part only the last pattern is
+    cached.
+    """
 
     _found: dict[str, tuple[list[Any], Any]] = field(default_factory=dict, repr=False)
 
@@ -61,12 +67,15 @@ class Pattern:
 
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal. Raises `FactorError`."""
+    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal. Raises
+    `FactorError`.
+    """
     return _symmetric_lu(A, places, pattern, exchange=0.0)
 
 
 def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise an indefinite matrix by SuperLU; rows are exchanged where a pivot on the diagonal is small.
+    """Factorise an indefinite matrix by SuperLU; rows are exchanged where a pivot on the diagonal
+    is small.
 
     Raises `FactorError` if the matrix is singular.
     """
@@ -76,9 +85,10 @@ def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSub
 def _symmetric_lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchange: float) -> BackSubstitution:
     """Factorise by SuperLU in symmetric mode.
 
-    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to SuperLU. A pivot on the
-    diagonal is kept if it is larger than the part `exchange` of the largest entry in its column. If this part is 0,
-    the matrix must be positive definite. Raises `FactorError`.
+    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to
+    SuperLU. A pivot on the diagonal is kept if it is larger than the part `exchange` of the largest
+    entry in its column. If this part is 0, the matrix must be positive definite. Raises
+    `FactorError`.
     """
     order = np.arange(A.shape[0]) if places is None else pattern.once("by places", A, lambda: ordering(A, places))
     spec: Literal["MMD_AT_PLUS_A", "NATURAL"] = "MMD_AT_PLUS_A" if places is None else "NATURAL"
@@ -101,7 +111,8 @@ def _symmetric_lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchang
 def ordering(A: csr_matrix, places: Array) -> Indices:
     """Return the better of nested dissection and minimum degree, tried on the graph of the nodes.
 
-    Unknowns at the same place are one node. With three unknowns per node, a trial costs 1/27 of the factorisation.
+    Unknowns at the same place are one node. With three unknowns per node, a trial costs 1/27 of the
+    factorisation.
     """
     graph, points, node = node_graph(A, places)
     by_degree, order = _trial(graph, "MMD_AT_PLUS_A"), dissection(graph, points).order
@@ -130,8 +141,8 @@ def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> Supe
 
 
 def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, if large, by
-    dissection.
+    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, if
+    large, by dissection.
 
     `places` of None means minimum degree. Raises `FactorError`.
     """

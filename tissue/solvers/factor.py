@@ -1,8 +1,9 @@
 """Factorisation of symmetric positive definite matrices, and the contract of every solver here.
 
-Every solver of A x = b measures ‖Ax − b‖ afterwards. It raises `FactorError` if the residual exceeds `RESIDUAL`
-times ‖A‖‖x‖ + ‖b‖. For a single column, a factor measures the residual along `PROBES` random directions. A residual
-thirty times too large then passes with a probability of 5 in 10⁵.
+Every solver of A x = b measures ‖Ax − b‖ afterwards. It raises `FactorError` if the residual
+exceeds `RESIDUAL` times ‖A‖‖x‖ + ‖b‖. For a single column, a factor measures the residual along
+`PROBES` random directions. A residual thirty times too large then passes with a probability of 5 in
+10⁵.
 """
 
 from collections.abc import Callable
@@ -35,10 +36,12 @@ class Factor:
     back_substitute: Callable[[Array], Array]
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`. Raises `FactorError` if the residual exceeds its bound.
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`. Raises `FactorError` if the residual
+        exceeds its bound.
 
-        The residual of a single column, as in a time step, is measured along random directions (Freivalds, Proc.
-        IFIP Congress 77, 1977). A product with A would take a large part of the time of a back-substitution.
+        The residual of a single column, as in a time step, is measured along random directions
+        (Freivalds, Proc. IFIP Congress 77, 1977). A product with A would take a large part of the
+        time of a back-substitution.
         """
         x = self.back_substitute(b)
         if b.ndim > 1:
@@ -50,7 +53,9 @@ class Factor:
 
     @cached_property
     def probes(self) -> tuple[Array, Array]:
-        """Random directions z, as rows, and A z, shape `(PROBES, n)` each: the root mean square of |zᵀr| is ‖r‖."""
+        """Random directions z, as rows, and A z, shape `(PROBES, n)` each: the root mean square of
+        |zᵀr| is ‖r‖.
+        """
         Z = np.random.default_rng(0).standard_normal((PROBES, self.A.shape[0]))
         return Z, np.ascontiguousarray((self.A @ Z.T).T)
 
@@ -64,10 +69,11 @@ def factorize(
 ) -> Factor:
     """Return the factor of `A`; `places` `(n, 3)` of its unknowns allow a better ordering.
 
-    `method` "cholmod" needs cvxopt, "pardiso" pypardiso. For `one_of_many` tangents of a held organ, positive
-    pivots are a sufficient check. The search for an eigenvalue near zero would take a dozen back-substitutions.
-    Tangents with the same `pattern` share their symbolic factorisation; None for a single matrix. Raises
-    `FactorError` if A is not symmetric, singular or not positive definite.
+    `method` "cholmod" needs cvxopt, "pardiso" pypardiso. For `one_of_many` tangents of a held
+    organ, positive pivots are a sufficient check. The search for an eigenvalue near zero would take
+    a dozen back-substitutions. Tangents with the same `pattern` share their symbolic factorisation;
+    None for a single matrix. Raises `FactorError` if A is not symmetric, singular or not positive
+    definite.
     """
     if method not in METHODS:
         raise FactorError(f"method = {method!r}: allowed are {', '.join(map(repr, METHODS))}")
@@ -99,7 +105,9 @@ def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: floa
 
 
 def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` if the `residual` of a column exceeds the `allowed` fraction of ‖A‖‖x‖ + ‖b‖."""
+    """Raise `FactorError` if the `residual` of a column exceeds the `allowed` fraction of ‖A‖‖x‖ +
+    ‖b‖.
+    """
     scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
     if not np.all(residual <= allowed * scale):  # also refuses a residual that is not a number
         worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))
@@ -107,7 +115,9 @@ def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed
 
 
 def checked_norm(A: csr_matrix) -> float:
-    """Return ‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal. Raises `FactorError`."""
+    """Return ‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal.
+    Raises `FactorError`.
+    """
     if A.shape[0] != A.shape[1]:
         raise FactorError(f"the matrix has shape {A.shape}; only a square matrix can be factorised")
     norm = float(np.max(abs(A) @ np.ones(A.shape[0]), initial=0.0))

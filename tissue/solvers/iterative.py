@@ -1,9 +1,11 @@
-"""Conjugate gradients for several right-hand sides at a time, preconditioned by multigrid or by the diagonal.
+"""Conjugate gradients for several right-hand sides at a time, preconditioned by multigrid or by the
+diagonal.
 
-The columns of Yᵀ are solved together, because one pass over the matrix then serves all columns. Between two
-products, each field is also passed over only once (`tissue.solvers.passes`). The preconditioner works in single
-precision and is therefore not exactly the same map in every call. The direction is conjugated by Polak and
-Ribière's formula, which tolerates this (Golub and Ye, SIAM J. Sci. Comput. 21, 1999).
+The columns of Yᵀ are solved together, because one pass over the matrix then serves all columns.
+Between two products, each field is also passed over only once (`tissue.solvers.passes`). The
+preconditioner works in single precision and is therefore not exactly the same map in every call.
+The direction is conjugated by Polak and Ribière's formula, which tolerates this (Golub and Ye, SIAM
+J. Sci. Comput. 21, 1999).
 """
 
 from collections.abc import Callable
@@ -29,7 +31,8 @@ KEPT = 2**25  # bytes; malloc requests a larger field from the system anew each 
 
 @dataclass(frozen=True)
 class ConjugateGradients:
-    """A symmetric positive definite matrix `A` `(n, n)`, solved by iteration for each right-hand side.
+    """A symmetric positive definite matrix `A` `(n, n)`, solved by iteration for each right-hand
+    side.
 
     Made by `conjugate_gradients`.
     """
@@ -39,8 +42,9 @@ class ConjugateGradients:
     preconditioner: Preconditioner
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, starting from `guess()`; None means zero. `rough`: to
-        `ROUGH`."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, starting from `guess()`; None means zero.
+        `rough`: to `ROUGH`.
+        """
         if b.ndim == 2:
             parts = np.array_split(b, -(-b.shape[1] // COLUMNS), axis=1) if b.size else []
             return np.hstack([np.empty((len(b), 0)), *(self.solve_together(part, None, rough) for part in parts)])
@@ -53,7 +57,9 @@ class ConjugateGradients:
         return x
 
     def iterate(self, b: Array, guess: Array | None = None, rough: bool = False) -> tuple[Array, int]:
-        """Return the solution, and the number of iterations. Raises `FactorError` if they have not converged."""
+        """Return the solution, and the number of iterations. Raises `FactorError` if they have not
+        converged.
+        """
         from tissue.solvers import passes
 
         shape, b = b.shape, b.reshape(len(b), -1)
@@ -95,10 +101,11 @@ class ConjugateGradients:
 
 
 def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> ConjugateGradients:
-    """Return conjugate gradients with multigrid for a stiffness matrix over unknowns at `places` `(n, 3)`.
+    """Return conjugate gradients with multigrid for a stiffness matrix over unknowns at `places`
+    `(n, 3)`.
 
-    Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` if A is not
-    symmetric.
+    Without `places`, for a mass matrix, the preconditioner is the diagonal. Raises `FactorError` if
+    A is not symmetric.
     """
     A = csr_matrix(A)
     norm = checked_norm(A)

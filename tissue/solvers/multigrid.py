@@ -1,13 +1,14 @@
-"""Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a preconditioner.
+"""Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a
+preconditioner.
 
-PyAMG aggregates the nodes. The coarse spaces contain the six rigid motions, so that the work per unknown does not
-grow with the mesh. The motions of the groups are smoothed here, because PyAMG would need two more matrices of the
-organ's size for the smoothing.
+PyAMG aggregates the nodes. The coarse spaces contain the six rigid motions, so that the work per
+unknown does not grow with the mesh. The motions of the groups are smoothed here, because PyAMG
+would need two more matrices of the organ's size for the smoothing.
 
-The V-cycle acts on several columns at once, in single precision, because it need not be exact. Its time is the time
-of its memory access. Matrices are therefore stored and multiplied in blocks: a row of a field is read once for nine
-numbers, although on the mesh two fifths of these numbers are zero. Fields are reused, because filling new memory
-from the system costs as much as a pass over it.
+The V-cycle acts on several columns at once, in single precision, because it need not be exact. Its
+time is the time of its memory access. Matrices are therefore stored and multiplied in blocks: a row
+of a field is read once for nine numbers, although on the mesh two fifths of these numbers are zero.
+Fields are reused, because filling new memory from the system costs as much as a pass over it.
 """
 
 from dataclasses import dataclass
@@ -55,9 +56,11 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Level:
-    """A level of multigrid: the matrix A, scaling and highest eigenvalue, prolongation P and restriction R.
+    """A level of multigrid: the matrix A, scaling and highest eigenvalue, prolongation P and
+    restriction R.
 
-    `scaling` is the inverse of the diagonal, `(n,)`. `highest` is the highest eigenvalue of the scaled matrix.
+    `scaling` is the inverse of the diagonal, `(n,)`. `highest` is the highest eigenvalue of the
+    scaled matrix.
     """
 
     A: Blocks
@@ -76,8 +79,9 @@ class Level:
 class Fields:
     """Work arrays of a cycle on a level.
 
-    Right-hand side `b`, last correction `d` of the smoother and `product` with the matrix, `(n, k)` each. `coarse`
-    `(m, k)` holds first the right-hand side of the next coarser level and then its solution.
+    Right-hand side `b`, last correction `d` of the smoother and `product` with the matrix, `(n, k)`
+    each. `coarse` `(m, k)` holds first the right-hand side of the next coarser level and then its
+    solution.
     """
 
     b: Single
@@ -140,13 +144,15 @@ class Multigrid:
 
 
 def is_by_nodes(places: Array) -> bool:
-    """Return whether unknowns at `places` `(n, 3)` are three per node, in sequence; false with rollers."""
+    """Return whether unknowns at `places` `(n, 3)` are three per node, in sequence; false with
+    rollers.
+    """
     return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
 
 
 def rigid_motions(places: Array) -> Array:
-    """Return three translations and three rotations of nodes with three unknowns each, scaled to one, shape
-    `(n, 6)`.
+    """Return three translations and three rotations of nodes with three unknowns each, scaled to
+    one, shape `(n, 6)`.
 
     Raises `FactorError` if there are not three unknowns per node.
     """
@@ -178,10 +184,11 @@ def multigrid(A: csr_matrix, places: Array) -> Multigrid:
 
 
 def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
-    """Return the level of a matrix, its P in double precision, and the motions of the next coarser level.
+    """Return the level of a matrix, its P in double precision, and the motions of the next coarser
+    level.
 
-    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the same highest
-    eigenvalue as in the smoother. No further matrix of the size of A is needed.
+    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the
+    same highest eigenvalue as in the smoother. No further matrix of the size of A is needed.
     """
     from pyamg.aggregation.aggregate import standard_aggregation
     from pyamg.aggregation.tentative import fit_candidates
@@ -226,9 +233,11 @@ def _highest(A: Blocks, scaling: Array) -> float:
 
 
 def _smooth(level: Level, own: Fields, x: Single, is_zero: bool) -> None:
-    """Write the result of a Chebyshev iteration into `x`, starting from `x`, or from zero if `is_zero`.
+    """Write the result of a Chebyshev iteration into `x`, starting from `x`, or from zero if
+    `is_zero`.
 
-    The iteration acts on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1).
+    The iteration acts on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg.
+    12.1).
     """
     from tissue.solvers.passes import relax, relax_zero
 

@@ -1,8 +1,10 @@
-"""Nested dissection (George, SIAM J. Numer. Anal. 10, 1973) by the places of the nodes, and the resulting fill.
+"""Nested dissection (George, SIAM J. Numer. Anal. 10, 1973) by the places of the nodes, and the
+resulting fill.
 
-A plane normal to x, y or z divides the nodes. The nodes of one side that the matrix joins to the other side are the
-separator. It is numbered after both sides, and each side is divided again. All planes are examined at once: a node
-of rank r whose farthest neighbour has rank m is in the separator of every cut between r and m.
+A plane normal to x, y or z divides the nodes. The nodes of one side that the matrix joins to the
+other side are the separator. It is numbered after both sides, and each side is divided again. All
+planes are examined at once: a node of rank r whose farthest neighbour has rank m is in the
+separator of every cut between r and m.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,7 +39,9 @@ class Dissection:
 
     @cached_property
     def entries(self) -> int:
-        """The number of entries of the Cholesky factor of the graph, close to the best known orderings."""
+        """The number of entries of the Cholesky factor of the graph, close to the best known
+        orderings.
+        """
         return _entries(self.graph, self.order, self.pieces, self.below)
 
 
@@ -51,8 +55,8 @@ class _Cut:
 
 
 def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices]:
-    """Return the graph `(m, m)` of the nodes that the matrix joins, their places `(m, 3)` and each unknown's node
-    `(n,)`.
+    """Return the graph `(m, m)` of the nodes that the matrix joins, their places `(m, 3)` and each
+    unknown's node `(n,)`.
 
     A node is a place with one or more unknowns.
     """
@@ -65,7 +69,9 @@ def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices
 
 
 def dissection(graph: csr_matrix, places: Array) -> Dissection:
-    """Return the dissection of a symmetric graph with a full diagonal by the places `(m, 3)` of its nodes."""
+    """Return the dissection of a symmetric graph with a full diagonal by the places `(m, 3)` of its
+    nodes.
+    """
     pieces: list[Indices] = []
     children: list[tuple[int, ...]] = []
     _dissect(graph, places, np.arange(len(places)), pieces, children)
@@ -87,7 +93,9 @@ def _dissect(
 
 
 def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
-    """Yield two cuts for each axis, with the fewest nodes in the separator: it is taken from either side."""
+    """Yield two cuts for each axis, with the fewest nodes in the separator: it is taken from either
+    side.
+    """
     (joined, begins), rank = _neighbours(graph, nodes), np.full(graph.shape[0], OUTSIDE)
     for axis in range(3):
         rank[nodes[np.argsort(places[nodes, axis], kind="stable")]] = np.arange(nodes.size)
@@ -101,8 +109,8 @@ def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
 
 
 def _neighbours(graph: csr_matrix, nodes: Indices) -> tuple[Indices, Indices]:
-    """Return the neighbours of some `nodes` (k,), node by node, and the start index of each node's neighbours
-    `(k,)`.
+    """Return the neighbours of some `nodes` (k,), node by node, and the start index of each node's
+    neighbours `(k,)`.
 
     Extracting these rows of the matrix would take four times as long.
     """

@@ -1,8 +1,9 @@
 """Compiled loops of conjugate gradients and of multigrid over fields of several columns, `(n, k)`.
 
-Between two products with a large matrix, the time of a loop is the time of its memory access. Each loop therefore
-passes over memory once and writes its results into fields of the caller; its docstring names these fields. Numba
-compiles the loops at their first call. Sums are in double precision and in the order of the rows.
+Between two products with a large matrix, the time of a loop is the time of its memory access. Each
+loop therefore passes over memory once and writes its results into fields of the caller; its
+docstring names these fields. Numba compiles the loops at their first call. Sums are in double
+precision and in the order of the rows.
 """
 
 import numpy as np
@@ -66,8 +67,8 @@ def advance(step: Array, p: Array, q: Array, x: Array, r: Array) -> tuple[Array,
 def product_by_rows(first: Numbers, at: Numbers, values: Array, x: Array, out: Array) -> None:
     """Write A x into `out`, `(m, k)`, for a matrix A stored by rows.
 
-    The entries of a row begin at index `first`; `at` are their columns and `values` their numbers, `(e,)` each.
-    Four entries at a time are added to sums that are read and written once.
+    The entries of a row begin at index `first`; `at` are their columns and `values` their numbers,
+    `(e,)` each. Four entries at a time are added to sums that are read and written once.
     """
     sums = np.empty(x.shape[1])
     for i in range(first.size - 1):
@@ -91,8 +92,8 @@ def product_by_rows(first: Numbers, at: Numbers, values: Array, x: Array, out: A
 def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
     """Write A x into `out`, `(m, k)`, for a matrix A in blocks whose sides are multiples of three.
 
-    The blocks of a row begin at index `first`; `at` `(b,)` are their columns and `blocks` `(b, r, c)` their
-    numbers. Sums are in the order of the columns.
+    The blocks of a row begin at index `first`; `at` `(b,)` are their columns and `blocks` `(b, r,
+    c)` their numbers. Sums are in the order of the columns.
     """
     high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
@@ -116,7 +117,9 @@ def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single)
 
 @compiled
 def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
-    """Write A x into `out` as `product` does, for a single column `(n, 1)`; its sums stay in registers."""
+    """Write A x into `out` as `product` does, for a single column `(n, 1)`; its sums stay in
+    registers.
+    """
     high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
         for p in range(0, high, 3):
@@ -149,7 +152,9 @@ def relax(
 
 @compiled
 def relax_zero(pull: np.float32, scaling: Single, b: Single, d: Single, x: Single) -> None:
-    """Write the result of `relax` for x = 0, pull D⁻¹b, into `d` and `x`; both can be uninitialised."""
+    """Write the result of `relax` for x = 0, pull D⁻¹b, into `d` and `x`; both can be
+    uninitialised.
+    """
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):
             d[i, k] = x[i, k] = pull * (scaling[i] * b[i, k])

@@ -1,7 +1,8 @@
-"""Columns solved by several processes that make the same calls, as MPI starts them; each solves its share.
+"""Columns solved by several processes that make the same calls, as MPI starts them; each solves its
+share.
 
-Every process has the matrix and its levels or factor; only the columns are distributed. A communicator of mpi4py
-has the members of `Ranks`, but this module does not need mpi4py.
+Every process has the matrix and its levels or factor; only the columns are distributed. A
+communicator of mpi4py has the members of `Ranks`, but this module does not need mpi4py.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,9 @@ class Ranks(Protocol):
 
 @dataclass(frozen=True)
 class SharedColumns:
-    """A solver whose columns are distributed among `ranks`: all processes call it together with the same numbers."""
+    """A solver whose columns are distributed among `ranks`: all processes call it together with the
+    same numbers.
+    """
 
     own: Solver
     ranks: Ranks
@@ -41,8 +44,9 @@ class SharedColumns:
         return self.own.A
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n, k)`, the same in every process; every process solves a b of shape `(n,)`
-        itself."""
+        """Return A⁻¹ b for b of shape `(n, k)`, the same in every process; every process solves a b
+        of shape `(n,)` itself.
+        """
         if b.ndim == 1:
             return self.own.solve(b, guess, rough)
         share = np.array_split(np.arange(b.shape[1]), self.ranks.Get_size())[self.ranks.Get_rank()]
