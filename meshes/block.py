@@ -1,11 +1,10 @@
-"""Rectangular blocks, centred in x and y, top face at z = 0, boundaries left, right, front, back,
-bottom, top.
+"""Rectangular blocks, centred in x and y, with the top face at z = 0.
 
-The structured blocks need only numpy. Each cell of a tensor grid is cut into five tetrahedra: one
-on four alternate corners, and one at each of the other four corners. The pattern is mirrored from
-cell to cell, so that faces match and no diagonal direction is preferred. Cell counts are even.
-Therefore the mesh is mirror symmetric if its lines are, and every line through a site has the same
-pattern.
+The boundaries are left, right, front, back, bottom and top. The structured blocks need only numpy.
+Each cell of a tensor grid is cut into five tetrahedra: one on four alternate corners, and one at
+each of the other four corners. The pattern is mirrored from cell to cell, so that faces match and
+no diagonal direction is preferred. Cell counts are even. Therefore the mesh is mirror symmetric if
+its grid lines are, and every grid line through a site has the same pattern.
 """
 
 from collections.abc import Sequence
@@ -23,7 +22,8 @@ from meshes.named import bare_mesh, with_boundaries
 
 Array = NDArray[np.float64]
 
-# Five tetrahedra of a cell with an even corner at (0, 0, 0), given by corners (x, y, z); positive volumes.
+# Five tetrahedra of a cell with an even corner at (0, 0, 0), given by corners (x, y, z), with
+# positive volumes.
 EVEN_SPLIT = (
     ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 0)),
     ((1, 0, 0), (0, 0, 0), (1, 0, 1), (1, 1, 0)),
@@ -51,16 +51,15 @@ FACES = {
 
 Planes = tuple[Sequence[float], Sequence[float], Sequence[float]]  # coordinates of planes with facets, by axis [m]
 NO_PLANES: Planes = ((), (), ())
-COUNTABLE = 1e9  # tetrahedra: an organ with more fits into no machine, and even its grid lines could fill the memory
-ON_PLANE = 1e-9  # of the block's size: a node as near to a plane lies in it; gmsh places nodes to 1e-16
+COUNTABLE = 1e9  # tetrahedra: an organ with more does not fit into memory, and even its grid lines could fill it
+ON_PLANE = 1e-9  # of the block's size: a node nearer to a plane lies in it; gmsh places nodes to 1e-16
 
 
 def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.MeshTet:
-    """Return a uniform structured mesh of a block of size `(3,)` [m] with cell edges of at most `h`
-    [m].
+    """Return a uniform structured mesh of a block of size `(3,)` [m].
 
-    Counts are even, so that a side has at least two cells. Raises `MeshError` if a size or `h` is
-    not positive and finite.
+    The edges of cells along the axes are at most `h` [m]. Cell counts are even, so that a side has
+    at least two cells. Raises `MeshError` if a size or `h` is not positive and finite.
     """
     return graded_block_structured(size, Grading(h, h), planes=planes)
 
@@ -68,14 +67,13 @@ def block(size: Sequence[float], h: float, planes: Planes = NO_PLANES) -> skfem.
 def graded_block_structured(
     size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Return a structured mesh of a block with grid lines through the sites, shape `(p, 3)` [m],
-    and along the planes.
+    """Return a structured mesh of a block with grid lines through the sites and along the planes.
 
-    `grading` gives the spacing in each coordinate. The spacing is a little larger at a site between
-    two intervals, and smaller between planes, because at least two cells lie there. The mesh is a
-    tensor grid and is therefore fine along the whole planes through a site. Coordinates of sites
-    share a line if they are closer than `h_site`/2 to each other or to a face. The same input gives
-    the same arrays.
+    Sites have shape `(p, 3)` [m]. `grading` gives the spacing in each coordinate. At a site between
+    two intervals the spacing is a little larger. Between planes it is smaller, because at least two
+    cells lie there. The mesh is a tensor grid and is therefore fine along the whole planes through
+    a site. Coordinates of sites share a line if they are closer than `h_site`/2 to each other or to
+    a face. The same input gives the same arrays.
 
     Raises `MeshError` for impossible numbers and for a site outside the block.
     """
@@ -92,8 +90,9 @@ def block_lines(size: Sequence[float], grading: Grading, sites: ArrayLike, plane
 
 
 def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, planes: Planes = NO_PLANES) -> float:
-    """Return the number of tetrahedra of the structured block without making them; a lower bound if
-    it is very large.
+    """Return the number of tetrahedra of the structured block without making them.
+
+    A very large number is replaced by a lower bound.
     """
     least = _least_tets(size, grading, sites)
     if least > COUNTABLE:
@@ -102,8 +101,9 @@ def structured_tets(size: Sequence[float], grading: Grading, sites: ArrayLike, p
 
 
 def _least_tets(size: Sequence[float], grading: Grading, sites: ArrayLike) -> float:
-    """Return a lower bound of the number of tetrahedra, from the sizes far from the sites and at
-    the sites.
+    """Return a lower bound of the number of tetrahedra.
+
+    It is computed from the sizes far from the sites and at the sites.
     """
     lower, upper = extent(size)
     fine = min(grading.flat, float(np.min(upper - lower))) / grading.h_site if np.size(sites) else 0.0
@@ -128,8 +128,9 @@ def graded_block_gmsh(
 
 
 def extent(size: Sequence[float]) -> tuple[Array, Array]:
-    """Return the lower and upper corner of the block of a size, shapes `(3,)` [m]. Raises
-    `MeshError` for impossible sizes.
+    """Return the lower and upper corner of the block of a size, shapes `(3,)` [m].
+
+    Raises `MeshError` for impossible sizes.
     """
     if len(size) != 3:
         raise MeshError(f"size = {list(size)!r} must have three lengths, x, y and z")
@@ -138,8 +139,9 @@ def extent(size: Sequence[float]) -> tuple[Array, Array]:
 
 
 def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
-    """Return the sites, shape `(p, 3)` [m]. Raises `MeshError` for a site outside the box by more
-    than round-off.
+    """Return the sites, shape `(p, 3)` [m].
+
+    Raises `MeshError` for a site outside the box by more than round-off.
     """
     points = site_points(sites)
     slack = 1e-9 * float(np.max(upper - lower))
@@ -149,15 +151,15 @@ def require_sites_within(sites: ArrayLike, lower: Array, upper: Array) -> Array:
 
 
 def even_count(cells: float) -> int:
-    """Return the smallest even number of cells that is not below `cells`, at least 2; round-off
-    above it is ignored.
+    """Return the smallest even number of cells, at least 2, that is not below `cells`.
+
+    Round-off above an even number is ignored.
     """
     return 2 * max(1, int(np.ceil(cells / 2 - 1e-9)))
 
 
 def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, planes: Sequence[float] = ()) -> Array:
-    """Return grid coordinates from `lower` to `upper` [m] that include the planes and are graded
-    toward the sites.
+    """Return grid coordinates from `lower` to `upper` [m] with the planes, graded toward the sites.
 
     Sites are coordinates, shape `(p,)`. The number of cells between planes and sites is even.
     """
@@ -168,15 +170,19 @@ def graded_lines(lower: float, upper: float, sites: Array, grading: Grading, pla
 
 
 def planes_between(planes: Sequence[float], lower: float, upper: float) -> Array:
-    """Return the sorted coordinates of planes that lie between two ends by more than round-off [m]."""
+    """Return the sorted coordinates [m] of planes between two ends.
+
+    Planes within round-off of an end are left out.
+    """
     places = np.unique(np.asarray(planes, dtype=float))
     slack = ON_PLANE * (upper - lower)
     return places[(places > lower + slack) & (places < upper - slack)]
 
 
 def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
-    """Return the coordinates of the sites; sites within h_site/2 of one another or of a `fixed`
-    line are merged.
+    """Return the coordinates of the sites, with near ones merged.
+
+    Sites within h_site/2 of one another or of a `fixed` line are merged.
     """
     groups: list[list[float]] = []
     for x in np.unique(sites):
@@ -190,10 +196,10 @@ def _stations(fixed: Array, sites: Array, h_site: float) -> Array:
 
 
 def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
-    """Return the coordinates from `a` to `b` [m], with spacing by the distance to the nearest
-    station.
+    """Return the coordinates from `a` to `b` [m].
 
-    There is no station between `a` and `b`.
+    The spacing depends on the distance to the nearest station. There is no station between `a` and
+    `b`.
     """
     if not len(stations):
         return np.linspace(a, b, 1 + even_count((b - a) / grading.h))
@@ -212,8 +218,9 @@ def _spaced(a: float, b: float, stations: Array, grading: Grading) -> Array:
 
 
 def grid_points(lines: list[Array]) -> Array:
-    """Return the nodes of the tensor grid of three coordinate lists, shape `(nx ny nz, 3)` [m]; z
-    varies fastest.
+    """Return the nodes of the tensor grid of three coordinate lists, `(nx ny nz, 3)` [m].
+
+    z varies fastest.
     """
     return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -241,8 +248,9 @@ def with_faces(mesh: skfem.MeshTet, lower: Array, upper: Array) -> skfem.MeshTet
 
 
 def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes, unit: float) -> None:
-    """Add a box to the gmsh model, cut along planes so that facets follow them, in the `unit` of
-    the model [m].
+    """Add a box to the gmsh model, cut along planes so that facets follow the planes.
+
+    `unit` is the unit of length of the model [m].
     """
     box = gmsh.model.occ.addBox(*in_unit([*lower, *(upper - lower)], unit))
     cuts = [
@@ -255,8 +263,9 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes, unit: float) 
 
 
 def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]], unit: float) -> int:
-    """Add a plane polygon with corners `(k, 3)` [m] in order to the gmsh model of a `unit` [m], and
-    return its tag.
+    """Add a plane polygon to the gmsh model of a `unit` [m], and return its tag.
+
+    The `corners` `(k, 3)` [m] are in order.
     """
     points = [gmsh.model.occ.addPoint(*corner) for corner in in_unit(corners, unit)]
     lines = [gmsh.model.occ.addLine(a, b) for a, b in pairwise([*points, points[0]])]

@@ -1,5 +1,6 @@
-"""Estimates of the size of a graded mesh, and of the memory of the mesh and its organ, before the
-mesh is made.
+"""Estimates of the size of a graded mesh, and of the memory of the mesh and its organ.
+
+The estimates are made before the mesh is made.
 """
 
 from collections.abc import Callable
@@ -13,21 +14,24 @@ from meshes.grading import Grading
 
 Array = NDArray[np.float64]
 
-# Volume of a mean tetrahedron over the cube of the wanted size. The regular tetrahedron has 1/(6√2) = 0.118; gmsh's
-# inner edges are a quarter longer than wanted. Measured: 0.19 to 0.24 on meshes of 5 000 to 40 000 tetrahedra.
+# Volume of a mean tetrahedron over the cube of the wanted size. The regular tetrahedron has
+# 1/(6√2) = 0.118; gmsh's inner edges are a quarter longer than wanted. Measured: 0.19 to 0.24 on
+# meshes of 5 000 to 40 000 tetrahedra.
 TETRAHEDRON = 0.22
 TETS_PER_NODE = {"P1": 4.7, "P2": 0.66}  # measured on the same meshes: 4.0 to 5.0, 0.61 to 0.68
-# Memory of an organ with multigrid, measured as the peak of the process: 4.0 kB per unknown at 0.3 million unknowns
-# and 5.1 at 1.07 (P1, with frames and picture), 7.3 at 0.19 (P2). A factor that does not fit into memory is not
-# computed (`tissue.solvers.choice`).
+# Memory of an organ with multigrid, measured as the peak of the process: 4.0 kB per unknown at 0.3
+# million unknowns and 5.1 kB at 1.07 million (P1, with frames and picture), 7.3 kB at 0.19 million
+# (P2). A factor that does not fit into memory is not computed (`tissue.solvers.choice`).
 BYTES_PER_UNKNOWN = {"P1": 6.0e3, "P2": 9.0e3}
 SHELLS, DIRECTIONS = 60, 200
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Expected size of a mesh: tetrahedra, displacement unknowns, and memory [byte] for the steps
-    of an organ on it.
+    """Expected size of a mesh and memory of its organ.
+
+    It has the numbers of `tets` and of displacement `unknowns`, and the `memory` [byte] for the
+    steps of an organ on the mesh.
     """
 
     tets: float
@@ -36,8 +40,9 @@ class Budget:
 
 
 def budget(tets: float, element: str) -> Budget:
-    """Return the estimated displacement unknowns of a number of tetrahedra, "P1" or "P2", and their
-    memory.
+    """Return the estimated displacement unknowns and memory of a number of tetrahedra.
+
+    The `element` is "P1" or "P2".
     """
     unknowns = 3.0 * tets / TETS_PER_NODE[element]
     return Budget(tets, unknowns, BYTES_PER_UNKNOWN[element] * unknowns)
@@ -46,9 +51,9 @@ def budget(tets: float, element: str) -> Budget:
 def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
     """Return the estimated number of tetrahedra, ∫ dV / (c h³) over a body of a volume [m³].
 
-    Sites have shape `(p, 3)` [m]; `inside` returns which points `(k, 3)` lie in the body. The part
-    that the sites add to 1/h³ is summed on spheres about each site, over the points nearest to the
-    site.
+    Sites have shape `(p, 3)` [m]; `inside` returns which points `(k, 3)` lie in the body. The sites
+    increase 1/h³. This increase is summed on spheres about each site, over the points that have
+    this site as the nearest one.
     """
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         cells = volume / np.float64(grading.h) ** 3 + _added(grading, sites, inside)
@@ -70,8 +75,9 @@ def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.
 
 
 def _directions() -> Array:
-    """Return uniformly distributed points of the unit sphere, on a spiral of the golden angle,
-    `(DIRECTIONS, 3)`.
+    """Return uniformly distributed points of the unit sphere, `(DIRECTIONS, 3)`.
+
+    The points lie on a spiral of the golden angle.
     """
     z = (2 * np.arange(DIRECTIONS) + 1) / DIRECTIONS - 1
     angle = np.pi * (3 - np.sqrt(5)) * np.arange(DIRECTIONS)

@@ -12,10 +12,12 @@ from meshes.facets import tet_facet_keys
 Array = NDArray[np.float64]
 Tets = NDArray[np.integer]
 
-# A tetrahedron with a smaller volume over (longest edge)³ counts as flat. A right-angled tetrahedron has 0.06, one
-# with edges 1 : 1000 : 1000 has 6e-5, one with edges 1 : 1 : 1000 has 2e-7; round-off of coordinates gives 1e-16.
+# A tetrahedron with a smaller ratio of volume to (longest edge)³ counts as flat. A right-angled
+# tetrahedron has 0.06, one with edges 1 : 1000 : 1000 has 6e-5, and one with edges 1 : 1 : 1000 has
+# 2e-7; round-off of coordinates gives 1e-16.
 FLAT = 1e-9
-# Two nodes with a smaller distance over the mesh's diagonal count as one; single precision files resolve 1e-7.
+# Two nodes with a smaller distance over the mesh's diagonal count as one. Files of single precision
+# resolve 1e-7.
 COINCIDENT = 1e-9
 FARTHEST, NEAREST = 1e15, 1e-15  # m: a size outside this range is a mistake, and far outside volumes overflow or vanish
 
@@ -26,8 +28,8 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None =
     """Raise `MeshError` unless points `(n, 3)` and tets `(m, 4)` are a valid volume mesh.
 
     `twins` `(k, 2)` are pairs of nodes that are meant to coincide, on the two lips of a closed cut.
-    `parts` is the number of separate bodies; None: any number of bodies, which can touch but share
-    no node.
+    `parts` is the number of separate bodies. It is None if any number of bodies is allowed; they
+    can touch but share no node.
 
     The error names the fault. For nodes: coordinates that are not finite, indices out of range,
     unused or duplicate nodes. For tetrahedra: none, degenerate, inverted or overlapping ones, and
@@ -50,7 +52,7 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None =
 def volumes(points: Array, tets: Tets) -> Array:
     """Return the signed volumes of the tetrahedra, shape `(m,)`.
 
-    A volume is positive if (0, 1, 2) turn anticlockwise as seen from node 3.
+    A volume is positive if the nodes 0, 1 and 2 turn anticlockwise as seen from node 3.
     """
     a, b, c, d = (points[tets[:, k]] for k in range(4))
     return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0, dtype=np.float64)
@@ -80,8 +82,9 @@ def _check_finite(points: Array) -> None:
 
 
 def check_span(points: Array) -> None:
-    """Raise `MeshError` if points, shape `(n, 3)` [m], are so large or so close that volumes
-    overflow or vanish.
+    """Raise `MeshError` if points are so large or so close that volumes overflow or vanish.
+
+    Points have shape `(n, 3)` [m].
     """
     if not len(points):
         return
@@ -110,8 +113,9 @@ def _check_used(points: Array, tets: Tets) -> None:
 
 
 def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | None) -> None:
-    """Raise `MeshError` for coincident nodes, except `twins` and nodes of different `bodies`
-    `(n,)`.
+    """Raise `MeshError` for coincident nodes.
+
+    The `twins` and nodes of different `bodies` `(n,)` may coincide.
     """
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach)
@@ -185,8 +189,9 @@ def _check_apart(points: Array, tets: Tets) -> None:
 
 
 def parts(points: Array, tets: Tets) -> NDArray[np.integer]:
-    """Return the number of the body of each tetrahedron, from 0, shape `(m,)`; bodies share no
-    facet.
+    """Return the number of the body of each tetrahedron, from 0, shape `(m,)`.
+
+    Bodies share no facet.
     """
     return np.asarray(connected_components(_neighbours(points, tets), directed=False)[1])
 

@@ -1,5 +1,6 @@
-"""A separate process for work that can end its process: gmsh on an inconsistent file, a plotter
-without OpenGL.
+"""A separate process for work that can end its process.
+
+Examples are gmsh on an inconsistent file and a plotter without OpenGL.
 """
 
 import os
@@ -20,10 +21,11 @@ PATIENCE = 1800.0  # s: a file of gigabytes is read in minutes
 WORDS = 300  # characters of the last message of a child process
 ROOT = str(Path(__file__).parents[1])
 
-# The child runs a module by its name, as `python -m` does. It searches the folder of the code first and then the
-# other entries of the parent's path. It is isolated (-I): it ignores the working folder and the variables PYTHON…,
-# so that a file there with the name of a module is not run. Its input ends when the parent ends in any way. The
-# child then removes its working folder and ends too.
+# The child runs a module by its name, as `python -m` does. It searches the folder of the code first
+# and then the other entries of the parent's path. It is isolated (-I): it ignores the working
+# folder and the variables PYTHON…, so that a file there with the name of a module is not run. The
+# child's input ends when the parent ends in any way. The child then removes its working folder and
+# ends too.
 CHILD = """
 import os, runpy, shutil, sys, threading
 def end_with_parent():
@@ -40,11 +42,10 @@ runpy.run_module(sys.argv.pop(1), run_name="__main__")
 
 
 def call_in_child(function: Callable[..., Any], *given: Any, reader: str = "gmsh") -> Any:
-    """Return the result of a function of this package, called in another process; a `reader` reads
-    a file there.
+    """Return the result of a function of this package, called in another process.
 
-    Raises the `MeshError` of the function, and a `MeshError` if the process ends or does not answer
-    within PATIENCE.
+    `reader` names the library that reads a file there. Raises the `MeshError` of the function, and
+    a `MeshError` if the process ends or does not answer within PATIENCE.
     """
     with tempfile.TemporaryDirectory() as folder:
         question, answer = Path(folder) / "question", Path(folder) / "answer"
@@ -71,11 +72,11 @@ def run_module(
     patience: float | None,
     setting: Mapping[str, str] = MappingProxyType({}),
 ) -> "subprocess.CompletedProcess[bytes]":
-    """Run a module as `python -m` does, with paths `given`, in a temporary `folder`, with
-    environment variables `setting`.
+    """Run a module in another process, as `python -m` does, in a temporary `folder`.
 
-    When this process ends in any way, the child removes the folder and ends too. Raises
-    `subprocess.TimeoutExpired` after `patience` [s], None: never, and `OSError` if no process can
+    The module gets the paths `given` and the environment variables `setting`. When this process
+    ends in any way, the child removes the folder and ends too. `patience` [s] is None if there is
+    no limit. Raises `subprocess.TimeoutExpired` after `patience`, and `OSError` if no process can
     be started.
     """
     command = [sys.executable, "-I", "-c", CHILD, ROOT, os.pathsep.join(_own_path()), module, *map(str, given)]
@@ -107,8 +108,10 @@ def last_words(status: int, text: str) -> str:
 
 
 def _answer(question: Path, answer: Path) -> None:
-    """Call the function of the `question`, and write its result or its `MeshError` to `answer`,
-    always as a complete file.
+    """Call the function of the `question`, and write its result to `answer`.
+
+    A `MeshError` of the function is written in place of a result. The file `answer` is always
+    complete.
     """
     module, name, given = pickle.loads(question.read_bytes())
     result: tuple[Any, MeshError | None]

@@ -1,5 +1,6 @@
-"""Round bars and tubes along x, centred at the origin, and the two stumps of a tube. They need
-gmsh.
+"""Round bars and tubes along x, centred at the origin, and the two stumps of a tube.
+
+They need gmsh.
 """
 
 from collections.abc import Mapping
@@ -18,11 +19,11 @@ Array = NDArray[np.float64]
 
 
 def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Return a mesh of the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m], graded toward sites `(p,
-    3)` [m].
+    """Return a mesh of the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m].
 
-    Boundaries are left (x = −length/2), right (x = +length/2) and side. The side has flat facets
-    with corners on the true surface. Their middles lie up to h²/(8 radius) inside the surface.
+    The mesh is graded toward sites `(p, 3)` [m]. Boundaries are left (x = −length/2), right (x =
+    +length/2) and side. The side has flat facets with corners on the true surface. Their middles
+    lie up to h²/(8 radius) inside the surface.
 
     Raises `MeshError` for impossible numbers, for a site outside the cylinder, and if gmsh cannot
     load.
@@ -37,14 +38,11 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
 
 
 def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Return a mesh of the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m], graded
-    toward the sites.
+    """Return a mesh of the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m].
 
-    Sites have shape `(p, 3)` [m].
-
-    Boundaries are left, right, inner and outer. Both walls have flat facets with corners on the
-    true surfaces. Raises `MeshError` as `cylinder` does, and for a wall that is not thinner than
-    the radius.
+    The mesh is graded toward sites `(p, 3)` [m]. Boundaries are left, right, inner and outer. Both
+    walls have flat facets with corners on the true surfaces. Raises `MeshError` as `cylinder` does,
+    and for a wall that is not thinner than the radius.
     """
     require_positive("radius", radius)
     require_positive("length", length)
@@ -67,13 +65,12 @@ def add_bar(gmsh: Any, radius: float, length: float, unit: float) -> int:
 def stumps(
     radius: float, wall: float, length: float, gap: float, grading: Grading, sites: ArrayLike = ()
 ) -> skfem.MeshTet:
-    """Return a mesh of the `tube` cut in the middle, with two stumps `gap` [m] apart: two bodies
-    without common nodes.
+    """Return a mesh of the `tube` cut in the middle, with two stumps `gap` [m] apart.
 
-    Boundaries are the boundaries of the tube, and stump_left and stump_right, the faces of the cut.
-    The stumps are mirror images and are graded toward the sites of both, so that the nodes of the
-    two faces match. Raises `MeshError` as `tube` does, and for a gap that is negative or leaves no
-    stump.
+    The stumps are two bodies without common nodes. Boundaries are the boundaries of the tube, and
+    stump_left and stump_right, the faces of the cut. The stumps are mirror images and are graded
+    toward the sites of both, so that the nodes of the two faces match. Raises `MeshError` as `tube`
+    does, and for a gap that is negative or leaves no stump.
     """
     if not 0.0 <= gap < length:
         raise MeshError(f"gap = {gap!r} must be at least 0 and less than length = {length!r}, with both stumps")
@@ -89,8 +86,9 @@ def stumps(
 
 
 def _sites_within(sites: ArrayLike, inner: float, radius: float, length: float) -> Array:
-    """Return the sites, shape `(p, 3)` [m]. Raises `MeshError` for a site outside the body by more
-    than round-off.
+    """Return the sites, shape `(p, 3)` [m].
+
+    Raises `MeshError` for a site outside the body by more than round-off.
     """
     points = site_points(sites)
     slack = 1e-9 * max(radius, length)

@@ -14,28 +14,24 @@ FACETS_OF_TET = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
 def triangle_keys(triangles: NDArray[np.integer], nodes: int) -> Indices:
-    """Return one integer per triangle, the same for every order of its nodes; triangles of shape
-    `(k, 3)`, keys `(k,)`.
+    """Return one integer per triangle, `(k,)`, the same for every order of its nodes.
 
-    Possible up to two million nodes: the cube of a larger number exceeds 64 bits (`ValueError` from
-    numpy).
+    Triangles have shape `(k, 3)`. At most two million nodes are possible, because the cube of a
+    larger number exceeds 64 bits (`ValueError` from numpy).
     """
     ordered = np.sort(np.asarray(triangles, dtype=np.int64), axis=1)
     return np.asarray(np.ravel_multi_index(tuple(ordered.T), (nodes,) * 3), dtype=np.int64)
 
 
 def tet_facet_keys(tets: NDArray[np.integer], nodes: int) -> Indices:
-    """Return the keys of the four facets of each tetrahedron, tets of shape `(m, 4)`, keys `(m,
-    4)`.
-    """
+    """Return the keys of the four facets of each of the tetrahedra `(m, 4)`, shape `(m, 4)`."""
     return triangle_keys(tets[:, FACETS_OF_TET].reshape(-1, 3), nodes).reshape(-1, 4)
 
 
 def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indices:
-    """Return the facet numbers in `mesh` of the triangles, shape `(k, 3)`, sorted and without
-    repetition.
+    """Return the sorted facet numbers in `mesh` of the triangles, without repetition.
 
-    Raises `MeshError` if a triangle is not a facet of a tetrahedron.
+    Triangles have shape `(k, 3)`. Raises `MeshError` if a triangle is not a facet of a tetrahedron.
     """
     keys = triangle_keys(mesh.facets.T, mesh.nvertices)
     order = np.argsort(keys)
@@ -52,8 +48,9 @@ def facet_indices(mesh: skfem.MeshTet, triangles: NDArray[np.integer]) -> Indice
 
 
 def sharp_edges(mesh: skfem.MeshTet, degrees: float) -> Array:
-    """Return the edges of the surface at which its outward normal turns by more than an angle, ends
-    `(k, 2, 3)` [m].
+    """Return the edges at which the surface turns by more than an angle, `(k, 2, 3)` [m].
+
+    The angle is between outward normals. Edges are given by their two ends.
     """
     facets = mesh.boundary_facets()
     corners = mesh.facets[:, facets].T

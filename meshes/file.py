@@ -1,12 +1,12 @@
-"""Volume meshes from files: gmsh `.msh` of every version through gmsh, the other formats through
-meshio.
+"""Volume meshes from files.
 
-Names come from sets of cells and from arrays of whole numbers on cells (`meshes.groups`). In gmsh
-files physical surfaces become boundaries and physical volumes become subdomains. A group without a
-name is named by its number; format 1 has only numbers. Every mesh also has the boundary "surface"
-with all its boundary facets, unless a group of the file has this name. meshio could read `.msh` 2
-and 4 without gmsh, but it drops the node numbers and therefore the unused nodes. One file must not
-have two answers, so that there is one reader, and an error that says how to install it.
+gmsh reads `.msh` of every version, and meshio reads the other formats. Names come from sets of
+cells and from arrays of whole numbers on cells (`meshes.groups`). In gmsh files physical surfaces
+become boundaries and physical volumes become subdomains. A group without a name is named by its
+number; format 1 has only numbers. Every mesh also has the boundary "surface" with all its boundary
+facets, unless a group of the file has this name. meshio could read `.msh` 2 and 4 without gmsh, but
+it drops the node numbers and therefore the unused nodes. A file must not give two different meshes.
+Therefore gmsh is the only reader of `.msh`, and an error says how to install gmsh.
 """
 
 import io
@@ -39,9 +39,9 @@ LINEAR_ONLY = "allowed are only linear tetrahedra (in gmsh: Mesh.ElementOrder = 
 def read(path: str | Path, metres_per_unit: float = 1.0) -> skfem.MeshTet:
     """Return the mesh of a file in metres; `metres_per_unit` is the length of one file unit [m].
 
-    It can have several bodies that share no node. Raises `MeshError` with the name of the file if
-    it is missing, empty, unreadable or not a valid volume mesh (`meshes.checks.check`). It is also
-    raised for `.msh` if gmsh cannot load.
+    The mesh can have several bodies that share no node. Raises `MeshError` with the name of the
+    file if the file is missing, empty, unreadable or not a valid volume mesh
+    (`meshes.checks.check`), and for `.msh` if gmsh cannot load.
     """
     path = Path(path)
     try:
@@ -81,16 +81,17 @@ def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def meshio_data(path: Path) -> Any:
-    """Return a file's data, read by meshio. Raises `MeshError` if meshio cannot read it.
+    """Return a file's data, read by meshio.
 
-    If meshio cannot read a file, it prints and ends the interpreter (meshio 5.3); both are
-    intercepted here.
+    Raises `MeshError` if meshio cannot read the file. In this case meshio prints a message and ends
+    the interpreter (meshio 5.3); both are intercepted here.
     """
     import meshio
 
     said = io.StringIO()
     try:
-        # meshio's test for binary STL multiplies text as if it were a count, and numpy warns of the overflow.
+        # meshio's test for binary STL multiplies text as if it were a count, and numpy warns of the
+        # overflow.
         with redirect_stdout(said), redirect_stderr(said), np.errstate(over="ignore"):
             return meshio.read(path)
     except ModuleNotFoundError as error:
@@ -102,8 +103,9 @@ def meshio_data(path: Path) -> Any:
 
 
 def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> None:
-    """Raise `MeshError` for a file without linear tetrahedra, or with volume elements of another
-    kind.
+    """Raise `MeshError` for a file without linear tetrahedra.
+
+    It is also raised for a file with volume elements of another kind.
     """
     others = sorted(set(kinds) - volume - allowed)
     if others:
@@ -114,8 +116,9 @@ def _check_kinds(kinds: Sequence[str], volume: set[str], allowed: set[str]) -> N
 
 
 def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
-    """Return the mesh of a gmsh file of any version, text or binary, with its physical surfaces and
-    volumes.
+    """Return the mesh of a gmsh file of any version, text or binary.
+
+    The mesh has the physical surfaces and volumes of the file.
     """
     _check_msh_header(path)
     points, tets, surfaces, volumes = call_in_child(msh_arrays, path)
@@ -123,11 +126,11 @@ def _read_msh(path: Path, metres_per_unit: float) -> skfem.MeshTet:
 
 
 def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
-    """Return points `(n, 3)` [file units], tets `(m, 4)`, triangles of physical surfaces and tets
-    of physical volumes.
+    """Return points, tets, triangles of physical surfaces and tets of physical volumes.
 
-    The file is read by gmsh. Call this function in a separate process, because some files crash
-    gmsh. Raises `MeshError` for an unreadable file.
+    Points have shape `(n, 3)` [file units], and tets `(m, 4)`. The file is read by gmsh. Call this
+    function in a separate process, because some files crash gmsh. Raises `MeshError` for an
+    unreadable file.
     """
     declared = _old_node_count(path)
     with session() as gmsh:
@@ -147,7 +150,10 @@ def msh_arrays(path: Path) -> tuple[Array, Indices, Named, Named]:
 
 
 def scaled(points: Array, metres_per_unit: float) -> Array:
-    """Return points in metres; too large numbers become infinite and are refused later."""
+    """Return points in metres.
+
+    Too large numbers become infinite. Later checks refuse them.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(points, dtype=float) * metres_per_unit
 
@@ -191,8 +197,8 @@ def _check_all_nodes_kept(declared: int, kept: int) -> None:
 def _check_groups_apart(gmsh: Any) -> None:
     """Raise `MeshError` for two groups in one entity.
 
-    Formats 1 and 2 store groups by element, but gmsh stores them by entity: two groups in one
-    entity would merge without a message.
+    Formats 1 and 2 store groups by element, but gmsh stores them by entity. Two groups in one
+    entity would therefore merge without a message.
     """
     for dimension, entity in [*gmsh.model.getEntities(2), *gmsh.model.getEntities(3)]:
         groups = gmsh.model.getPhysicalGroupsForEntity(dimension, entity).tolist()

@@ -16,11 +16,11 @@ KINDS = "skfem.MeshTet, meshio.Mesh or pyvista.UnstructuredGrid of linear tetrah
 
 
 def given_mesh(mesh: Any) -> skfem.MeshTet:
-    """Return a checked mesh from an object of another library, with its boundaries and the boundary
-    "surface".
+    """Return a checked mesh from an object of another library.
 
-    Tetrahedra can have either orientation. Names of boundaries and subdomains are only taken from
-    meshes of scikit-fem. Raises `MeshError` for an invalid mesh.
+    The mesh has the boundaries of the object and the boundary "surface". Tetrahedra can have either
+    orientation. Names of boundaries and subdomains are only taken from meshes of scikit-fem. Raises
+    `MeshError` for an invalid mesh.
     """
     points, tets = arrays_of(mesh)
     inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
@@ -53,8 +53,9 @@ def arrays_of(mesh: Any) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def numbers_of(what: str, values: Any, kinds: str, width: int) -> NDArray[Any]:
-    """Return a copy of numbers of some kinds, shape `(n, width)`. Raises `MeshError` for other
-    types and shapes.
+    """Return a copy of numbers of some kinds, shape `(n, width)`.
+
+    Raises `MeshError` for other types and shapes.
     """
     array = np.array(values)
     if array.dtype.kind not in (kinds + "iu") or array.ndim != 2 or array.shape[1] != width:
@@ -78,7 +79,8 @@ def checked_names(kind: str, named: Any, count: int) -> dict[str, Any]:
 def _only(cells: dict[Any, Any], kind: Any) -> Any:
     """Return the cells of a kind.
 
-    Points, lines and triangles are also allowed; raises `MeshError` for cells of other kinds.
+    Points, lines and triangles are also allowed in the mesh. Raises `MeshError` for cells of other
+    kinds.
     """
     beside = {kind, "vertex", "line", "triangle", 1, 3, 5}
     if kind not in cells or not set(cells) <= beside:

@@ -1,4 +1,6 @@
-"""The only use of gmsh: loaded when first needed, silent, reproducible for the same input, always
+"""The only module of this package that loads gmsh.
+
+gmsh is loaded when first needed. It is silent, reproducible for the same input, and always
 finalised.
 """
 
@@ -19,7 +21,7 @@ from meshes.named import Named, named_mesh
 Array = NDArray[np.float64]
 
 TRIANGLE, TETRAHEDRON = 2, 4  # gmsh element types (gmsh manual, "MSH file format")
-DIGITS = 12  # digits after the point of a length in a model: round-off would decide between equal choices of gmsh
+DIGITS = 12  # digits after the point of a length in a model: with more, round-off decides between equal choices of gmsh
 
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libegl1 libxrender1 libxcursor1 libxft2 libxinerama1 libgomp1"
 WITHOUT_GMSH = "The structured block and mesh files in .vtk or .vtu format work without gmsh."
@@ -60,10 +62,10 @@ def load_gmsh() -> Any:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """Yield a new gmsh, initialised without the user's settings or signal handlers, and finalise it
-    at the end.
+    """Yield a new gmsh, and finalise it at the end.
 
-    Raises `MeshError` if gmsh cannot load or is already in use by the calling program.
+    gmsh is initialised without the user's settings or signal handlers. Raises `MeshError` if gmsh
+    cannot load or is already in use by the calling program.
     """
     gmsh = load_gmsh()
     if gmsh.isInitialized():
@@ -87,10 +89,9 @@ def in_unit(lengths: ArrayLike, unit: float) -> Array:
 
 
 def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.MeshTet:
-    """Return a mesh of the current model, drawn in the `unit` [m], with the size graded toward
-    sites `(p, 3)` [m].
+    """Return a mesh of the current model, with the size graded toward sites `(p, 3)` [m].
 
-    Raises `MeshError` if gmsh fails.
+    The model is drawn in the `unit` [m]. Raises `MeshError` if gmsh fails.
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(grading.h, unit)))
     _set_size_field(gmsh, grading, sites, unit)
@@ -104,8 +105,9 @@ def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.Me
 
 
 def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> None:
-    """Set one ball per site, with a linear size in its shell; the smallest size is used (gmsh
-    manual, Ball and Min).
+    """Set a size field of one ball per site (gmsh manual, Ball and Min).
+
+    The size is linear in the shell of a ball. The smallest size of all balls is used.
     """
     field = gmsh.model.mesh.field
     balls, shell = [], (grading.flat, grading.reach - grading.flat, grading.h_site, grading.h)
@@ -122,21 +124,20 @@ def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> N
 
 
 def current_mesh(gmsh: Any, metres_per_unit: float) -> skfem.MeshTet:
-    """Return the tetrahedra of the current model, with physical surfaces as boundaries and volumes
-    as subdomains.
+    """Return the tetrahedra of the current model.
 
-    Points are in metres. Raises the `MeshError` of the checks in `named_mesh`.
+    Physical surfaces become boundaries, and physical volumes become subdomains. Points are in
+    metres. Raises the `MeshError` of the checks in `named_mesh`.
     """
     points, tets, surfaces, volumes = current_arrays(gmsh)
     return named_mesh(points * metres_per_unit, tets, surfaces, volumes)
 
 
 def current_arrays(gmsh: Any) -> tuple[Array, NDArray[np.int64], Named, Named]:
-    """Return points `(n, 3)`, tets `(m, 4)`, the triangles of physical surfaces and the tets of
-    physical volumes.
+    """Return points, tets, the triangles of physical surfaces and the tets of physical volumes.
 
-    A group without a name is named by its number. Groups with names that begin with `gmsh:` are
-    internal to gmsh and are dropped.
+    Points have shape `(n, 3)`, and tets `(m, 4)`. A group without a name is named by its number.
+    Groups with names that begin with `gmsh:` are internal to gmsh and are dropped.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     tags, first = np.unique(np.asarray(tags, dtype=np.int64), return_index=True)

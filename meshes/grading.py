@@ -20,13 +20,13 @@ def require_positive(name: str, value: float) -> float:
 
 @dataclass(frozen=True)
 class Grading:
-    """Element size as a function of the distance to a site: `h_site` within `flat`, then growing up
-    to `h` [m].
+    """Element size as a function of the distance to a site [m].
 
-    The size grows by the factor `growth` from element to element. A geometric sequence of elements
-    has a size that is linear in the distance. `slope` is ln(growth), so that the ratio of
-    neighbours never exceeds `growth`. `radius` [m] is the radius of the region with the size
-    `h_site` (a piercing's footprint); at least one element has this size.
+    The size is `h_site` within the distance `flat`, and then grows up to `h`. The size grows by the
+    factor `growth` from element to element. A geometric sequence of elements has a size that is
+    linear in the distance. `slope` is ln(growth), so that the ratio of neighbours never exceeds
+    `growth`. `radius` [m] is the radius of the region with the size `h_site` (a piercing's
+    footprint); at least one element has this size.
     """
 
     h: float
@@ -65,7 +65,10 @@ class Grading:
         return np.minimum(self.h_site + self.slope * beyond, self.h)
 
     def cells(self, distance: ArrayLike) -> Array:
-        """Return the number of elements from a site to a distance, ∫ dx / size(x), any shape [-]."""
+        """Return the number of elements from a site to a distance, any shape [-].
+
+        The number is ∫ dx / size(x).
+        """
         d = np.asarray(distance, dtype=float)
         growing = np.clip(d - self.flat, 0.0, self.reach - self.flat)
         return np.asarray(
@@ -75,8 +78,9 @@ class Grading:
         )
 
     def distance(self, cells: ArrayLike) -> Array:
-        """Return the distance from a site after a number of elements, the inverse of `cells`, any
-        shape [m].
+        """Return the distance from a site after a number of elements, any shape [m].
+
+        This is the inverse of `cells`.
         """
         n = np.asarray(cells, dtype=float)
         n_flat, n_reach = self.cells(self.flat), self.cells(self.reach)

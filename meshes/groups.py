@@ -1,9 +1,9 @@
-"""The names of regions and boundaries in a mesh that meshio has read: from its sets of cells and
-its cell arrays.
+"""The names of regions and boundaries in a mesh that meshio has read.
 
-An array of whole numbers marks cells; zero and negative numbers mark no cells. An array of zeros
-and ones is one group with the array's name. An array of several numbers is one group per number.
-Each group is named by its number, or by the name that the file has for this number.
+The names come from its sets of cells and from its cell arrays. An array of whole numbers marks
+cells; zero and negative numbers mark no cells. An array of zeros and ones is one group with the
+array's name. An array of several numbers is one group per number. Each group is named by its
+number, or by the name that the file has for this number.
 """
 
 import re
@@ -17,15 +17,16 @@ from meshes.named import Named
 
 Marks = NDArray[np.bool_]
 
-MOST = 200  # numbers in an array that marks groups: an array with more is a numbering of the cells
+MOST = 200  # distinct numbers in an array that marks groups: an array with more is a numbering of the cells
 LABELS = re.compile(r"(.*[:_ ])?(physical|ref|tags?|\w*ids?|labels?|regions?|materials?)", re.IGNORECASE)
 SKIPPED = ("gmsh:geometrical", "gmsh:dim_tags")  # gmsh's internal numbers of entities
 PREFIXES = {"triangle": "boundary_", "tetra": "region_"}
 
 
 def named_groups(data: Any) -> tuple[Named, Named]:
-    """Return the triangles of named surfaces, `(k, 3)`, and the numbers of the tetrahedra of named
-    volumes.
+    """Return the triangles of named surfaces and the tetrahedra of named volumes.
+
+    Triangles have shape `(k, 3)`. Tetrahedra are given by their numbers.
     """
     triangles = cells_of(data, "triangle")
     surfaces = {name: triangles[marks] for name, marks in groups_of(data, "triangle").items()}
@@ -39,8 +40,9 @@ def cells_of(data: Any, kind: str) -> NDArray[np.int64]:
 
 
 def groups_of(data: Any, kind: str) -> dict[str, Marks]:
-    """Return which cells of a kind are in each group; groups without cells of the kind are left
-    out.
+    """Return which cells of a kind are in each group.
+
+    Groups without cells of the kind are left out.
     """
     found: dict[str, Marks] = {}
     for name, marks in (*marked_by_sets(data, kind), *marked_by_arrays(data, kind)):
@@ -73,8 +75,9 @@ def marked_by_arrays(data: Any, kind: str) -> Iterator[tuple[str, Marks]]:
 
 
 def names_of_numbers(data: Any, array: str, kind: str) -> dict[int, list[str]]:
-    """Return the file's names for the numbers of an array: names of families in MED or of physical
-    groups in gmsh.
+    """Return the file's names for the numbers of an array.
+
+    These are names of families in MED, or of physical groups in gmsh.
     """
     if array == "cell_tags":
         return dict(getattr(data, "cell_tags", {}))

@@ -28,8 +28,8 @@ class Laceration:
 
     The ellipsoid has the semi-axes `axes` [m]. `uneven` is the relative variation of its radius,
     from a random `seed`. The wedge has `length`, `width` and `depth` [m] at its middle, and closes
-    like an ellipse towards its ends. `rings` and `around` are the numbers of facets from end to end
-    along y and around y. `layers` is the number down each face of the wedge.
+    like an ellipse towards its ends. `rings` is the number of facets from end to end along y, and
+    `around` is the number around y. `layers` is the number of facets down each face of the wedge.
     """
 
     axes: tuple[float, float, float] = (0.03, 0.035, 0.02)
@@ -80,8 +80,8 @@ def lacerated(shape: Laceration) -> Skin:
 def ellipsoid(shape: Laceration) -> tuple[Array, Indices]:
     """Return points and triangles of the uneven ellipsoid without the wedge.
 
-    Its nodes are two poles at the ends of y, and rings of nodes around y. The first node of each
-    ring is on top, at x = 0.
+    The nodes are two poles at the ends of the y axis, and rings around this axis. The first node of
+    each ring is on top, at x = 0.
     """
     tilt = np.pi * np.arange(1, shape.rings) / shape.rings
     turn = 2.0 * np.pi * np.arange(shape.around) / shape.around
@@ -101,7 +101,10 @@ def ellipsoid(shape: Laceration) -> tuple[Array, Indices]:
 
 
 def unevenness(unit: Array, seed: int) -> Array:
-    """Return a smooth random function of directions (n, 3), with values of order 1, shape `(n,)`."""
+    """Return a smooth random function of directions `(n, 3)`, shape `(n,)`.
+
+    Its values are of order 1.
+    """
     random = np.random.default_rng(seed)
     waves = random.normal(size=(WAVES, 3))
     waves *= (random.uniform(LONGEST, SHORTEST, WAVES) / np.linalg.norm(waves, axis=1))[:, None]

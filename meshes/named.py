@@ -20,8 +20,8 @@ def named_mesh(
     """Return a checked mesh with named surfaces and volumes.
 
     Points have shape `(n, 3)` [m], tets `(m, 4)`, surfaces name → triangles `(k, 3)`, volumes name
-    → tet indices; `parts` as in `meshes.checks.check`. Raises the `MeshError` of this function, and
-    `MeshError` if a named triangle is not a facet.
+    → tet indices; `parts` as in `meshes.checks.check`. Raises the `MeshError` of
+    `meshes.checks.check`, and `MeshError` if a named triangle is not a facet.
     """
     mesh = checked_mesh(points, tets, parts=parts)
     boundaries = {name: facet_indices(mesh, triangles) for name, triangles in surfaces.items()}
@@ -42,7 +42,10 @@ def with_boundaries(mesh: skfem.MeshTet, boundaries: Named) -> skfem.MeshTet:
 def checked_mesh(
     points: Array, tets: NDArray[np.integer], twins: NDArray[np.integer] = NO_TWINS, parts: int | None = 1
 ) -> skfem.MeshTet:
-    """Return the `bare_mesh` of points and tets. Raises the `MeshError` of `meshes.checks.check`."""
+    """Return the `bare_mesh` of points and tets.
+
+    Raises the `MeshError` of `meshes.checks.check`.
+    """
     check(points, tets, twins, parts)
     return bare_mesh(points, tets)
 

@@ -46,8 +46,9 @@ def size_at(mesh: skfem.MeshTet, point: NDArray[np.floating]) -> float:
 
 
 def dihedral_angles(corners: Array) -> Array:
-    """Return the six angles between facets, corners of shape `(m, 4, 3)` [m], angles `(m, 6)`
-    [rad].
+    """Return the six angles between facets of each tetrahedron, `(m, 6)` [rad].
+
+    The corners have shape `(m, 4, 3)` [m].
     """
     normals = _facet_normals(corners)
     unit = normals / np.linalg.norm(normals, axis=2, keepdims=True)
@@ -75,8 +76,9 @@ def _edges(corners: Array) -> Array:
 
 
 def _facet_normals(corners: Array) -> Array:
-    """Return the outward normals of the four facets with the length of twice their areas, shape
-    `(m, 4, 3)`.
+    """Return the outward normals of the four facets, shape `(m, 4, 3)`.
+
+    Their length is twice the area of the facet.
     """
     facets = corners[:, FACETS_OF_TET]
     normals = np.cross(facets[:, :, 1] - facets[:, :, 0], facets[:, :, 2] - facets[:, :, 0])

@@ -1,6 +1,6 @@
-"""Closed triangulated surfaces (STL, OBJ, PLY, VTK PolyData) filled with graded tetrahedra by gmsh.
+"""Graded tetrahedra in closed triangulated surfaces (STL, OBJ, PLY, VTK PolyData), by gmsh.
 
-gmsh runs without end on some surfaces that cross themselves. A surface is therefore checked here
+gmsh does not finish on some surfaces that cross themselves. Each surface is therefore checked here
 first.
 """
 
@@ -29,15 +29,16 @@ Indices = NDArray[np.int64]
 
 FORMATS = (".stl", ".obj", ".ply", ".vtp")  # and .vtk with PolyData
 POLYDATA = (".vtp", ".vtk")  # read by VTK, because meshio only reads volume meshes of these formats
-WELD = 1e-7  # of the surface's diagonal: nodes as near are merged; STL repeats corners in single precision
+WELD = 1e-7  # of the surface's diagonal: nodes closer than this are merged; STL repeats corners in single precision
 SHARP = 40.0  # degrees between facets: with a larger angle their common edge stays an edge of the organ
 BLOCK = 2_000_000  # pairs of triangles that are tested together, to limit memory
 
 
 @dataclass(frozen=True)
 class Skin:
-    """A closed surface that does not cross itself: points `(n, 3)` [m], triangles `(m, 3)`; made by
-    `read_surface`.
+    """A closed surface that does not cross itself, as made by `read_surface`.
+
+    It has points `(n, 3)` [m] and triangles `(m, 3)`.
     """
 
     points: Array
@@ -45,8 +46,9 @@ class Skin:
 
     @property
     def volume(self) -> float:
-        """Volume inside [m³]: Σ ± a·(b × c)/6, with signs that make the orientation of all
-        triangles equal.
+        """Volume inside [m³], Σ ± a·(b × c)/6.
+
+        The signs make the orientation of all triangles equal.
         """
         a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
         return abs(float(_turns(self.triangles) @ np.einsum("ij,ij->i", a, np.cross(b, c)))) / 6
@@ -55,8 +57,8 @@ class Skin:
 def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
     """Return the surface of a file; `metres_per_unit` is the length of one file unit [m].
 
-    Raises `MeshError` with the name of the file if it cannot be read. It is also raised for a
-    surface that is open, is not a manifold, has several pieces or crosses itself.
+    Raises `MeshError` with the name of the file if the file cannot be read, or if the surface is
+    open, is not a manifold, has several pieces or crosses itself.
     """
     try:
         points, triangles = welded(*_triangles(Path(path)))
@@ -69,11 +71,10 @@ def read_surface(path: str | Path, metres_per_unit: float) -> Skin:
 
 
 def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
-    """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m], with the
-    boundary "surface".
+    """Return a mesh of the inside of a surface by gmsh, graded toward sites `(p, 3)` [m].
 
-    The surface is cut into patches at its sharp edges. Each patch is triangulated again with nodes
-    on the given facets. Raises `MeshError` if gmsh fails.
+    The mesh has the boundary "surface". The surface is cut into patches at its sharp edges. Each
+    patch is triangulated again with nodes on the given facets. Raises `MeshError` if gmsh fails.
     """
     unit = float(np.ptp(skin.points, axis=0).max())
     with session() as gmsh:
@@ -93,8 +94,9 @@ def fill(skin: Skin, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
 
 
 def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
-    """Return points and triangles with coincident nodes merged; triangles that lose a corner are
-    left out.
+    """Return points and triangles with coincident nodes merged.
+
+    Triangles that lose a corner are left out.
     """
     reach = WELD * float(np.linalg.norm(np.ptp(points, axis=0)))
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
@@ -107,10 +109,10 @@ def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
 
 
 def check_closed(points: Array, triangles: Indices) -> None:
-    """Raise `MeshError` if an edge of a surface does not belong to two triangles, or if it has
-    several pieces.
+    """Raise `MeshError` for a surface that is not closed, not a manifold or in several pieces.
 
-    Points have shape `(n, 3)`, triangles `(m, 3)`.
+    In a closed manifold each edge belongs to two triangles. Points have shape `(n, 3)`, triangles
+    `(m, 3)`.
     """
     if not len(triangles):
         raise MeshError("it has no triangle with three distinct corners: give a closed surface")
@@ -135,11 +137,10 @@ def check_closed(points: Array, triangles: Indices) -> None:
 
 
 def check_simple(points: Array, triangles: Indices) -> None:
-    """Raise `MeshError` for a surface that crosses or folds onto itself; points `(n, 3)`, triangles
-    `(m, 3)`.
+    """Raise `MeshError` for a surface that crosses or folds onto itself.
 
-    Two triangles cross if an edge of one pierces the other. Neighbours fold if they lie on the same
-    side of their common edge.
+    Points have shape `(n, 3)`, triangles `(m, 3)`. Two triangles cross if an edge of one pierces
+    the other. Neighbours fold if they lie on the same side of their common edge.
     """
     crossing = _crossing(points, triangles, _near_pairs(points, triangles))
     if len(crossing):
@@ -151,8 +152,9 @@ def check_simple(points: Array, triangles: Indices) -> None:
 
 
 def _triangles(path: Path) -> tuple[Array, Indices]:
-    """Return points `(n, 3)` and triangles `(m, 3)` of a surface file; polygons with more corners
-    are refused.
+    """Return points `(n, 3)` and triangles `(m, 3)` of a surface file.
+
+    Polygons with more corners are refused.
     """
     if path.suffix.lower() == ".ply" and path.is_file():
         _check_ply_header(path)
@@ -180,10 +182,10 @@ def _meshio_arrays(path: Path) -> tuple[Array, Indices]:
 
 
 def polydata_arrays(path: Path) -> tuple[Array, Indices]:
-    """Return points and triangles of VTK PolyData; strips are split into triangles.
+    """Return points and triangles of VTK PolyData.
 
-    Call this function in a separate process, because VTK does not finish on some damaged files.
-    Raises `MeshError` for other contents.
+    Strips are split into triangles. Call this function in a separate process, because VTK does not
+    finish on some damaged files. Raises `MeshError` for other contents.
     """
     try:
         import pyvista as pv
@@ -199,10 +201,10 @@ def polydata_arrays(path: Path) -> tuple[Array, Indices]:
 
 
 def _check_ply_header(path: Path) -> None:
-    """Raise `MeshError` if the header of a PLY file does not end, or declares more elements than
-    the file can have.
+    """Raise `MeshError` if a PLY header does not end or declares more elements than possible.
 
-    meshio would read such a file for hours or without end (meshio 5.3).
+    At most one element per byte of the file is possible. meshio would read such a file for hours or
+    without end (meshio 5.3).
     """
     header, size = [], path.stat().st_size
     with path.open("rb") as file:
@@ -249,8 +251,9 @@ def _crossing(points: Array, triangles: Indices, pairs: Indices) -> Indices:
 
 
 def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
-    """Return whether each pair of triangles, shape `(k, 3)` each, has common points other than
-    common nodes.
+    """Return whether each pair of triangles has common points other than common nodes.
+
+    The triangles of all pairs have shape `(k, 3)` each.
     """
     common = (first[:, :, None] == second[:, None, :]).any(axis=2).sum(axis=1)
     crossed = np.asarray(common == 3)
@@ -266,8 +269,9 @@ def _cross(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
 
 
 def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np.bool_]:
-    """Return whether each of the `triangles` has nodes on both sides of the plane of its partner in
-    `others`.
+    """Return whether each triangle has nodes on both sides of its partner's plane.
+
+    The partners are the `others`.
     """
     a, b, c = np.moveaxis(points[others], 1, 0)
     height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
@@ -276,8 +280,9 @@ def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np
 
 
 def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
-    """Return whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`, by the signs of five
-    volumes.
+    """Return whether segments `(k, 2, 3)` pass through triangles `(k, 3, 3)`.
+
+    The signs of five volumes decide.
     """
     p, q = segments[:, 0], segments[:, 1]
     a, b, c = np.moveaxis(triangles, 1, 0)
@@ -308,14 +313,14 @@ def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]
 
 
 def _turns(triangles: Indices) -> Array:
-    """Return signs `(m,)` that make the orientation of all triangles of a closed manifold equal.
+    """Return signs `(m,)` that make the orientations of a closed manifold's triangles equal.
 
     The signs are propagated over edges from the first triangle.
     """
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(edges, axis=1).T)
     one, other = order[::2], order[1::2]
-    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # equal turns pass it in opposite ways
+    alike = np.where((edges[one] == edges[other]).all(axis=1), -1.0, 1.0)  # −1 if the two turns differ
     shape = (len(triangles),) * 2
     graph = coo_array((np.tile(alike, 2), (np.r_[one, other] // 3, np.r_[other, one] // 3)), shape=shape).tocsr()
     walk, before = breadth_first_order(abs(graph), 0, directed=False)

@@ -1,9 +1,8 @@
-"""A block with a wound cut down from the middle of its top: a closed slit, or an opening with an
-elliptical outline.
+"""A block with a wound cut down from the middle of its top.
 
-The mesh is symmetric about the wound's plane, so that the two lips match node by node and facet by
-facet: gmsh meshes only one half. A closed slit has two coincident nodes at each place, one for each
-lip.
+The wound is a closed slit, or an opening with an elliptical outline. The mesh is symmetric about
+the wound's plane, so that the two lips match node by node and facet by facet: gmsh meshes only one
+half. A closed slit has two coincident nodes at each place, one for each lip.
 """
 
 from collections.abc import Sequence
@@ -43,12 +42,11 @@ NARROWEST = 1e-5  # of the block's longest side: gmsh does not finish with cuts 
 
 @dataclass(frozen=True)
 class Wound:
-    """A cut from the top down to `depth`, with a `length` along the axis `along`, centred at x = y
-    = 0 [m].
+    """A cut from the top down to `depth`, centred at x = y = 0 [m].
 
-    `width` is zero for a closed slit, otherwise the widest opening of an ellipse with vertical
-    walls. The left lip is at lower x (wound along y) or lower y (wound along x). Raises `MeshError`
-    unless lengths are positive and finite.
+    It has a `length` along the axis `along`. `width` is zero for a closed slit; otherwise it is the
+    widest opening of an ellipse with vertical walls. The left lip is at lower x (wound along y) or
+    lower y (wound along x). Raises `MeshError` unless lengths are positive and finite.
     """
 
     length: float
@@ -104,11 +102,11 @@ class Lips:
 def wounded_block_structured(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Return a structured mesh of a block with a closed slit; for sizes, sites and planes see
-    `graded_block_structured`.
+    """Return a structured mesh of a block with a closed slit.
 
-    Boundaries are the boundaries of the block, lip_left and lip_right. Raises `MeshError` as
-    `graded_block_structured` does, for a wound that does not fit, and for an open wound.
+    Sizes, sites and planes are as in `graded_block_structured`. Boundaries are the boundaries of
+    the block, lip_left and lip_right. Raises `MeshError` as `graded_block_structured` does, for a
+    wound that does not fit, and for an open wound.
     """
     wound.check_fits(size)
     if wound.width:
@@ -118,7 +116,8 @@ def wounded_block_structured(
     length, depth = wound.length / 2, wound.depth
     cuts = ((*frame.planes[0], 0.0), (*frame.planes[1], -length, length), (*frame.planes[2], -depth))
     lines = [graded_lines(frame.lower[k], frame.upper[k], points[:, k], grading, cuts[k]) for k in range(3)]
-    # A diagonal must start at the slit's lower corners: with the other diagonal a facet would not be cut.
+    # A diagonal must start at the slit's lower corners: with the other diagonal a facet would not
+    # be cut.
     corner = [np.abs(lines[k] - place).argmin() for k, place in enumerate((0.0, length, -depth))]
     tets = split(lines, mirrored=bool(sum(corner) % 2))
     return frame.finish(*_slit(grid_points(lines), tets, frame))
@@ -127,12 +126,12 @@ def wounded_block_structured(
 def wounded_block_gmsh(
     size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
-    """Return a mesh of the wounded block by gmsh, graded toward the sites and their mirror images
-    across the wound.
+    """Return a mesh of the wounded block by gmsh.
 
-    Sites have shape `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right
-    and, in an open wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a
-    wound that does not fit, a site outside the block, and if gmsh cannot load.
+    The mesh is graded toward the sites and their mirror images across the wound. Sites have shape
+    `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
+    wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a wound that does
+    not fit, a site outside the block, and if gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
@@ -171,7 +170,10 @@ def lips(mesh: skfem.MeshTet, wound: Wound) -> Lips:
 
 @dataclass(frozen=True)
 class _Frame:
-    """A wounded block of a size `(3,)` [m] in the wound's axes: x normal to the wound, y along it."""
+    """A wounded block of a size `(3,)` [m] in the wound's axes.
+
+    x is normal to the wound, and y is along the wound.
+    """
 
     size: Sequence[float]
     wound: Wound
@@ -219,7 +221,10 @@ class _Frame:
         return self.wound.depth >= -self.lower[2] * (1 - ON_PLANE)
 
     def local(self, points: Array) -> Array:
-        """Return points of the block, shape `(…, 3)`, in the wound's axes; the same map leads back."""
+        """Return points of the block, shape `(…, 3)`, in the wound's axes.
+
+        The map is its own inverse.
+        """
         return np.array(points[..., self.order])
 
     def finish(self, points: Array, tets: Indices, twins: Indices) -> skfem.MeshTet:
@@ -250,7 +255,7 @@ class _Frame:
 def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, Indices]:
     """Return points, tetrahedra and coincident pairs of nodes of the block with its slit opened.
 
-    The nodes inside the slit get a twin for the right lip. The plane of the slit must consist of
+    Each node inside the slit gets a twin for the right lip. The plane of the slit must consist of
     facets.
     """
     slack, wound = frame.slack, frame.wound
@@ -280,11 +285,11 @@ def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indice
 
 
 def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Cut the face x = 0 along the slit's outline, and along lines from its lower corners to the
-    top.
+    """Cut the face x = 0 along the slit's outline and along lines in the slit.
 
-    A triangle with two sides on the outline would have no inner node and could not open. With these
-    lines every triangle has at most one side on the outline.
+    These lines go from the slit's lower corners to the top. A triangle with two sides on the
+    outline would have no inner node and could not open. With these lines every triangle has at most
+    one side on the outline.
     """
     length, depth = wound.length / 2, wound.depth
     foot = length - depth if depth < 0.9 * length and not frame.through else 0.0

@@ -1,9 +1,9 @@
 """Stiffness, mass and dilatation of straight tetrahedra, summed over the cells in one compiled
 pass.
 
-In a cell ∇φ_i = Σ_c s_ic g_c with the gradients g_0 to g_3 of its barycentric coordinates, which
-are constant in the cell. Every integral is then a sum of products of the g_c, weighted by means
-over the reference cell. These means come from scikit-fem's shape functions and quadrature
+In a cell, ∇φ_i = Σ_c s_ic g_c. The gradients g_0 to g_3 of its barycentric coordinates are constant
+in the cell. Every integral is then a sum of products of the g_c, weighted by means over the
+reference cell. These means come from scikit-fem's shape functions and quadrature
 (`ReferenceMeans`). Numba compiles the loops at their first call and caches them on disk.
 """
 
@@ -22,7 +22,7 @@ from tissue.loops import compiled
 Whole = NDArray[Any]  # integers of 4 or 8 bytes
 
 LARGEST_INT32 = np.iinfo(np.int32).max
-NONE = 1e-12  # of a slope in the reference cell, whose edges have length one: smaller values are round-off
+NONE = 1e-12  # of a slope in the reference cell with edges of length one: smaller values are round-off
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class ReferenceMeans:
     """Means over a cell of products of its n shape functions φ, their slopes and the four linear
     functions ψ.
 
-    With ∇φ_i = Σ_c s_ic g_c, `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd, `shapes` `(n, n)`
-    the means of φ_i φ_j, and `fluxes` `(4, n, 4)` the means of ψ_a s_jc.
+    ∇φ_i = Σ_c s_ic g_c. `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd. `shapes` `(n, n)` are
+    the means of φ_i φ_j, and `fluxes` `(4, n, 4)` those of ψ_a s_jc.
     """
 
     slopes: Array
@@ -40,8 +40,9 @@ class ReferenceMeans:
 
     @property
     def apart(self) -> "ReferenceMeans":
-        """The same means, but with the mean of s_ic times the mean of s_jd as `slopes`, for terms
-        of a cell's mean slope.
+        """The same means for terms of a cell's mean slope.
+
+        Their `slopes` are the mean of s_ic times the mean of s_jd.
         """
         mean = self.fluxes.sum(axis=0)  # the sum of the four linear functions is one
         mean[np.abs(mean) <= NONE] = 0.0
@@ -69,10 +70,11 @@ def _shapes(element: Element, X: Array) -> tuple[Array, Array]:
 
 
 def _shortest(slope: Array) -> Array:
-    """Return slopes along all four barycentric coordinates, with the most zeros, from slopes along
-    three `(3, x)`.
+    """Return slopes along all four barycentric coordinates from slopes along three of them `(3,
+    x)`.
 
-    The four gradients sum to zero, so that a common value can be added to all slopes.
+    The four gradients sum to zero, so that a common value can be added to all slopes. The value
+    that gives the most zeros is chosen.
     """
     four = np.vstack([np.zeros_like(slope[:1]), slope])
     ways = [np.where(np.abs(way) > NONE, way, 0.0) for way in (four - corner for corner in four)]
@@ -108,8 +110,9 @@ def cell_graph(cells: Whole, nodes: int) -> CellGraph:
 
 
 def barycentric_gradients(points: Array, graph: CellGraph) -> tuple[Array, Array]:
-    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³]; nodes are at
-    `points` `(m, 3)` [m].
+    """Return g_0 to g_3 of every cell, `(c, 12)` [1/m], and its volume, `(c,)` [m³].
+
+    The nodes are at `points` `(m, 3)` [m].
     """
     return _gradients(np.ascontiguousarray(points), graph.cells)
 
@@ -133,8 +136,9 @@ def stiffness_and_mass(
 
 
 def fluxes(graph: CellGraph, means: ReferenceMeans, gradients: Array, vertices: int, volumes: Array) -> csr_matrix:
-    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²]; cells with a given volume of zero are
-    left out.
+    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²].
+
+    Cells with a volume of zero in `volumes` are left out.
     """
     D = _zeros(graph, vertices, 1, 3)
     _add_fluxes(*_arrays(graph), gradients, means.fluxes, volumes, vertices, D.data)
@@ -148,8 +152,8 @@ def _arrays(graph: CellGraph) -> tuple[Whole, Whole, Whole, Whole, Whole]:
 def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
     """Return a matrix of zeros with `rows` rows for each of the first `nodes` nodes.
 
-    A row has entries for all three unknowns of each neighbour, or with `width` 1 only for the
-    component of the row.
+    A row has entries for all three unknowns of each neighbour. With `width` 1 it has entries only
+    for the component of the row.
     """
     first, neighbours = graph.first[: nodes + 1], graph.neighbours[: graph.first[nodes]]
     entries, columns = rows * width * len(neighbours), 3 * graph.nodes
@@ -181,9 +185,9 @@ def _cells_around(cells: Whole, nodes: int) -> tuple[Whole, Whole]:
 @compiled
 def _neighbours(cells: Whole, begin: Whole, around: Whole) -> tuple[Whole, Whole]:
     """Return the start index of the neighbours of each node, `(m + 1,)`, and the list of
-    neighbours, sorted per node.
+    neighbours.
 
-    Neighbours are nodes that share a cell with the node.
+    The neighbours of a node are the nodes that share a cell with it, sorted.
     """
     nodes, count = len(begin) - 1, 0
     first, found = np.zeros(nodes + 1, np.int64), np.empty(len(around) * cells.shape[1], np.int32)
@@ -252,8 +256,9 @@ def _add_rows(
     K: Array,
     mass: Array,
 ) -> None:
-    """Add up the rows of K and of the nodal mass, node by node, so that the rows stay in the
-    processor's cache.
+    """Add up the rows of K and of the nodal mass, node by node.
+
+    The rows of a node then stay in the processor's cache.
 
     For the nodes i and j of a cell, B = ⟨∇φ_i ⊗ ∇φ_j⟩ is a sum of products g_c ⊗ g_d with
     `weights`. The `terms` 4 c + d of this sum begin at `sums[n i + j]`. B adds λ B + μ Bᵀ + μ tr B

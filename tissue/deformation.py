@@ -8,8 +8,9 @@ from tissue.materials.density import Density
 
 
 def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
-    """Return F = I + ∂U/∂X, the mean over each cell, shape `(c, 3, 3)` [-]; `U` [m] is over all
-    unknowns `(N,)`.
+    """Return the mean of F = I + ∂U/∂X over each cell, shape `(c, 3, 3)` [-].
+
+    `U` [m] is a field over all unknowns `(N,)`.
     """
     return _cell_means(hyper, hyper.gradient(U))
 
@@ -45,7 +46,7 @@ def cell_energy(hyper: Hyperelasticity, U: Array, density: Density | None = None
 
 
 def cell_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the Cauchy stress σ = P Fᵀ/J, the mean over each cell, shape `(c, 3, 3)` [Pa]."""
+    """Return the mean of the Cauchy stress σ = P Fᵀ/J over each cell, shape `(c, 3, 3)` [Pa]."""
     F = hyper.gradient(U)
     sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / hyper.dilatation(F)
     return _cell_means(hyper, sigma)

@@ -1,11 +1,12 @@
 """Small-strain isotropic linear elasticity on tetrahedra, with scikit-fem's elements and bases.
 
 Nearly incompressible tissue locks if every cell must keep its own volume, because a tetrahedral
-mesh has five to six cells per vertex. There the part of λ beyond the value at ν = 0.3 acts on the
-dilatation averaged at the vertices (Bonet & Burton, Commun. Numer. Meth. Engng 14, 1998). This is
-one constraint per vertex. With P2 it is the pressure of the Taylor–Hood element with a lumped mass.
-The rest of λ acts on the dilatation of each cell and resists modes that the average does not see
-(Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both formulations are equal.
+mesh has five to six cells per vertex. For such tissue, the part of λ beyond the value at ν = 0.3
+acts on the dilatation averaged at the vertices (Bonet & Burton, Commun. Numer. Meth. Engng 14,
+1998). This is one constraint per vertex. With P2 it is the pressure of the Taylor–Hood element with
+a lumped mass. The rest of λ acts on the dilatation of each cell and resists modes that the average
+does not see (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both formulations are
+equal.
 
 Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`). These
 are about twenty times as fast as scikit-fem's forms and give the same numbers up to round-off.
@@ -33,13 +34,15 @@ log = logging.getLogger(__name__)
 
 ELEMENTS = {"P1": ElementTetP1, "P2": ElementTetP2}
 DILATATIONS = ("auto", "cell", "nodal")
-# ν above which "auto" averages: the error of a P1 layer is 1.7 times the error at 0.3, and 3.6 times at 0.49
+# ν above which "auto" averages: the error of a P1 layer is 1.7 times the error at ν = 0.3, and 3.6
+# times at ν = 0.49
 NU_LOCKING = 0.45
-NU_CELLWISE = 0.3  # ν whose λ acts cell by cell
+NU_CELLWISE = 0.3  # ν of the λ that acts cell by cell
 VERTICES = 4  # of a tetrahedron: a gradient that is linear in a cell is largest at a vertex
 NO_POINTS = (np.zeros((3, 0)), np.zeros(0))  # the basis only numbers unknowns; shape functions are computed elsewhere
 
-# With more entries of the local matrices, scikit-fem takes longer than the loading of Numba: 20 000 P1 cells, 1 s
+# Entries of the local matrices. With more entries, scikit-fem takes longer than the loading of
+# Numba: 20 000 P1 cells, 1 s
 COMPILED_BEYOND = 3_000_000
 ENTRIES = 15_000_000  # of the local matrices that are computed together: half a gigabyte
 
@@ -107,19 +110,20 @@ class Elasticity:
 
     @cached_property
     def corner_slopes(self) -> csr_matrix:
-        """∂/∂x_j of a nodal field `(m,)` at the corners of each cell, its largest values, shape `(3
-        a c, m)` [1/m].
+        """Matrix from a nodal field `(m,)` to its ∂/∂x_j at the corners of each cell, `(3 a c, m)`
+        [1/m].
 
-        There is a row for each j, corner and cell; with P1 only one corner, because the gradient is
-        constant. Every frame of the output uses this matrix.
+        The derivatives are largest at the corners. There is a row for each j, corner and cell. With
+        P1 there is only one corner, because the gradient is constant. Every frame of the output
+        uses this matrix.
         """
         corners = np.asarray(ELEMENTS[self.element]().doflocs)[:VERTICES]
         return slope_matrix(self, corners if self.element == "P2" else corners[:1])
 
     @cached_property
     def mean_slopes(self) -> tuple[csr_matrix, Array, Array]:
-        """∂/∂x_j as in `corner_slopes`, at quadrature points; with these points `(a, 3)` and their
-        weights `(a,)`.
+        """Matrix as `corner_slopes` for quadrature points, these points `(a, 3)` and their weights
+        `(a,)`.
 
         The rule is exact for the square of a strain. Its points are in the reference cell, and its
         weights sum to 1.
@@ -136,20 +140,19 @@ class Elasticity:
 
     @cached_property
     def six_volumes(self) -> Array:
-        """Determinant of ∂x/∂ξ in each cell, without its sign, shape `(c,)` [m³]."""
+        """Absolute value of the determinant of ∂x/∂ξ in each cell, shape `(c,)` [m³]."""
         return np.abs(self.signed_six_volumes)
 
     def edge_numbers(self, edges: Indices) -> Indices:
-        """Return the numbers in the mesh of edges given by their two vertices `(k, 2)`, shape
-        `(k,)`.
-        """
+        """Return the numbers of edges in the mesh, `(k,)`, from their two vertices `(k, 2)`."""
         known, asked = (np.sort(pairs, axis=1) @ [self.mesh.nvertices, 1] for pairs in (self.mesh.edges.T, edges))
         order = np.argsort(known)
         return np.asarray(order[np.searchsorted(known, asked, sorter=order)])
 
     def facet_nodes(self, triangles: Indices) -> Indices:
-        """Return the nodes of facets given by their vertices `(f, 3)`: the vertices, and with P2
-        the middles of the edges.
+        """Return the nodes of facets from their vertices `(f, 3)`.
+
+        The nodes are the vertices; with P2, the middles of the edges follow.
 
         The edges are in the order 01, 12, 02.
         """
@@ -159,8 +162,8 @@ class Elasticity:
         return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
 
     def connectivity(self) -> tuple[Array, Indices, Indices]:
-        """Return `(points, cells, nodes)`: the mesh for a file of the organ, and the map from nodes
-        to unknowns.
+        """Return `points`, `cells` and `nodes`: the mesh for a file of the organ, and the unknowns
+        of its nodes.
         """
         return self.points, self.cells, self.nodes
 
@@ -169,16 +172,19 @@ class Elasticity:
         return field[self.nodes]
 
     def rows_of(self, nodes: Indices) -> csr_matrix:
-        """Return the displacement of `nodes` `(r,)` over the free unknowns, as rows of ones, shape
+        """Return the matrix from the free unknowns to the displacement of `nodes` `(r,)`, shape
         `(3r, N)`.
+
+        Its entries are ones.
         """
         unknowns = self.nodes[nodes].ravel()
         at = np.arange(unknowns.size), unknowns
         return csr_matrix((np.ones(unknowns.size), at), (unknowns.size, self.N))[:, self.free]
 
     def flat(self, nodal: Array) -> Array:
-        """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`: the inverse of
-        `nodal`.
+        """Return one vector per node `(m, 3)` as a field over all unknowns `(N,)`.
+
+        This is the inverse of `nodal`.
         """
         field = np.empty(self.N)
         field[self.nodes] = nodal
@@ -252,8 +258,9 @@ def numbering(mesh: MeshTet, element: str) -> Basis:
 
 
 class Assembled(NamedTuple):
-    """K [N/m] and M [kg], `(N, N)`, without averaged terms; and flux and pressure of
-    `nodal_dilatation`, or None.
+    """K [N/m] and M [kg], `(N, N)` each, without averaged terms.
+
+    `dilatations` are flux and pressure of `nodal_dilatation`, or None without averaging.
     """
 
     K: csr_matrix
@@ -267,15 +274,16 @@ def is_compiled(basis: Basis) -> bool:
 
 
 def assembled_by_scikit_fem(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
-    """Assemble by scikit-fem's forms; `excess` is the part of λ averaged at the vertices, None
-    without averaging.
+    """Assemble by scikit-fem's forms.
+
+    `excess` is the part of λ averaged at the vertices; None means no averaging.
     """
     dilatations = None if excess is None else nodal_dilatation(basis, excess)
     return Assembled(stiffness(basis, lam, mu), mass(basis, rho), dilatations)
 
 
 def assembled_by_loops(basis: Basis, lam: PerCell, mu: PerCell, rho: PerCell, excess: PerCell | None) -> Assembled:
-    """Assemble by compiled loops over the nodes; `excess` as for scikit-fem's forms."""
+    """Assemble by compiled loops over the nodes; `excess` is as for scikit-fem's forms."""
     from tissue import assembly  # loads Numba
 
     mesh = basis.mesh
@@ -330,7 +338,7 @@ def cellwise_lambda(material: Material) -> PerCell:
 
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """Assemble K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
-    # The strain of P_k has degree k − 1, so that K needs no rule of degree 2k as the load does.
+    # The strain of P_k has degree k − 1. K therefore needs no rule of degree 2k, as the load does.
     exact = max(1, 2 * (basis.elem.elem.maxdeg - 1))
     return assemble(BilinearForm(_strain_energy), basis, exact, lam=_per_cell(lam), mu=_per_cell(mu))
 
@@ -350,16 +358,19 @@ def nodal_dilatation(basis: Basis, excess: PerCell) -> tuple[csr_matrix, csr_mat
 
 
 def _softness(mesh: MeshTet, excess: PerCell) -> tuple[Array, Array]:
-    """Return 1 for each cell with an excess λ̄ of λ, else 0; and 1/λ̄ [1/Pa], zero without excess;
-    `(c,)` each.
+    """Return 1 for each cell with an excess λ̄ of λ, else 0, and 1/λ̄ [1/Pa], `(c,)` each.
+
+    1/λ̄ is set to zero in a cell without excess.
     """
     lam = np.broadcast_to(np.asarray(excess, float), mesh.nelements)
     return (lam > 0.0).astype(float), np.divide(1.0, lam, out=np.zeros(lam.size), where=lam > 0.0)
 
 
 def _pressure(D: csr_matrix, volume: Array) -> csr_matrix:
-    """Return p = diag(1/volume) D; `volume` is volume over λ̄ of each vertex [m³/Pa], and p is zero
-    if it is zero.
+    """Return p = diag(1/volume) D.
+
+    `volume` is the volume of each vertex divided by λ̄ [m³/Pa]. At a vertex where it is zero, p is
+    zero.
     """
     return csr_matrix(diags_array(np.divide(1.0, volume, out=np.zeros(volume.size), where=volume > 0.0)) @ D)
 
@@ -402,7 +413,7 @@ def assemble(form: BilinearForm, basis: Basis, intorder: int, **fields: NDArray[
     """Assemble the matrix of a form over the unknowns of `basis`, with a quadrature exact to degree
     `intorder`.
 
-    `fields` are `(1, 1)`, or `(cells, 1)` for a value per cell.
+    `fields` have shape `(1, 1)`, or `(cells, 1)` for a value per cell.
     """
     count, matrix = basis.mesh.nelements, csr_matrix((basis.N, basis.N))
     for cells in np.array_split(np.arange(count), 1 + count * basis.Nbfun**2 // ENTRIES):

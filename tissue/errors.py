@@ -2,8 +2,9 @@
 
 
 class TissueError(ValueError):
-    """An impossible organ, material or site: one sentence with the value, the allowed values and
-    the remedy.
+    """An impossible organ, material or site.
+
+    The message is one sentence with the value, the allowed values and the remedy.
     """
 
 
@@ -12,4 +13,7 @@ class FactorError(RuntimeError):
 
 
 class OrganError(RuntimeError):
-    """No converged answer of an organ to its forces; the step is then repeated as two half steps."""
+    """No converged answer of an organ to its forces.
+
+    The step is then repeated as two half steps.
+    """

@@ -1,11 +1,11 @@
-"""Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX, F = I + ∇U (total
-Lagrangian).
+"""Finite strain on the organ's elements: energy, force and tangent of ∫ W(F) dX with F = I + ∇U
+(total Lagrangian).
 
 W is a density of distortion (`tissue.materials`) plus κ/2 (J − 1)² with the same E and ν as the
-linear organ. At small strain it equals the linear organ. If the linear organ averages its
+linear organ. At small strain the body equals the linear organ. If the linear organ averages its
 dilatation (`tissue.elasticity`), the part of κ beyond the value at ν = 0.3 acts here on J averaged
 at the vertices: ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton,
-Commun. Numer. Meth. Engng 14, 1998). This is an energy, so that the tangent is symmetric.
+Commun. Numer. Meth. Engng 14, 1998). This term is an energy, so that the tangent is symmetric.
 """
 
 from collections.abc import Sequence
@@ -32,10 +32,11 @@ NONE = (1.0, 1.0, 1.0)  # stretches without prestretch
 
 @dataclass(frozen=True)
 class Pattern:
-    """The pattern that adds local matrices to a sparse one of `indices`, `indptr` and `shape`.
+    """The pattern by which local matrices are added to a sparse matrix with `indices`, `indptr` and
+    `shape`.
 
-    `block` `(…)` is the number of each local block. `order` sorts the numbers of all blocks into
-    the data of the sparse matrix.
+    `block` `(…)` is the index of each local block. `order` sorts the entries of all blocks into the
+    data of the sparse matrix.
     """
 
     block: Indices
@@ -45,8 +46,8 @@ class Pattern:
     shape: tuple[int, int]
 
     def matrix(self, local: Array) -> csr_matrix:
-        """Return the sum of `local` blocks, shape `(rows, columns, …)`: the axes of a block come
-        first.
+        """Return the sum of the `local` blocks, shape `(rows, columns, …)`; the axes of a block
+        come first.
         """
         each = local.reshape(-1, self.block.size)
         sums = [np.bincount(self.block, part) for part in each]
@@ -72,10 +73,10 @@ def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: I
 
 @dataclass(frozen=True, eq=False)
 class Hyperelasticity:
-    """A body at finite strain: an elastic `body` for its mesh, supports, E, ν and mass, and a
-    density of `distortion`.
+    """A body at finite strain.
 
-    `distortion` None means the neo-Hookean solid with the body's μ. `prestretch` are principal
+    The elastic `body` gives mesh, supports, E, ν and mass. `distortion` is the density of
+    distortion; None means the neo-Hookean solid with the body's μ. `prestretch` are principal
     stretches of the reference shape along x, y, z, `(3,)` or `(3, cells)` [-]. Fields U [m] are
     over all unknowns `(N,)`. Forces are over all unknowns, tangents over the free ones.
     """
@@ -127,10 +128,10 @@ class Hyperelasticity:
         return self.distortion or Exponential(self.body.material.lame_mu)
 
     def density_of(self, parts: Sequence[Density]) -> Density:
-        """Return the sum of the densities `parts` and of the volumetric density, in the reference
+        """Return the sum of the densities `parts` and of the volumetric density, for the reference
         shape.
 
-        The densities are for the tissue without prestretch.
+        The given densities are for the tissue without prestretch.
         """
         whole, stretches = Sum([*parts, Volumetric(self.kappa)]), np.asarray(self.prestretch, dtype=float)
         return whole if np.all(stretches == 1.0) else Prestretched(whole, stretches)
@@ -191,8 +192,9 @@ class Hyperelasticity:
         return self._at_vertices(self._hats * (J - 1.0 / self._before))
 
     def pressure(self, U: Array) -> Array:
-        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]; zero without
-        averaging.
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa].
+
+        It is zero without averaging.
         """
         if self.body.pressure is None:
             return np.zeros(self.body.mesh.nvertices)
@@ -216,13 +218,14 @@ class Hyperelasticity:
         return np.ascontiguousarray(np.moveaxis(self.body.nodes[self.body.cells], 0, 2))
 
     def energy(self, F: Array, density: Density | None = None) -> float:
-        """Return the stored energy [J] of deformation gradients from `gradient`; infinite if a cell
-        is inverted.
+        """Return the stored energy [J] of deformation gradients from `gradient`.
+
+        It is infinite if a cell is inverted.
 
         Here and below, a given `density` replaces the density of the body.
 
-        The energy is zero for tissue without prestretch. It therefore includes the energy of the
-        reference shape, `energy_of_prestretch`.
+        The energy is zero in the shape of the tissue without prestretch. It therefore includes the
+        energy of the reference shape, `energy_of_prestretch`.
         """
         J = determinant(F)
         if not J.min() > 0.0:
@@ -243,8 +246,9 @@ class Hyperelasticity:
         return bool(determinant(F).min() > 0.0)
 
     def energy_at_points(self, F: Array, density: Density | None = None) -> Array:
-        """Return the stored energy of each quadrature point, shape `(q, c)` [J], including its
-        share of averaged terms.
+        """Return the stored energy of each quadrature point, shape `(q, c)` [J].
+
+        It includes the share of the point in averaged terms.
         """
         stored = self.weights * (density or self.density).energy(F)
         if self.body.pressure is not None:

@@ -5,12 +5,12 @@ pressures.
     f_a = −∫ φ_a p (x_ξ × x_η) dξ dη    a pressure p [Pa] on a surface whose nodes are at x, x_ξ × x_η outward
 
 The forces of a pressure act on the surface through the nodes at x. A linear organ uses the
-reference positions. A pressure that follows uses the displaced positions. Both are integrated
-exactly: tractions of a P2 facet have degree 2, pressures on a curved facet degree 4.
+reference positions. A follower pressure uses the displaced positions. Both are integrated exactly:
+tractions of a P2 facet have degree 2, pressures on a curved facet degree 4.
 
-A pressure that follows has a potential, the volume behind its surface, if the surface is closed or
-its rim is held. Only then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45,
-1984). In other cases the code uses the symmetric part of the tangent.
+A follower pressure has a potential, the volume behind its surface, if the surface is closed or its
+rim is held. Only then is its tangent symmetric (Bufler, Comput. Methods Appl. Mech. Eng. 45, 1984).
+In other cases the code uses the symmetric part of the tangent.
 """
 
 from dataclasses import dataclass
@@ -36,10 +36,10 @@ class SurfaceLoad:
     """A force per area on a named boundary: a `traction` (3,) [Pa] per reference area, or a
     `pressure` [Pa].
 
-    A positive pressure pushes on the organ. Its `course` has rows of time [s] and factor [-],
-    linear in between. None means that the whole load acts at all times; in statics it then grows
-    with the load steps. Raises `TissueError` unless exactly one of traction and pressure is given,
-    both are finite, and the times of the course increase.
+    A positive pressure pushes on the organ. The `course` of the load has rows of time [s] and
+    factor [-], and is linear in between. None means that the whole load acts at all times; in
+    statics it then grows with the load steps. Raises `TissueError` unless exactly one of traction
+    and pressure is given, both are finite, and the times of the course increase.
     """
 
     boundary: str
@@ -49,7 +49,9 @@ class SurfaceLoad:
 
     def __post_init__(self) -> None:
         if (self.traction is None) == (self.pressure is None):
-            raise TissueError(f"load on {self.boundary!r}:allowed is either a traction or a pressure; give one of them")
+            raise TissueError(
+                f"load on {self.boundary!r}: allowed is either a traction or a pressure; give one of them"
+            )
         given = np.asarray(self.pressure if self.traction is None else self.traction, dtype=float)
         if given.shape not in {(), (3,)} or not np.all(np.isfinite(given)):
             raise TissueError(f"load on {self.boundary!r}: {given} Pa; allowed are finite numbers, three or one")
@@ -62,21 +64,22 @@ class SurfaceLoad:
         return np.array(self.course, dtype=float).T
 
     def factor(self, time: float, share: float = 1.0) -> float:
-        """Return the part of the load that acts at `time` [s], or in statics at a `share` of the
-        load steps.
+        """Return the part of the load that acts at `time` [s], or at a `share` of the load steps in
+        statics.
 
         In statics the load steps end at `time`.
         """
         if self.course is None:
             return share
-        # In an equilibrium at the start time is 0, and only the share grows.
+        # In an equilibrium at the start, `time` is 0 and only `share` grows.
         return (1.0 if time > 0.0 else share) * float(np.interp(share * time, *self._rows))
 
 
 @dataclass(frozen=True)
 class Facets:
-    """Facets of a body: their `nodes` `(f, 3)`, or `(f, 6)` with P2, in the order in which x_ξ ×
-    x_η points outward.
+    """Facets of a body with their `nodes` `(f, 3)`, or `(f, 6)` with P2.
+
+    The order of the nodes is such that x_ξ × x_η points outward.
     """
 
     element: str
@@ -84,8 +87,8 @@ class Facets:
 
     @cached_property
     def rule(self) -> tuple[Array, Array, Array]:
-        """Shape functions `(n, g)`, their slopes by ξ and η `(2, n, g)`, and weights `(g,)` at
-        Gauss points.
+        """Shape functions `(n, g)`, their derivatives with respect to ξ and η `(2, n, g)`, and
+        weights `(g,)` at Gauss points.
         """
         triangle = TRIANGLES[self.element]()
         at, weights = get_quadrature(triangle, DEGREE[self.element])
@@ -95,8 +98,9 @@ class Facets:
         return shapes, slopes.swapaxes(0, 1), np.asarray(weights)
 
     def area_vectors(self, x: Array) -> Array:
-        """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²]; the body's nodes
-        are at `x` (m, 3).
+        """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²].
+
+        The body's nodes are at `x` (m, 3).
         """
         along = self._along(x)
         return np.cross(along[0], along[1])
@@ -106,8 +110,8 @@ class Facets:
         return np.asarray(np.einsum("kng,fni->kfgi", self.rule[1], x[self.nodes]))
 
     def turning(self, x: Array) -> Array:
-        """Return the derivative of ∫ φ_a (x_ξ × x_η) dξ dη by the node positions, shape `(f, n, 3,
-        n, 3)` [m].
+        """Return the derivative of ∫ φ_a (x_ξ × x_η) dξ dη with respect to the node positions,
+        shape `(f, n, 3, n, 3)` [m].
 
         The integrand changes by φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ.
         """
@@ -156,18 +160,17 @@ class Loads:
         return tuple(build_facets(self.body, load.boundary) for load in self.each)
 
     def shares(self, time: float, share: float = 1.0) -> Array:
-        """Return the part of each load that acts at `time` [s], or in statics at a `share` of the
-        load steps, `(k,)`.
+        """Return the part of each load that acts at `time` [s], or at a `share` of the load steps
+        in statics, `(k,)`.
 
         In statics the load steps end at `time`.
         """
         return np.array([load.factor(time, share) for load in self.each])
 
     def forces(self, number: int, x: Array) -> Array:
-        """Return the nodal forces of one whole load, `(m, 3)` [N]; the body's nodes are at `x` (m,
-        3).
+        """Return the nodal forces of one whole load, `(m, 3)` [N].
 
-        The forces of a traction do not depend on x.
+        The body's nodes are at `x` (m, 3). The forces of a traction do not depend on `x`.
         """
         load, facets = self.each[number], self.facets[number]
         if load.pressure is not None:
@@ -189,8 +192,9 @@ class Loads:
         return self.resultants_at(self.body.points)
 
     def resultants_at(self, x: Array) -> Array:
-        """Return the sum of the forces of each whole load, `(k, 3)` [N]; the body's nodes are at
-        `x` (m, 3).
+        """Return the sum of the forces of each whole load, `(k, 3)` [N].
+
+        The body's nodes are at `x` (m, 3).
         """
         each = [self.forces(number, x).sum(axis=0) for number in range(len(self.each))]
         return np.array(each).reshape(-1, 3)
@@ -215,8 +219,8 @@ class Loads:
         return self.body.flat(sum(each, np.zeros_like(x)))
 
     def pressing_tangent(self, shares: Array | None, x: Array) -> csr_matrix:
-        """Return the symmetric part of the derivative of these forces by the displacement, shape
-        `(N, N)` [N/m].
+        """Return the symmetric part of the derivative of the forces of `pressing` with respect to
+        the displacement, shape `(N, N)` [N/m].
         """
         out = csr_matrix((self.body.N, self.body.N))
         for p, on in self._pressures(shares):
@@ -228,10 +232,11 @@ class Loads:
         return out
 
     def pressing_work(self, shares: Array | None, x: Array, way: Array) -> float:
-        """Return the work of these forces along the straight displacement `way` (m, 3) [m] from `x`
-        (m, 3) [J].
+        """Return the work of the forces of `pressing` along the displacement `way` (m, 3) [m] from
+        `x` (m, 3) [J].
 
-        Simpson's rule is exact, because the forces have degree two in the node positions.
+        The displacement is straight. Simpson's rule is exact, because the forces have degree two in
+        the node positions.
         """
         forces = [self.pressing(shares, x + share * way) for share in (0.0, 0.5, 1.0)]
         return float((forces[0] + 4.0 * forces[1] + forces[2]) @ self.body.flat(way) / 6.0)
@@ -244,7 +249,9 @@ class Loads:
 
     def turns(self, displacement: Array) -> Array:
         """Return the largest angle by which a displacement (m, 3) [m] turns the outward normal of
-        the boundary of each pressure, `(k,)` [rad]; 0 for a traction.
+        the boundary of each pressure, `(k,)` [rad].
+
+        The angle is 0 for a traction.
         """
         x = self.body.points
         pairs = [(facets.area_vectors(x), facets.area_vectors(x + displacement)) for facets in self.facets]

@@ -1,5 +1,6 @@
-"""Decorators for loops over cells and fields: Numba compiles each at its first call and caches it
-on disk.
+"""Decorators for loops over cells and fields.
+
+Numba compiles each loop at its first call and caches it on disk.
 """
 
 import logging
@@ -14,8 +15,9 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Return a function that is compiled at its first call and cached on disk if a folder can be
-    written.
+    """Return a function that is compiled at its first call.
+
+    The compiled function is cached on disk if a folder can be written.
     """
     try:
         return sound(njit(cache=True, error_model="numpy")(kernel))
@@ -24,11 +26,12 @@ def compiled(kernel: Kernel) -> Kernel:
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]
-    """Numba's cache of a compiled function on disk; damaged files are deleted and the function is
-    compiled again.
+    """Numba's cache of a compiled function on disk.
 
-    A killed run or a full disk can leave damaged files. Numba would then end every later run with
-    an error of pickle.
+    Damaged files are deleted, and the function is compiled again.
+
+    A killed run or a full disk can leave damaged files. Every later run would then end with an
+    error of pickle.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -42,8 +45,9 @@ class SoundCache(FunctionCache):  # type: ignore[misc]
 
 
 def sound(dispatcher: Any) -> Any:
-    """Return the function with a cache that tolerates damaged files; without Numba the function is
-    unchanged.
+    """Return the function with a cache that tolerates damaged files.
+
+    Without Numba the function is unchanged.
     """
     if hasattr(dispatcher, "_cache"):
         dispatcher._cache = SoundCache(dispatcher.py_func)

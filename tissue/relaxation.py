@@ -1,7 +1,7 @@
 """Tissue that relaxes: a Prony series of the distortional stress at finite strain.
 
-The model is from Simo, Comput. Methods Appl. Mech. Eng. 60, 1987; in this form Holzapfel & Gasser,
-Comput. Methods Appl. Mech. Eng. 190, 2001:
+The model is from Simo, Comput. Methods Appl. Mech. Eng. 60, 1987; its form is from Holzapfel &
+Gasser, Comput. Methods Appl. Mech. Eng. 190, 2001:
 
     S = S_vol + (1 − Σ g_i) S_iso + Σ Q_i,    dQ_i/dt + Q_i/τ_i = g_i dS_iso/dt
 
@@ -12,8 +12,8 @@ linearly from S to S⁺, with x_i = Δt/τ_i and φ(x) = (1 − e⁻ˣ)/x,
 
     Q_i⁺ = e^(−x_i) Q_i + g_i φ(x_i) (S⁺ − S).
 
-The stress at the end of the step therefore derives from an energy, and the step is a minimum as
-without relaxation:
+The stress at the end of the step therefore derives from an energy. As without relaxation, the step
+is a minimum:
 
     γ W_iso + ½ H : (C − 1),    γ = 1 − Σ g_i (1 − φ_i),    H = Σ e^(−x_i) Q_i − Σ g_i φ_i S.
 """
@@ -31,7 +31,7 @@ from tissue.materials.density import Density
 
 @dataclass(frozen=True, eq=False)
 class Prony:
-    """Shares g [-] of the distortional stress that relax, and their times τ [s], `(b,)`.
+    """Shares g [-] of the distortional stress that relax, and their relaxation times τ [s], `(b,)`.
 
     A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ
     > 0.
@@ -62,8 +62,9 @@ class Prony:
         return np.exp(-dt / np.asarray(self.times))
 
     def means(self, dt: float) -> Array:
-        """Return φ(Δt/τ), the mean decay over Δt, shape `(b,)`; 1 for Δt = 0, and 0 for an infinite
-        Δt.
+        """Return φ(Δt/τ), the mean decay over Δt, shape `(b,)`.
+
+        It is 1 for Δt = 0, and 0 for an infinite Δt.
         """
         x = dt / np.asarray(self.times)
         return np.divide(-np.expm1(-x), x, out=np.where(x > 0.0, 0.0, 1.0), where=(x > 0.0) & np.isfinite(x))

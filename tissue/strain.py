@@ -1,5 +1,6 @@
-"""Strain and rotation of the organ, cell by cell, which small-strain elasticity assumes to be
-small.
+"""Strain and rotation of the organ, cell by cell.
+
+Small-strain elasticity assumes that both are small.
 
 Linear elasticity takes strain and rotation from one gradient, ε = sym ∇U and ω = ½ curl U. It
 neglects terms of second order in both. The displacement does not show the size of these terms: a
@@ -35,8 +36,9 @@ class Strains(NamedTuple):
 
 
 def strains(elasticity: Elasticity, U: Array) -> Strains:
-    """Return all strain measures of a field over all unknowns `(N,)` [m]; its gradient is computed
-    once.
+    """Return all strain measures of a field over all unknowns `(N,)` [m].
+
+    The gradient of the field is computed once.
     """
     corners, mean = elasticity.corner_slopes, elasticity.mean_slopes[0]
     at_corners = gradient(elasticity, corners, U)
@@ -70,8 +72,8 @@ def extreme_values(parts: Sequence[Array]) -> tuple[Array, Array]:
     `parts` are xx, yy, zz, xy, yz, xz, `(m,)` each. The values follow from the invariants: p + 2
     √(J₂/3) cos θ with the Lode angle θ, cos 3θ = (3√3/2) J₃/J₂^(3/2).
 
-    This takes a tenth of the time of an eigenvalue solver. If two of the three principal values are
-    equal, seven digits are correct.
+    This method takes a tenth of the time of an eigenvalue solver. If two of the three principal
+    values are equal, seven digits are correct.
     """
     p = (parts[0] + parts[1] + parts[2]) / 3.0
     x, y, z = (part - p for part in parts[:3])
@@ -100,8 +102,8 @@ def gradient(elasticity: Elasticity, slopes: csr_matrix, U: Array) -> Array:
 
 
 def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return J of each cell, the volume between its corners over the volume in the reference shape,
-    `(c,)` [-].
+    """Return J of each cell, `(c,)` [-]: the volume between its corners divided by its volume in
+    the reference shape.
 
     `U` [m] is a field over all unknowns `(N,)`.
     """
@@ -113,14 +115,15 @@ def volume_ratio(elasticity: Elasticity, U: Array) -> Array:
 
 
 def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
-    """Return J averaged at the nodes, shape `(nodes,)` [-]; `U` [m] is a field over all unknowns
-    `(N,)`.
+    """Return J averaged at the nodes, shape `(nodes,)` [-].
+
+    `U` [m] is a field over all unknowns `(N,)`.
 
     At the vertices the average is ∫ ψ J dX / ∫ ψ dX with the hat functions ψ. At the middle of an
     edge it is the mean of both ends.
 
     The law of nearly incompressible tissue acts on this average (Bonet and Burton, Commun. Numer.
-    Meth. Engng. 14, 1998). J of single cells oscillates while this average is smooth.
+    Meth. Engng. 14, 1998). The average is smooth, whereas J of single cells oscillates.
     """
     return _nodal_ratio_of(elasticity, gradient(elasticity, elasticity.mean_slopes[0], U))  # points of the law
 
@@ -144,8 +147,8 @@ def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
 def energy_density(elasticity: Elasticity, U: Array) -> Array:
     """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³].
 
-    It is λ/2 (div U)² + μ ε : ε, plus half of pressure times dilatation for terms averaged at the
-    vertices. `U` [m] is a field over all unknowns `(N,)`.
+    The energy is λ/2 (div U)² + μ ε : ε. Terms averaged at the vertices add half of pressure times
+    dilatation. `U` [m] is a field over all unknowns `(N,)`.
     """
     return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
 
@@ -167,8 +170,9 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
 
 
 def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
-    """Return the share of the organ's strain energy in some `cells` (c,); 0 for an organ without
-    strain.
+    """Return the share of the organ's strain energy in some `cells` (c,).
+
+    The share is 0 for an organ without strain.
 
     The energy is measured by ∫ E ε² dx with the `strain` (c,) of each cell.
     """

@@ -1,7 +1,7 @@
-"""Stress at the nodes from a displacement field: cell by cell, then averaged by volume.
+"""Stress at the nodes from a displacement field: computed cell by cell, then averaged by volume.
 
-A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices; on an edge it is
-the mean of both vertices.
+A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices. At the middle of
+an edge it is the mean of both vertices.
 """
 
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
     """Return the recovery of σ = λ tr ε I + 2μ ε, computed at each cell's nodes and averaged by
     volume.
 
-    With a `share`, one number or one per cell, it recovers only this share of 2μ dev ε.
+    With a `share`, one number or one per cell, only this share of 2μ dev ε is recovered.
     """
     material = elasticity.material
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
@@ -68,8 +68,8 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
 
 
 def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
-    """Return ∂/∂x_j of a nodal field at the nodes of each cell, shape `(3 a c, m)` [1/m], as
-    `slope_matrix`.
+    """Return the matrix from a nodal field to ∂/∂x_j at the nodes of each cell, shape `(3 a c, m)`
+    [1/m], as `slope_matrix`.
 
     In a linear cell the slopes are constant, and a = 1.
     """
@@ -79,8 +79,9 @@ def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
 
 
 def _averages(elasticity: Elasticity) -> csr_matrix:
-    """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`, in the
-    order of `_nodal_slopes`.
+    """Return the matrix that averages cell values at each node by volume, shape `(m, a c)`.
+
+    The cell values are in the order of `_nodal_slopes`.
     """
     cells, m, volume = elasticity.cells, len(elasticity.nodes), elasticity.six_volumes
     total = np.bincount(cells.ravel(), np.repeat(volume, cells.shape[1]), minlength=m)

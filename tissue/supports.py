@@ -1,5 +1,6 @@
-"""Supports of the organ: clamps fix all components of a node, rollers fix a plane boundary along
-its normal.
+"""Supports of the organ.
+
+Clamps fix all components of a node. Rollers fix a plane boundary along its normal.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,7 @@ FIRM = 1e-8  # a rigid motion with a smaller relative stiffness is not held
 def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
     """Return the sorted unknowns on the boundaries named in `clamp`.
 
-    Raises `TissueError`, naming the boundaries of the mesh, for a boundary that the mesh does not
-    name.
+    Raises `TissueError` with the names of the boundaries of the mesh if a name is not among them.
     """
     held = [unknowns_on(basis, facets_of(basis.mesh, "clamp", name)).ravel() for name in clamp]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
@@ -59,8 +59,9 @@ def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) 
 
 
 def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
-    """Return the facets of a boundary. Raises `TissueError` with the known names if it does not
-    exist.
+    """Return the facets of a boundary.
+
+    Raises `TissueError` with the known names if the boundary does not exist.
     """
     boundaries = mesh.boundaries or {}
     if name not in boundaries:
@@ -70,8 +71,9 @@ def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
 
 
 def axis_of(mesh: MeshTet, name: str) -> int:
-    """Return the axis 0, 1, 2 normal to a plane boundary. Raises `TissueError` for any other
-    boundary.
+    """Return the axis 0, 1, 2 normal to a plane boundary.
+
+    Raises `TissueError` for any other boundary.
     """
     nodes = mesh.facets[:, facets_of(mesh, "roller", name)].ravel()
     thickness, size = np.ptp(mesh.p[:, nodes], axis=1), np.ptp(mesh.p, axis=1).max()
@@ -92,8 +94,9 @@ def holds_still(points: Array, held: NDArray[np.bool_]) -> bool:
 
 
 def motions_in_words(motions: Array) -> str:
-    """Return in words the axes along which and about which a body can move, from its
-    `rigid_motions`.
+    """Return the axes along which and about which a body can move, in words.
+
+    `motions` are its `rigid_motions`.
     """
     turns = motions[np.linalg.norm(motions[:, 3:], axis=1) > ROUND]
     slides = motions[np.linalg.norm(motions[:, 3:], axis=1) <= ROUND]
@@ -102,8 +105,9 @@ def motions_in_words(motions: Array) -> str:
 
 
 def _axes(axes: Array) -> str:
-    """Return the names of the directions that some vectors span: x, y, z if they are axes, else one
-    vector each.
+    """Return the names of the directions that the vectors `axes` span.
+
+    The names are x, y, z if the directions are axes, else one vector each.
     """
     span = np.linalg.svd(axes)[2][: np.linalg.matrix_rank(axes, tol=ROUND)]
     known = [name for name, unit in zip("xyz", np.eye(3), strict=True) if np.linalg.norm(span @ unit) > 1.0 - ROUND]

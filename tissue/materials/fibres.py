@@ -3,7 +3,8 @@
     W = k₁/(2k₂) (exp(k₂ ⟨Ī₄ − 1⟩²) − 1),    Ī₄ = J^(−2/3) |F a|²
 
 A shortened fibre has no stiffness. When a fibre is stretched beyond its reference length, its
-stiffness starts at k₁: W has a continuous first derivative but no continuous second one.
+stiffness starts at k₁. The first derivative of W is therefore continuous, but the second one is
+not.
 """
 
 from dataclasses import dataclass
@@ -48,7 +49,7 @@ class Fibres:
             return np.asarray(self.k1 * np.exp(self.k2 * x**2))
 
     def _stretched(self, at: Invariant) -> Array:
-        """Return ⟨Ī₄ − 1⟩, zero without fibres, shape `(…)`."""
+        """Return ⟨Ī₄ − 1⟩, zero at points without fibres, shape `(…)`."""
         return np.asarray(np.where(np.asarray(self.k1) > 0.0, np.maximum(at.value - 1.0, 0.0), 0.0))
 
     def energy(self, F: Array) -> Array:

@@ -1,5 +1,6 @@
-"""Isochoric invariants Ī = J^(−2/3) tr(F M Fᵀ): M = I gives Ī₁, M = a ⊗ a the squared stretch Ī₄ of
-a fibre a.
+"""Isochoric invariants Ī = J^(−2/3) tr(F M Fᵀ).
+
+M = I gives Ī₁, and M = a ⊗ a gives the squared stretch Ī₄ of a fibre a.
 """
 
 from dataclasses import dataclass
@@ -14,8 +15,10 @@ I3 = np.eye(3)
 
 @dataclass(frozen=True)
 class Invariant:
-    """Ī as `value`, and the factors of its derivatives: `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)`,
-    `scale` = J^(−2/3), M.
+    """An invariant Ī, and the factors of its derivatives.
+
+    Ī is `value`. The factors are `Q` = F M and `H` = F⁻ᵀ, `(3, 3, …)` each, `scale` = J^(−2/3), and
+    `M`.
     """
 
     value: Array
@@ -29,8 +32,10 @@ class Invariant:
         return np.asarray(2.0 * self.scale * self.Q - (2.0 / 3.0) * self.value * self.H)
 
     def tangent(self, slope: Array, bend: Array) -> Array:
-        """Return the second derivative by F of a function of Ī with first and second derivatives
-        `slope` and `bend`, `(…)`.
+        """Return the second derivative with respect to F of a function of Ī.
+
+        `slope` and `bend` `(…)` are the first and second derivatives of the function with respect
+        to Ī.
 
         ∂²Ī/∂F² = 2 J^(−2/3) I ⊠ M − (2/3)(D ⊗ H + H ⊗ D) − (4/9) Ī H ⊗ H + (2/3) Ī H ⊠ H with D =
         ∂Ī/∂F.

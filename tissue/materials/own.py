@@ -1,10 +1,10 @@
-"""A user-defined density: a function of F in Python, differentiated twice without a difference
-quotient.
+"""A user-defined density: a function of F in Python, differentiated twice without difference
+quotients.
 
-The function is called with numbers that carry their first and second derivatives by the nine
-components of F (hyper-dual numbers: Fike & Alonso, AIAA 2011-886). Stress and tangent are therefore
-exact to round-off. F is a `(3, 3)` array. The function can use + − * / and powers, `np.exp`,
-`np.log`, `np.sqrt`, `np.trace`, `@` and `tissue.materials.own.det`:
+The function is called with numbers that carry their first and second derivatives with respect to
+the nine components of F (hyper-dual numbers: Fike & Alonso, AIAA 2011-886). Stress and tangent are
+therefore exact to round-off. F is a `(3, 3)` array. The function can use + − * / and powers,
+`np.exp`, `np.log`, `np.sqrt`, `np.trace`, `@` and `tissue.materials.own.det`:
 
     def mooney_rivlin(F):
         C = F.T @ F
@@ -26,8 +26,9 @@ POINTS = 2000  # differentiated together: 91 numbers per point stay in the proce
 
 
 class Jet:
-    """Numbers at k points, `value` (k,), with first and second derivatives by F, `slope` (9, k) and
-    `bend` (9, 9, k).
+    """Numbers at k points, `value` (k,), with their derivatives with respect to F.
+
+    `slope` (9, k) are the first derivatives and `bend` (9, 9, k) the second ones.
     """
 
     __slots__ = ("bend", "slope", "value")
@@ -36,8 +37,8 @@ class Jet:
         self.value, self.slope, self.bend = value, slope, bend
 
     def through(self, value: Array, first: Array, second: Array) -> "Jet":
-        """Return a function of this number, given the function's value and its first and second
-        derivative.
+        """Return a function of this number from the value and the first and second derivative of
+        the function.
         """
         bend = first * self.bend + second * (self.slope[:, None] * self.slope[None])
         return Jet(value, first * self.slope, bend)
@@ -110,8 +111,9 @@ def det(F: Any) -> Any:
 
 @dataclass(frozen=True)
 class Own:
-    """The density that a function `W` returns for F, a `(3, 3)` array of numbers; W does not depend
-    on the position.
+    """The density that a function `W` returns for F, a `(3, 3)` array of numbers.
+
+    W does not depend on the position.
     """
 
     W: Callable[[Any], Any]

@@ -2,8 +2,8 @@
 λ₂, λ₃).
 
 The density of the stress-free tissue is evaluated at F F₀. It is divided by det F₀, because a
-stress-free volume grows by det F₀ to the volume in the reference shape. Tissue that is cut free
-returns to its stress-free shape.
+stress-free volume grows by the factor det F₀ to the volume in the reference shape. Tissue that is
+cut free returns to its stress-free shape.
 """
 
 from dataclasses import dataclass

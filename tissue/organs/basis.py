@@ -5,7 +5,7 @@
 The first block holds the static answers to all forces, so that slow motion is exact. Then follow k
 blocks of a Krylov space. Each of them matches two more moments of the transfer function from forces
 to sites (Su & Craig, AIAA J. 29, 1991). The lowest modes Φ are optional. Rayleigh damping is a
-function of M and K, so that the space is the same with it. V is orthonormal in K.
+function of M and K, so that the space with damping is the same. V is orthonormal in K.
 
 The residual of U = V η in the equation of motion, r = F f − M V (η̈ + α η̇) − K V (η + β η̇), is
 orthogonal to V. F and K V lie in the space of K V, and M V does except for its last block. Hence
@@ -46,7 +46,8 @@ class ModalBasis:
 class Krylov:
     """Vectors V `(N, r)`, orthonormal in K; the first `inner` of them exclude the last block.
 
-    `M` is VᵀMV. `missed` has two matrices R: of the vectors without and with the last block.
+    `M` is VᵀMV. `missed` has two matrices R: of the vectors without the last block, and of all
+    vectors.
     """
 
     vectors: Array
@@ -101,7 +102,7 @@ class Orthonormal:
     def __init__(self, K: csr_matrix, expected: int = 0) -> None:
         """Allocate memory for `expected` vectors; more memory is allocated when needed."""
         self.K, self._size = K, 0
-        self._room = np.empty((2, K.shape[0], expected))  # V and K V; copying both at every block took half of its time
+        self._room = np.empty((2, K.shape[0], expected))  # V and K V; copying both took half of the time of a block
 
     @property
     def V(self) -> Array:
@@ -114,7 +115,7 @@ class Orthonormal:
         return np.asarray(self._room[1, :, : self._size])
 
     def extend(self, X: Array) -> Array:
-        """Add the new directions of vectors `(N, k)`, and return them, orthonormal."""
+        """Add the new directions of vectors `(N, k)`, made orthonormal, and return them."""
         lengths = self._lengths(X)
         X = X[:, lengths > 0.0] / lengths[lengths > 0.0]
         for tolerance in (DEPENDENT, 0.5):  # the second pass removes round-off only

@@ -28,7 +28,7 @@ from tissue.organs.meshed import (
 )
 from tissue.solvers.choice import MULTIGRID, Solver, mass_solver
 
-DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; a larger one is recomputed
+DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; with a larger error K U is recomputed
 # Number of fields with a cached elastic force: a step uses the forces at its start and at its end again.
 REMEMBERED_FORCES = 4
 
@@ -55,10 +55,11 @@ class History(NamedTuple):
 
 
 def combination(weights: Sequence[float], fields: Sequence[Array]) -> Array:
-    """Return Σ w x, shape `(N,)`, in one pass over each field with a weight other than zero; at
-    least one field.
+    """Return Σ w x of one or more fields, shape `(N,)`.
 
-    A step takes thirty of these passes and reads more memory in them than in its matrix products.
+    Each field with a weight other than zero is passed over once.
+
+    A step makes thirty such passes. They read more memory than its matrix products.
     """
     total = weights[0] * fields[0]
     for weight, values in zip(weights[1:], fields[1:], strict=True):
@@ -99,8 +100,9 @@ class DynamicOperator(LipCompliance):
         return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def residual(self, history: History, now: Products, load: Array) -> Array:
-        """Return b − A U under a load (N,) from known products of U and of the history, without a
-        new matrix product.
+        """Return b − A U under a load (N,).
+
+        It follows from known products of U and of the history, without a new matrix product.
         """
         alpha, beta = self.organ.rayleigh
         a, c, k = self.a, alpha * self.d, beta * self.d
@@ -111,14 +113,15 @@ class DynamicOperator(LipCompliance):
     def state(
         self, history: History, U: Array, f_y: Array, p: Array, pairing: Pairing, shares: Array | None
     ) -> OrganState:
-        """Return the state of U⁺ under the forces `f_y` and `p` and the `shares` of the loads, with
-        its rates and products.
+        """Return the state of U⁺ with its rates and products.
+
+        The forces `f_y` and `p` and the `shares` of the loads act on it.
 
         Only M U⁺ needs a new matrix product.
 
         K U⁺ follows from the balance of forces of the step. The residuals of the solver therefore
         accumulate in K U⁺; with a direct solver they are round-off. If they are larger, K U⁺ is
-        left out and computed again by a product.
+        left out of the state and computed later by a product.
         """
         alpha, beta = self.organ.rayleigh
         MU = self.organ.mass_times(U)
@@ -144,7 +147,7 @@ class DynamicOrgan(MeshedOrgan):
     rayleigh: tuple[float, float] = (0.0, 0.0)
     M: csr_matrix = field(init=False, repr=False)
     node_mass: csr_matrix = field(init=False, repr=False)
-    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of the free unknowns, if nodes are partly held
+    slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of free unknowns; None if no node is partly held
     _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
     _operators: OrderedDict[tuple[float | str, ...], DynamicOperator] = field(init=False, repr=False, compare=False)
 
@@ -169,14 +172,15 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
-        """Return the state undeformed and at rest; gravity and loads act from the first step."""
+        """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.size)
         return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
         """Return the factorised operator of a time scheme; the last few operators are cached.
 
-        Without motion, a = d = 0, it is K. Raises `TissueError` for factors that no scheme has.
+        For a = d = 0, without motion, the operator is K. Raises `TissueError` for numbers that no
+        scheme has.
         """
         if not ((0.0 < a < np.inf and 0.0 <= d < np.inf) or a == d == 0.0):
             raise TissueError(
@@ -185,7 +189,9 @@ class DynamicOrgan(MeshedOrgan):
         return self._kept((a, d), lambda: self._factorized(a, d))
 
     def _kept(self, key: tuple[float | str, ...], make: Callable[[], DynamicOperator]) -> DynamicOperator:
-        """Return the operator of a key from the cache of the last few, or make it."""
+        """Return the operator of a `key`, made by `make` if it is not one of the last few, which
+        are cached.
+        """
         if key not in self._operators:
             while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
                 self._operators.popitem(last=False)
@@ -198,8 +204,9 @@ class DynamicOrgan(MeshedOrgan):
         return self.operator(scheme.a, scheme.d)
 
     def mass_times(self, field: Array) -> Array:
-        """Return M times a field over the free unknowns `(N,)`; the three components of a node have
-        the same row of M.
+        """Return M times a field over the free unknowns `(N,)`.
+
+        The three components of a node have the same row of M.
         """
         weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
         return weighed if self.slots is None else weighed[self.slots]
@@ -218,8 +225,9 @@ class DynamicOrgan(MeshedOrgan):
         return force
 
     def _factorized(self, a: float, d: float, soft: csr_matrix | None = None) -> DynamicOperator:
-        """Return the operator of a scheme; `soft` is subtracted from the stiffness, None: no
-        change.
+        """Return the operator of a scheme.
+
+        `soft` is subtracted from the stiffness; None means no change.
         """
         alpha, beta = self.rayleigh
         A = csr_matrix((a + alpha * d) * self.M + (1.0 + beta * d) * self.K)
@@ -232,10 +240,9 @@ class DynamicOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of a step of `scheme` from the states `past`, newest first, by one
-        solve.
+        """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        `share` of the loads acts at `time` [s].
+        The answer takes one solve. The part `share` of the loads acts at `time` [s].
         """
         return self.answer_paired(scheme, past, self.paired_anew(past[0].U, past[0].ahead), time, share)
 
@@ -279,7 +286,7 @@ class DynamicOrgan(MeshedOrgan):
         """Return the reference fields U_a = Σ_k (α_k U_k + β_k V_k), U_d = Σ_k γ_k U_k of a scheme,
         and their products.
 
-        They are zero in equilibrium, which uses no earlier state.
+        They are zero for an equilibrium, which uses no earlier state.
         """
         if not scheme.coefficients:
             return History(*np.zeros((5, self.size)))
@@ -295,8 +302,9 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def products(self, state: OrganState) -> Products:
-        """Return M U, M V and K U of a state; products that the state already has are not computed
-        again.
+        """Return M U, M V and K U of a state.
+
+        Products that the state already has are not computed again.
         """
         MU = self.mass_times(state.U) if state.MU is None else state.MU
         MV = self.mass_times(state.V) if state.MV is None else state.MV
@@ -347,9 +355,10 @@ class DynamicOrgan(MeshedOrgan):
         return self.whole(state.V)
 
     def impulse(self, state: OrganState) -> SiteAnswer:
-        """Return the answer to an impulse on the sites: dy/dt = Y V, by Y M⁻¹ Yᵀ.
+        """Return the answer of the sites' velocity to an impulse on the sites.
 
-        The state gets V + M⁻¹ Yᵀ impulse.
+        The velocity dy/dt is Y V without the impulse, and changes by Y M⁻¹ Yᵀ times the impulse. V
+        of the state changes by M⁻¹ Yᵀ times the impulse.
         """
         return SiteAnswer(
             self.Y @ state.V,
@@ -358,10 +367,11 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        """Return the answer of a step in which the sites stay at `y` (9p,) while the forces are
         constant.
 
-        These are the site forces `f_y` (9p,) and the contact forces of `state`. V does not change.
+        The forces are the site forces `f_y` (9p,) and the contact forces of `state`. V does not
+        change.
         """
         operator, p = self.operator_of(scheme), self.contact_forces(state)
         pairing = self.pairing_of(state)
@@ -389,8 +399,8 @@ class DynamicOrgan(MeshedOrgan):
         f_y·Δy + load = Δ(kinetic + elastic) + viscous + numerical is exact for any time scheme. The
         dissipation of the scheme is ½ΔUᵀKΔU + ½ΔVᵀMΔV + (A⁺ᵀMΔU − V⁺ᵀMΔV); the bracket is zero for
         backward Euler. The viscous work is V⁺ᵀ C ΔU. With p⁺·g⁺ = 0 the contact dissipates −p⁺·Δg =
-        p⁺·g ≥ 0. This is of first order in the step, except if lips strike one another; it is part
-        of `numerical`.
+        p⁺·g ≥ 0. This dissipation is part of `numerical`. It is of first order in the step, except
+        if lips strike one another.
         """
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
@@ -408,8 +418,9 @@ class DynamicOrgan(MeshedOrgan):
         )
 
     def _by_nodes(self, field: Array) -> Array:
-        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`; held
-        components are zero.
+        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`.
+
+        Held components are zero.
         """
         if self.slots is None:
             return field.reshape(-1, 3)

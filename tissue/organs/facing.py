@@ -1,9 +1,8 @@
-"""Pairing of points with a surface of triangles: the point of the surface that each point faces,
-and the normal there.
+"""Pairing of points with a surface of triangles.
 
-At an end of the surface, a point faces the edge up to a distance of half a triangle. Within this
-distance, part of the area around the point is still over the surface. A point farther away faces no
-triangle.
+Each point faces a point of the surface, and gets the normal there. At an end of the surface, a
+point faces the edge up to a distance of half a triangle. Within this distance, part of the area
+around the point is still over the surface. A point farther away faces no triangle.
 """
 
 import numpy as np
@@ -14,22 +13,23 @@ from tissue.arrays import Array, Indices
 
 Mask = NDArray[np.bool_]
 
-NEAREST = 24  # triangles with the nearest centres, which are searched for the triangle in front of a point
-EDGE = 0.5  # of a triangle's size: up to this distance past its edge, a point still faces the surface
-UPRIGHT = 0.2  # least cosine between the normal and `along`: on a steeper slope, `along` is the normal
+NEAREST = 24  # triangles with the nearest centres: the triangle that a point faces is one of them
+EDGE = 0.5  # of a triangle's size: a point farther past the edge of the surface faces no triangle
+UPRIGHT = 0.2  # least cosine between normal and `along`; on a steeper slope `along` is the normal
 OPPOSITE = np.array([[1, 2], [0, 2], [0, 1]])  # sides of a triangle, opposite to its corners
 
 
 def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array | None) -> Array:
-    """Return the facing of points `at` `(k, 3)`: triangle, barycentric coordinates and gap vector,
-    shape `(k, 7)`.
+    """Return the facing of points `at` `(k, 3)`, shape `(k, 7)`.
 
-    The triangle is −1 if a point faces no triangle.
+    The columns are the triangle, the barycentric coordinates and the gap vector. The triangle is −1
+    if a point faces no triangle.
 
     `triangles` `(m, 3)` of `points` `(n, 3)` [m] have normals that point away from `at`; `ends` are
-    their open sides. A point faces the nearest point of the surface, or the point in front of it or
-    behind it `along` a unit vector (3,). The gap is the distance along the averaged normal n. With
-    `along`, it is this distance over n·along, which is the distance in this direction.
+    their open sides. A point faces the nearest point of the surface. With `along`, a unit vector
+    (3,), it faces the point in front of it or behind it in this direction. The gap is the distance
+    along the averaged normal n. With `along`, it is this distance divided by n·along, which is the
+    distance in this direction.
     """
     corners, normals = points[triangles], averaged_normals(points, triangles)
     flat = np.eye(3) if along is None else across(along)
@@ -48,7 +48,7 @@ def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array 
 
 
 def across(normal: Array) -> Array:
-    """Return two perpendicular unit vectors normal to the `normal`, shape `(2, 3)`."""
+    """Return two perpendicular unit vectors normal to `normal`, shape `(2, 3)`."""
     return np.linalg.svd(normal[None])[2][1:]
 
 
@@ -58,10 +58,10 @@ def triangle_sizes(corners: Array) -> Array:
 
 
 def averaged_normals(points: Array, triangles: Indices) -> Array:
-    """Return averaged unit normals at the corners of `triangles` `(m, 3)` of `points`, shape `(m,
-    3, 3)`.
+    """Return averaged unit normals at the corners of `triangles` `(m, 3)`, shape `(m, 3, 3)`.
 
-    The normal at a corner is the mean of the normals of its triangles, weighted by area.
+    The normal at a corner is the mean of the normals of its triangles, weighted by area. `points`
+    `(n, 3)` [m] are the nodes.
     """
     each, mean = _area_normals(points[triangles]), np.zeros((len(points), 3))
     for corner in range(3):
@@ -79,26 +79,25 @@ def facet_normals(corners: Array) -> Array:
 
 
 def _area_normals(corners: Array) -> Array:
-    """Return the cross products of two sides of triangles `(m, 3, 3)`, with the length of twice
-    their areas.
+    """Return the cross products of two sides of triangles `(m, 3, 3)`, shape `(m, 3)` [m²].
+
+    Their lengths are twice the areas.
     """
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def open_sides(triangles: Indices) -> Mask:
-    """Return which sides 12, 02, 01 of triangles of nodes `(m, 3)` belong to no other triangle,
-    `(m, 3)`.
-    """
+    """Return which sides 12, 02, 01 of `triangles` `(m, 3)` belong to no other, shape `(m, 3)`."""
     sides = np.sort(triangles[:, OPPOSITE].reshape(-1, 2), axis=1)
     _, side, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
 
 
 def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
-    """Return the nearest triangle to each of the points `(k, d)`, the nearest point in it, `(k,
-    3)`, and its distance, `(k,)`.
+    """Return the triangle nearest to each point `at` `(k, d)`, its nearest point and the distance.
 
-    Triangles have `corners` `(m, 3, d)`; the nearest points are barycentric coordinates.
+    They have shapes `(k,)`, `(k, 3)` and `(k,)`. Triangles have `corners` `(m, 3, d)`; the nearest
+    points are in barycentric coordinates.
     """
     near = cKDTree(corners.mean(axis=1)).query(at, min(NEAREST, len(corners)))[1].reshape(len(at), -1)
     inside, each = _barycentric(at[:, None], corners[near]), corners[near].reshape(-1, *corners.shape[1:])
@@ -109,8 +108,9 @@ def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
 
 
 def _barycentric(at: Array, corners: Array) -> Array:
-    """Return the barycentric coordinates of points `(…, d)`, or of their feet, in triangles `(…, 3,
-    d)`.
+    """Return the barycentric coordinates of points `at` `(…, d)` in triangles `(…, 3, d)`.
+
+    For a point outside the plane of its triangle, they are those of the foot of the perpendicular.
     """
     u, v, w = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :], at - corners[..., 0, :]
     uu, uv, vv, uw, vw = (np.sum(a * b, axis=-1) for a, b in ((u, u), (u, v), (v, v), (u, w), (v, w)))
@@ -120,10 +120,10 @@ def _barycentric(at: Array, corners: Array) -> Array:
 
 
 def _held_inside(at: Array, corners: Array, inside: Array) -> Array:
-    """Return the barycentric coordinates of the nearest points in triangles `(k, 3, d)` to points
-    `at` `(k, d)`.
+    """Return the barycentric coordinates of the points in triangles that are nearest to `at`.
 
-    `inside` `(k, 3)` are the barycentric coordinates of the points `at`.
+    The triangles have `corners` `(k, 3, d)`. The points `at` `(k, d)` have the barycentric
+    coordinates `inside` `(k, 3)`.
     """
     best, least = inside, np.where(inside.min(axis=1) >= 0.0, 0.0, np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):

@@ -1,23 +1,24 @@
-"""An organ at finite strain: energy Π(U), internal force ∂Π/∂U and tangent K(U), in the same
-coupled system.
+"""An organ at finite strain in the coupled system.
+
+It has an energy Π(U), an internal force ∂Π/∂U and a tangent K(U):
 
     a M (U⁺ − U_a) + α d M (U⁺ − U_d) + ∂Π/∂U − load = Zᵀ (∂y/∂z)ᵀ f_y,    z = Z U
 
-At an iterate U_k the site variables depend on U only through z (`tissue.sites.finite`), y ≈ y_k + J
-dz. With the residual r_k without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ and S =
-f_y·∂²y/∂z² the answer is
+The site variables depend on U only through z (`tissue.sites.finite`). At an iterate U_k they are
+y ≈ y_k + J dz. Let r_k be the residual without site forces, A_k = a M + α d M + K, C_z = Z A_k⁻¹ Zᵀ
+and S = f_y·∂²y/∂z². The answer is
 
     dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
 
-Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces, with C_cc = G Ã⁻¹ Gᵀ,
-C_cy = G Ã⁻¹ Zᵀ Jᵀ and Ã = A − Zᵀ S Z. The pairing and its directions are found at the start of a
-step, in the deformed shape.
+Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces. Their compliances are
+C_cc = G Ã⁻¹ Gᵀ and C_cy = G Ã⁻¹ Zᵀ Jᵀ with Ã = A − Zᵀ S Z. The pairing and its directions are
+determined at the start of a step, in the deformed shape.
 
 The coupled Newton iteration calls `again` after each correction. The organ then moves to U_k + dU.
-The move is shortened if a cell would be inverted or if the organ's potential under these forces
-would increase. The answer has converged when its own residual there is within RESIDUAL of the
-forces of the cells. A factor is reused while it reduces the residual; the converged answer does not
-depend on the factor.
+The move is shortened if a cell would be inverted, or if both the residual and the organ's potential
+under these forces would increase. The answer has converged when its own residual there is within
+RESIDUAL of the forces of the cells. A factor is reused while it reduces the residual; the converged
+answer does not depend on the factor.
 """
 
 from collections import OrderedDict, deque
@@ -59,18 +60,20 @@ from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
 
-RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the residual of the organ's equations
+RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the organ's residual
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
 BENT = 1e-12  # of the numbers of a frame: accepted difference between y(z) and its linearisation
-KEEP = 0.25  # a factor is reused while it reduces the residual below this fraction: a new factor takes as long as
-# two dozen corrections with the old one
+# A factor is reused while it reduces the residual below this fraction. A new factor is as expensive
+# as two dozen corrections with the old one.
+KEEP = 0.25
 SHORTEST = 2.0**-12  # smallest part of a correction that is tried
 RISE = 1e-10  # of the potential: increase due to round-off
 KEPT_TANGENTS = 2
-FARTHEST = 4.0  # times the displacement predicted by the tangent at the end: a flap that is pulled upright by
-# four times the load moves 2.7 times as far, an exponential law with a growth of e⁴ 4 times as far
+# Times the displacement predicted by the tangent at the end. A flap that is pulled upright by four
+# times the load moves 2.7 times as far, and an exponential law with a growth of e⁴ 4 times as far.
+FARTHEST = 4.0
 PARTS = (0.25, 0.5, 0.75)  # of a path: points at which the path is checked for a barrier
-DROP = 0.1  # of the largest force along a path: a smaller drop before the force rises again is no barrier
+DROP = 0.1  # of the larger force at the ends of a path: a smaller drop along it is no barrier
 MOST_CORRECTIONS = 50  # for the equilibrium without site forces
 
 
@@ -78,11 +81,13 @@ MOST_CORRECTIONS = 50  # for the equilibrium without site forces
 class Motion:
     """The inertia and loads of a step.
 
-    `a` [1/s²] and `d` [1/s] are its factors, and `inertia` and `damping` the fields U_a and U_d,
-    `(N,)` [m]. `load` `(N,)` [N] is the dead load, and `shares` are the parts of the loads that
-    act. If the organ `creeps`, `a` is the factor of a drag towards U_a instead of inertia. If the
-    organ is `led` along a branch of equilibria, its potential can increase. `course` is the
-    relaxation of the tissue; None without relaxation.
+    - `a` [1/s²], `d` [1/s]: the factors of the time scheme.
+    - `inertia`, `damping` `(N,)` [m]: the fields U_a and U_d.
+    - `load` `(N,)` [N]: the dead load.
+    - `shares` `(l,)`: the parts of the loads that act; None without loads.
+    - `creeps`: if True, `a` is the factor of a drag towards U_a instead of inertia.
+    - `led`: if True, the organ is led along a branch of equilibria, and its potential may increase.
+    - `course`: the relaxation of the tissue; None without relaxation.
     """
 
     a: float
@@ -97,7 +102,7 @@ class Motion:
 
     @property
     def density(self) -> Density | None:
-        """The density of relaxing tissue in the step; None: the density of the body."""
+        """The density of relaxing tissue in the step; None for the density of the body."""
         return None if self.course is None else self.course.density
 
 
@@ -105,8 +110,9 @@ class Motion:
 class Course:
     """The relaxation of stress in a step of `dt` [s].
 
-    `relaxing` `(b, 3, 3, q, c)` and S_iso `(3, 3, q, c)` [Pa] are the stresses at the start of the
-    step, and `density` is the density used in the step (`tissue.relaxation`).
+    `relaxing` `(b, 3, 3, q, c)` [Pa] are the relaxing stresses at the start of the step, and `S`
+    `(3, 3, q, c)` [Pa] is S_iso there. `density` is the energy density in the step
+    (`tissue.relaxation`).
     """
 
     dt: float
@@ -117,8 +123,9 @@ class Course:
 
 @dataclass(frozen=True)
 class Tangent:
-    """The factorised tangent A at the displacement `U`, with the rows `Z` `(k, N)` of the sites,
-    and whether A is `definite`.
+    """The factorised tangent A at the displacement `U`.
+
+    `Z` `(k, N)` are the rows of the sites. `definite` is True if A is positive definite.
     """
 
     U: Array
@@ -131,7 +138,7 @@ class Tangent:
 
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
-        """Computed when first needed: an organ without site forces does not need them."""
+        """W and C_z, computed when first needed; without site forces they are not needed."""
         try:
             return compliance(self.factor, self.Z)
         except FactorError as error:
@@ -148,8 +155,9 @@ class Tangent:
         return self._columns[1]
 
     def way_without_forces(self, r: Array) -> Array:
-        """Return −A⁻¹ r, shape `(N,)` [m], cached for the last residual r `(N,)` [N]. Raises
-        `OrganError`.
+        """Return −A⁻¹ r, shape `(N,)` [m].
+
+        It is cached for the last residual r `(N,)` [N]. Raises `OrganError`.
         """
         for known, way in self._let_go:
             if known is r:
@@ -158,10 +166,9 @@ class Tangent:
         return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
-        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N], cached for
-        the last G.
+        """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N].
 
-        Raises `OrganError` if the tangent cannot be solved.
+        They are cached for the last G. Raises `OrganError` if the tangent cannot be solved.
         """
         if not any(known is pairing.G for known, _ in self._recalled):
             self._recalled.append((pairing.G, gap_compliance(self.factor, pairing.G)))
@@ -183,8 +190,9 @@ class Displaced(LipCompliance):
 
 
 def unsolved(error: FactorError) -> OrganError:
-    """Return the error for a tangent that cannot be solved; the step is then repeated as two half
-    steps.
+    """Return the error for a tangent that cannot be solved.
+
+    The step is then repeated as two half steps.
     """
     return OrganError(f"the tissue's tangent cannot be solved ({error})")
 
@@ -201,8 +209,8 @@ def solved(factor: Solver, b: Array) -> Array:
 class Point:
     """The organ at `U` `(N,)` without site forces.
 
-    `F` are the deformation gradients at the cells, `r` `(N,)` [N] the residual, `scale` [N] the
-    largest force of a cell on a node, and `z` the numbers of the sites.
+    `F` are the deformation gradients at the cells, and `r` `(N,)` [N] is the residual. `scale` [N]
+    is the largest force of a cell on a node, and `z` are the numbers of the sites.
     """
 
     U: Array
@@ -214,8 +222,10 @@ class Point:
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces on the organ: site forces `f_y` (9p,), and contact forces `push` = Gᵀ p over its
-    unknowns `(N,)` [N].
+    """Forces on the organ.
+
+    `f_y` (9p,) are the site forces, and `push` = Gᵀ p `(N,)` [N] the contact forces over the free
+    unknowns.
     """
 
     f_y: Array
@@ -226,8 +236,8 @@ class Forces:
 class FiniteAnswer:
     """The answer linearised at a `point` under forces `f_y` (9p,).
 
-    The `tangent` was made at this point or at an earlier one. `pairing` is the pairing of the lips.
-    `ahead` (N,) [m] is an extrapolation beyond the correction with this tangent; None without
+    The `tangent` was computed at this point or at an earlier one. `pairing` is the pairing of the
+    lips. `ahead` (N,) [m] is an extrapolation beyond the correction with this tangent; None without
     extrapolation.
     """
 
@@ -259,7 +269,7 @@ class FiniteAnswer:
 
     @cached_property
     def _GW_turning(self) -> Array:
-        """G A⁻¹ Zᵀ S (1 − C_z S)⁻¹, the effect of turning fibre frames, shape `(k, number of z)`."""
+        """The effect of turning fibre frames, G A⁻¹ Zᵀ S (1 − C_z S)⁻¹, `(k, number of z)`."""
         return np.asarray(self._GW @ self._S @ self._bent)
 
     @cached_property
@@ -279,7 +289,7 @@ class FiniteAnswer:
 
     @property
     def points(self) -> Array:
-        """What points outside face, shape `(j, 9 + l)`."""
+        """The facing data of outside points, shape `(j, 9 + l)`."""
         return NO_POINTS if self.pairing.points is None else self.pairing.points
 
     @cached_property
@@ -336,10 +346,10 @@ class FiniteAnswer:
         return self.organ.state_at(self.motion, U, f_y, p, self.pairing, self.tangent)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
-        """Return itself if the organ's equations have converged under these forces, else the answer
-        linearised at the new point.
+        """Return the answer linearised at a new point under these forces.
 
-        Raises `OrganError` if the organ finds no new point or no tangent.
+        It is itself if the organ's equations have converged under these forces. Raises `OrganError`
+        if there is no new point or no tangent.
         """
         organ, forces = self.organ, self._forces(f_y, p)
         before = organ.off_balance(self.point, forces)
@@ -354,12 +364,12 @@ class FiniteAnswer:
         return kept.after(self, forces) if share == 1.0 and self.motion.a and not forces.push.any() else kept
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
-        """Return the answer with an extrapolation from the last two corrections by one tangent,
-        without another solve.
+        """Return the answer with an extrapolation from the last two corrections.
 
-        With an old tangent, the remaining error of each correction has much the same ratio and
-        direction (Anderson, J. ACM 12, 1965, with one stored correction; more stored corrections
-        hardly save iterations).
+        Both corrections have the same tangent, and no additional solve is needed. With an old
+        tangent, the remaining error of each correction has nearly the same ratio and direction
+        (Anderson, J. ACM 12, 1965, with one stored correction; more stored corrections hardly save
+        iterations).
         """
         way = self.point.U - last.point.U
         left = self.moved(forces) - self.point.U
@@ -389,12 +399,14 @@ class FiniteAnswer:
 
 @dataclass(frozen=True, eq=False)
 class FiniteOrgan(MeshedOrgan):
-    """An organ at finite strain, with `inertia` and mass-proportional `damping` α [1/s], or always
-    in equilibrium.
+    """An organ at finite strain.
 
-    `hyper` is its energy, None: the neo-Hookean solid with the same E and ν. `relaxation` is the
-    relaxation of its stress, None: no relaxation. A factor is reused if it reduces the residual
-    below the fraction `keep`; 0 makes a new tangent for every correction.
+    - `hyper`: its energy; None for the neo-Hookean solid with the same E and ν.
+    - `inertia`: if False, the organ is always in equilibrium.
+    - `damping` [1/s]: the factor α of the mass-proportional damping.
+    - `keep`: a factor is reused if it reduces the residual below this fraction; with 0 there is a
+      new tangent for every correction.
+    - `relaxation`: the relaxation of its stress; None without relaxation.
     """
 
     hyper: Hyperelasticity | None = None
@@ -428,7 +440,7 @@ class FiniteOrgan(MeshedOrgan):
         object.__setattr__(self, "_recalled", deque(maxlen=3))
         object.__setattr__(self, "_met", deque(maxlen=2))
 
-    # --- the organ's numbers -----------------------------------------------------------------------------------
+    # --- the organ's numbers ----------------------------------------------------------------------
 
     @property
     def law(self) -> Hyperelasticity:
@@ -438,7 +450,7 @@ class FiniteOrgan(MeshedOrgan):
 
     @cached_property
     def map(self) -> SiteMap:
-        """The site variables of z = Z U."""
+        """The map from z = Z U to the site variables."""
         return SiteMap(self.sites)
 
     @cached_property
@@ -458,7 +470,10 @@ class FiniteOrgan(MeshedOrgan):
         return RESIDUAL * point.scale + self._round_off + ROUND_OFF * inertia
 
     def point(self, motion: Motion, U: Array, F: Array | None = None) -> Point:
-        """Return the organ at U; `F` are its deformation gradients, None if they are not known yet."""
+        """Return the organ at U.
+
+        `F` are its deformation gradients; None if they are not known yet.
+        """
         F = self.law.gradient(self.whole(U)) if F is None else F
         forces, scale = self.law.forces(F, motion.density)
         self._met.append((U, F, forces[self.elasticity.free], motion.density))
@@ -476,16 +491,18 @@ class FiniteOrgan(MeshedOrgan):
         return self.elasticity.points + self._nodal(U)
 
     def pressing(self, shares: Array | None, U: Array) -> Array:
-        """Return the forces of the pressures, which follow their surfaces, over the free unknowns
-        `(N,)` [N].
+        """Return the forces of the pressures over the free unknowns, `(N,)` [N].
+
+        Pressures follow their surfaces.
         """
         if not self.surface.follows:
             return np.zeros(self.size)
         return self.surface.pressing(shares, self._places(U))[self.elasticity.free]
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]; pressures act on the
-        deformed surfaces.
+        """Return the sum of the forces of each whole load, `(l, 3)` [N].
+
+        Pressures act on the deformed surfaces.
         """
         return self.surface.resultants_at(self._places(state.U))
 
@@ -495,10 +512,10 @@ class FiniteOrgan(MeshedOrgan):
         return float(np.abs(pull - point.r).max(initial=0.0))
 
     def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
-        """Return the potential that the organ minimises in a step under constant forces [J];
-        infinite if a cell is inverted.
+        """Return the potential that the organ minimises in a step under constant forces [J].
 
-        The work of pressures is along the straight path from `start` (N,) to U.
+        It is infinite if a cell is inverted. The work of pressures is that along the straight path
+        from `start` (N,) to U.
         """
         out = self.law.energy(F, motion.density) - float((motion.load + forces.push) @ U)
         out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
@@ -513,15 +530,17 @@ class FiniteOrgan(MeshedOrgan):
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
         """Return the point at U, or at a part of the way from `start` to U, and this part.
 
-        No cell is inverted at the point. Unless the organ is led, the residual, which is `before`
-        at the start, or the potential decreases. Raises `OrganError` if there is no such point.
+        No cell is inverted at the point. Unless the organ is led, the residual or the potential
+        does not increase; `before` is the residual at the start. Raises `OrganError` if there is no
+        such point.
         """
         share, way, first, inverted = 1.0, U - start.U, None, np.inf
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F = self.law.gradient(self.whole(there))
             if self.law.is_possible(F):
-                with np.errstate(over="ignore", invalid="ignore"):  # infinite forces there shorten the way
+                # Infinite forces at this point shorten the way.
+                with np.errstate(over="ignore", invalid="ignore"):
                     point = self.point(motion, there, F)
                 if motion.led or self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
                     return point, share
@@ -538,8 +557,9 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
-        """Return the factorised tangent at U; the last few tangents are cached. Raises
-        `OrganError`.
+        """Return the factorised tangent at U.
+
+        The last few tangents are cached. Raises `OrganError`.
         """
         shares = motion.shares if self.surface.follows else None
         met = None if motion.course is None else motion.course.dt
@@ -575,10 +595,10 @@ class FiniteOrgan(MeshedOrgan):
             except FactorError as error:
                 raise unsolved(error) from error
 
-    # --- the interface of the coupling ------------------------------------------------------------------------
+    # --- the interface of the coupling ------------------------------------------------------------
 
     def motion(self, scheme: TimeScheme, past: Sequence[OrganState], shares: Array | None) -> Motion:
-        """Return the inertia and loads of a step of `scheme` from the states `past`, newest first."""
+        """Return the inertia and loads of a step of `scheme` from states `past`, newest first."""
         load, course = self.load_under(shares), self.course(slips_since(past, scheme), scheme.dt) if past else None
         if not (self.inertia and scheme.a):
             return Motion(0.0, 0.0, EMPTY, EMPTY, load, shares, course=course)
@@ -588,9 +608,7 @@ class FiniteOrgan(MeshedOrgan):
         return Motion(scheme.a, scheme.d, inertia, damping, load, shares, course=course)
 
     def course(self, state: OrganState, dt: float) -> Course | None:
-        """Return the relaxation of stress in a step of `dt` [s] from a state, or None without
-        relaxation.
-        """
+        """Return the relaxation of stress in a step of `dt` [s]; None without relaxation."""
         if self.relaxation is None:
             return None
         S = self.law.distortional_stress(self.law.gradient(self.whole(state.U)))
@@ -599,24 +617,23 @@ class FiniteOrgan(MeshedOrgan):
         return Course(dt, relaxing, S, self.law.relaxing(self.relaxation.met(dt), H))
 
     def stressed(self, state: OrganState) -> Density | None:
-        """Return the density that gives the stress of the tissue in a state; None: the density of
-        the body.
-        """
+        """Return the density with the stress of a state; None for the density of the body."""
         if self.relaxation is None or state.relaxing is None:
             return self.lasting
         return self.law.relaxing(1.0 - self.relaxation.total, state.relaxing.sum(axis=0))
 
     @cached_property
     def lasting(self) -> Density | None:
-        """The density of tissue after complete relaxation; None: the density of the body."""
+        """The density of tissue after complete relaxation; None for the density of the body."""
         return None if self.relaxation is None else self.law.relaxing(1.0 - self.relaxation.total, None)
 
     def start(self) -> OrganState:
-        """Return the state at the start: at rest and undeformed, or without inertia in equilibrium
-        with gravity and prestretch.
+        """Return the state at the start.
 
-        It is undeformed too if contact surfaces would cross in this equilibrium. Raises
-        `TissueError` if there is no equilibrium.
+        It is at rest and undeformed. Without inertia, it is in equilibrium with gravity and
+        prestretch. It is undeformed too if contact surfaces would cross in this equilibrium, or if
+        an organ with pairs has no equilibrium. Raises `TissueError` if an organ without pairs has
+        no equilibrium.
         """
         return self._started
 
@@ -640,8 +657,9 @@ class FiniteOrgan(MeshedOrgan):
         return undeformed if crosses else replace(undeformed, U=U)
 
     def _sagged(self, U: Array) -> Array:
-        """Return the equilibrium without site forces that is found from U, shape `(N,)` [m]. Raises
-        `OrganError`.
+        """Return the equilibrium without site forces, shape `(N,)` [m].
+
+        The iteration starts from U. Raises `OrganError`.
         """
         none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
         course = self.course(OrganState(U, U, U, none), np.inf)
@@ -662,8 +680,8 @@ class FiniteOrgan(MeshedOrgan):
     ) -> FiniteAnswer:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        `share` of the loads acts at `time` [s]. The answer is linearised at the newest state with
-        the tangent that was last used there.
+        `share` of the loads acts at `time` [s]. The answer is linearised at the newest state, with
+        the tangent that was last used for this state.
         """
         motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
         point = self.point(motion, state.U)
@@ -694,30 +712,30 @@ class FiniteOrgan(MeshedOrgan):
         )
 
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
-        """Return an answer at rest at the same displacement under another `share` of the loads at
-        `time` [s].
+        """Return an answer at rest at the same displacement under another `share` of the loads.
 
-        The new answer is `led`, because the potential has no minimum at an unstable equilibrium.
+        The loads are those at `time` [s]. The new answer is `led`, because the potential has no
+        minimum at an unstable equilibrium.
         """
         shares = self.shares_at(time, share)
         motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
         return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
 
     def holds(self, answer: FiniteAnswer) -> bool:
-        """Return whether the equilibrium of an answer is stable under dead forces: its tangent is
-        positive definite.
+        """Return whether the equilibrium of an answer is stable under dead forces.
+
+        It is stable if its tangent is positive definite.
         """
         return answer.tangent.definite
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
-        """Return whether a new state with a converged `answer` is not a continuation of the old
-        state.
+        """Return whether a `new` state has jumped to another branch than the `old` one.
 
-        Two conditions must hold. The displacement is much longer than the tangent at its end
-        predicts for the change of the elastic forces. The elastic forces along the straight path
-        drop and rise again. Stiffening tissue or a turning flap meets only one condition. If a hand
-        leads tissue past a limit point, the forces hardly drop before they rise, and less on a
-        shorter path.
+        `answer` is the converged answer of the new state. Two conditions must hold. The
+        displacement is much longer than the tangent at its end predicts for the change of the
+        elastic forces. The elastic forces along the straight path drop and rise again. Stiffening
+        tissue or a turning flap meets only one condition. If a hand leads tissue past a limit
+        point, the forces hardly drop before they rise, and less on a shorter path.
         """
         way, density = new.U - old.U, answer.motion.density
         last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
@@ -731,15 +749,19 @@ class FiniteOrgan(MeshedOrgan):
         return bool(drop.max() > DROP * max(abs(works[0]), abs(works[-1])))
 
     def _force_or_none(self, U: Array, density: Density | None) -> Array | None:
-        """Return the force of a density's energy (N,) [N], None if it is not finite."""
+        """Return the force of a density's energy (N,) [N].
+
+        None if the force is not finite or a cell is inverted.
+        """
         F = self.law.gradient(self.whole(U))
         with np.errstate(over="ignore", invalid="ignore"):
             force = self.law.forces(F, density)[0][self.elasticity.free]
         return force if self.law.is_possible(F) and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
-        """Return the pairing under a displacement of the free unknowns `(N,)`, along the current
-        normals.
+        """Return a new pairing of the lips along the current normals.
+
+        `U` is the displacement of the free unknowns, `(N,)` [m].
         """
         facing = None
         if self.gaps is not None:
@@ -758,8 +780,9 @@ class FiniteOrgan(MeshedOrgan):
         return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
-        """Return the relaxing stresses at the end of a step at U `(N,)`, shape `(b, 3, 3, q, c)`
-        [Pa].
+        """Return the relaxing stresses at the end of a step, shape `(b, 3, 3, q, c)` [Pa].
+
+        `U` `(N,)` [m] is the displacement there. None without relaxation.
         """
         if course is None or self.relaxation is None:
             return None
@@ -767,19 +790,20 @@ class FiniteOrgan(MeshedOrgan):
         return self.relaxation.after(course.relaxing, change, course.dt)
 
     def site_variables(self, state: OrganState) -> Array:
-        """Return y = y(Z U), shape `(9p,)`."""
+        """Return the site variables y(Z U), shape `(9p,)`."""
         return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)))
 
     def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, slides and friction of the pairs."""
+        """Return the gaps, forces, sliding distances and friction of the pairs."""
         if self.gaps is None:
             return NO_LIPS
         p = self.contact_forces(state)[: self.pairs]
         return Lips(self.gaps_of(state)[: self.pairs], p, self.slides(state.U), *self.rubbing(state))
 
     def impulse(self, state: OrganState) -> SiteAnswer | None:
-        """Return the answer to an impulse on the sites: dy/dt = J Z V, by J Z M⁻¹ Zᵀ Jᵀ. None
-        without inertia.
+        """Return the answer to an impulse on the sites; None without inertia.
+
+        Its `y_free` is dy/dt = J Z V, and its compliance J Z M⁻¹ Zᵀ Jᵀ.
         """
         if not self.inertia:
             return None
@@ -792,15 +816,14 @@ class FiniteOrgan(MeshedOrgan):
 
     @cached_property
     def _mobility(self) -> tuple[Array, Array]:
-        """M⁻¹ Zᵀ `(N, k)` and Z M⁻¹ Zᵀ `(k, k)`."""
+        """The matrices M⁻¹ Zᵀ `(N, k)` and Z M⁻¹ Zᵀ `(k, k)`."""
         return compliance(mass_solver(self.M, self.places, self.choice.name), self.map.Z)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
-        constant.
+        """Return the answer of a step without motion from `y` (9p,) while the forces are constant.
 
-        These are the site forces `f_y` (9p,) and the contact forces of `state`. The answer is
-        linear in their change; the next step removes the remaining error.
+        These forces are the site forces `f_y` (9p,) and the contact forces of `state`. The answer
+        is linear in their change; the next step removes the remaining error.
         """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing_of(state)
@@ -829,8 +852,9 @@ class FiniteOrgan(MeshedOrgan):
         return self.whole(state.V)
 
     def _stored(self, U: Array) -> tuple[float, Array]:
-        """Return the energy without relaxing stress [J] and its force (N,) [N], cached for the last
-        fields.
+        """Return the energy without relaxing stress [J] and its force (N,) [N].
+
+        They are cached for the last fields.
         """
         for known, energy, force in self._recalled:
             if known is U:
@@ -840,8 +864,9 @@ class FiniteOrgan(MeshedOrgan):
         return self._recalled[-1][1:]
 
     def _forces_at(self, U: Array, density: Density | None) -> tuple[Array, Array]:
-        """Return F at the cells and the force of a density's energy (N,) [N], cached for the last
-        points.
+        """Return F at the cells and the force of a density's energy (N,) [N].
+
+        They are cached for the last points.
         """
         for known, F, force, by in self._met:
             if by is density and np.array_equal(known, U):
@@ -850,14 +875,14 @@ class FiniteOrgan(MeshedOrgan):
         return F, self.law.forces(F, density)[0][self.elasticity.free]
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the work done from `old` to `new` [J].
+        """Return the energies at `new` and the works from `old` to `new` [J].
 
         The work of the relaxing stress counts as viscous and uses its value at the end of the step.
         Some of this work is returned if the tissue moves back.
 
-        The dissipation of the integrator is the work of the forces at the end along the step minus
-        the change of energy. It has parts of the cells, of the mass and of the contact as in the
-        linear organ, and f_y·(Δy − J Δz) of fibre frames.
+        The dissipation of the integrator is the work along the step of the forces at its end, minus
+        the change of energy. It has parts of the cells, the mass and the contact, as in the linear
+        organ, and the part f_y·(Δy − J Δz) of fibre frames.
         """
         dU, dV = new.U - old.U, new.V - old.V
         (stored, force), (before, _) = self._stored(new.U), self._stored(old.U)

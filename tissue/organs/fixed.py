@@ -13,11 +13,14 @@ from tissue.sites.site import Site, space_frames
 
 @dataclass(frozen=True)
 class FixedAnswer(SiteAnswer[OrganState]):
-    """The answer of sites fixed in space; they have no rows in the assembled matrix."""
+    """The answer of sites fixed in space.
+
+    The sites have no rows in the assembled matrix.
+    """
 
     @property
     def equation(self) -> Equation:
-        """No unknowns."""
+        """The equation, which has no unknowns."""
         sites = csr_matrix((self.y_free.size, 0))
         return Equation(csr_matrix((0, 0)), EMPTY, self.y_free, sites, EMPTY, csr_matrix((0, 0)))
 
@@ -26,7 +29,7 @@ class FixedAnswer(SiteAnswer[OrganState]):
 class FixedSites:
     """Sites fixed in space instead of an organ, `y0` `(9p,)`; made by `fixed_sites`.
 
-    `directed` says for each site whether a direction was given; empty if unknown.
+    `directed` tells for each site whether a direction was given; it is empty if this is unknown.
     """
 
     y0: Array
@@ -34,20 +37,20 @@ class FixedSites:
 
     @property
     def Y(self) -> csr_matrix:
-        """No unknowns, shape `(9p, 0)`."""
+        """The matrix Y, without columns because there are no unknowns, shape `(9p, 0)`."""
         return csr_matrix((self.y0.size, 0))
 
     @property
     def size(self) -> int:
-        """Zero."""
+        """Number of unknowns, zero."""
         return 0
 
     def lips(self, state: OrganState) -> Lips:
-        """Return no pairs: space has no lips."""
+        """Return no pairs: there are no lips."""
         return NO_LIPS
 
     def start(self) -> OrganState:
-        """Return the state without force."""
+        """Return the state without forces."""
         return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size))
 
     def answer(
@@ -77,7 +80,7 @@ class FixedSites:
         return SiteAnswer(self.y0, self._stiff, lambda f_new, p: replace(state, f_y=state.f_y + (f_new - f_y)))
 
     def _stiff(self) -> Array:
-        """Return the compliance of space, zero, shape `(9p, 9p)`."""
+        """Return the compliance of the sites, zero, shape `(9p, 9p)`."""
         return np.zeros((self.y0.size, self.y0.size))
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array]:

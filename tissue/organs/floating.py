@@ -1,15 +1,15 @@
 """An organ at rest with a body that can be held only by stitches and contact.
 
 K is singular if a body can move as a rigid body. An equilibrium then exists only if threads and
-contact balance the loads. It is found step by step (the proximal point algorithm: Rockafellar, SIAM
-J. Control and Optimization 14, 1976). In each step a drag force resists the motion away from the
-last state:
+contact balance the loads. The equilibrium is found step by step (the proximal point algorithm:
+Rockafellar, SIAM J. Control and Optimization 14, 1976). In each step a drag force resists the
+motion away from the last state:
 
     K U⁺ + κ M (U⁺ − U) = load + Yᵀf_y + Gᵀp
 
 In a step the drag falls to the fraction κm/(κm + k) of its value. m is the mass of the body, and k
-the stiffness of the threads and the contact that hold it. Once the drag has vanished, the
-equilibrium does not depend on κ. In directions without any force the body stays at rest.
+the stiffness of the threads and the contact that hold it. The equilibrium without drag does not
+depend on κ. In directions without any force the body stays at rest.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,16 @@ from tissue.arrays import Array
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganState, TimeScheme
 
-FIRST = 1e-2  # of the stiffness of a cube of its tissue with its volume: the drag in the first step of a load step
-LATER = 1e-4  # of that stiffness: the drag in all later steps
+# Drag in the first step of a load step, over the stiffness of a cube of the same tissue and volume.
+FIRST = 1e-2
+LATER = 1e-4  # drag in all later steps, over that stiffness
 SCALE = np.finfo(float).tiny
 
 
 class Drag(NamedTuple):
-    """A step with a drag of `a` [1/s²] times the mass against motion away from the last state;
-    there is no inertia.
+    """A step without inertia, with a drag of `a` [1/s²] times the mass.
+
+    The drag resists the motion away from the last state.
     """
 
     a: float
@@ -41,23 +43,23 @@ class Drag(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FloatingOrgan(DynamicOrgan):
-    """A linear organ at rest that need not be held by supports.
+    """A linear organ at rest that does not need supports.
 
-    Its mass gives the weight and distributes the drag. A of its state is the remaining drag of the
-    last step over the mass [m/s²].
+    Its mass gives the weight and distributes the drag. `A` of its state is the remaining drag of
+    the last step divided by the mass [m/s²].
     """
 
     @cached_property
     def _cube(self) -> float:
-        """Stiffness of a cube of the organ's tissue with the organ's volume, over its mass [1/s²]."""
+        """Stiffness of a cube of the organ's tissue and volume, divided by its mass [1/s²]."""
         body = self.elasticity
         volume = float(body.M.sum() / 3.0 / np.mean(body.material.density))
         return float(np.mean(body.material.youngs_modulus) * np.cbrt(volume) / (body.M.sum() / 3.0))
 
     def drag(self, begins: bool) -> Drag:
-        """Return the drag of a step, which is larger if a load step `begins`.
+        """Return the drag of a step.
 
-        At the beginning, contact possibly does not hold the body yet.
+        The drag is larger if a load step `begins`, because contact may not hold the body yet.
         """
         return Drag((FIRST if begins else LATER) * self._cube)
 
@@ -73,13 +75,11 @@ class FloatingOrgan(DynamicOrgan):
         return self.answer_paired(self.drag(len(past) == 1), past[:1], pairing, time, share)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in
-        motion.
-        """
+        """Return the answer of a step without motion from `y` (9p,), as `DynamicOrgan.displace`."""
         return super().displace(self.drag(True), state, y, f_y)
 
     def dragged(self, state: OrganState) -> float:
-        """Return the drag on a state relative to all other forces on the organ [-]."""
+        """Return the ratio of the drag on a state to all other forces on the organ [-]."""
         forces = (
             self.load_under(state.shares),
             self.Y.T @ state.f_y,

@@ -5,21 +5,23 @@ all unknowns.
 
 as in `tissue.organs.basis`. If a body starts at rest and only F acts on it, it moves almost in this
 space. The remainder decreases with every block, so that after a few blocks it is below the residual
-of a solver. It is known at every step: the residual of the equations of motion for all unknowns,
+of a solver. The remainder is known at every step. It is measured by the residual of the equations
+of motion for all unknowns,
 
     r = F f − M (Ü + α U̇) − K (U + β U̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖,
 
-with one small matrix R, because F, K V, and M V without its last block are in the space of K V. The
-condition for the acceptance of a step is
+with one small matrix R, because F, K V, and M V without its last block are in the space of K V. A
+step is accepted if
 
     ‖r‖  ≤  ε ‖forces‖,   ‖forces‖ = ‖M (Ü + α U̇)‖ + ‖K (U + β U̇)‖ in K⁻¹, the largest so far.
 
 Otherwise the step is solved again in a wider space, if a prediction says that a few more blocks are
-enough. If not, the whole organ solves this step and all later ones. The sites are more accurate:
-their error is the product of two residuals, of the motion and of the answer to a force at a site.
-The reason is that r has no part along V, and V nearly contains this answer.
+enough. If not, this step and all later ones are solved for the whole organ. The sites are more
+accurate than the field: their error is the product of two residuals, of the motion and of the
+answer to a force at a site. The reason is that r has no part along V, and V nearly contains this
+answer.
 
-The whole organ answers an impulse on the sites between two steps. An impulse only moves nodes at
+An impulse on the sites between two steps is solved for the whole organ. It moves only the nodes at
 the sites, and this motion is far from the space.
 """
 
@@ -44,9 +46,9 @@ log = logging.getLogger(__name__)
 # below a thousandth. In the norm of `tissue.solvers.factor.RESIDUAL`, with its large weight of variations from node
 # to node, ε is below 1e-10.
 ACCURACY = 1e-9
-START = 1  # blocks at the start: their residuals predict the number of blocks that is needed, if any number is enough
+START = 1  # blocks at the start: their residuals predict how many blocks are needed, if any number is enough
 FIRST = 4  # blocks that any step can use: seven reach ε for forces that are not faster than the body's vibrations
-MOST = 16  # blocks: other motions are not smooth, and with two holes these blocks cost as much as 350 steps
+MOST = 16  # blocks: a motion that needs more is not smooth; with two holes, 16 blocks cost as much as 350 steps
 SHORT = 1e-8  # of a compliance: largest deficit accepted after a failed step; Newton does not notice a smaller one
 AT_ONCE = 4  # further blocks that one step can add: a smooth start needs one or two, and more later
 ROUNDED = 1e-13  # of the body's size: a smaller error of a site is round-off of the constraints
@@ -66,8 +68,8 @@ class KrylovState(OrganState):
 class Level:
     """The organ in a number of `blocks` of its Krylov space.
 
-    `modes` are its modes, `turn` (n, n) is the matrix from the modes to the vectors of the space,
-    and `missed` (m, n) is R of the module.
+    `modes` are its modes. `turn` (n, n) is the matrix from the modes to the vectors of the space.
+    `missed` (m, n) is R of the module.
     """
 
     blocks: int
@@ -113,7 +115,7 @@ class Space:
         return self._basis.V
 
     def level(self, blocks: int) -> Level:
-        """Return the organ in the static answers and a number of further `blocks`."""
+        """Return the organ in the space of the static answers and `blocks` further blocks."""
         if blocks not in self._levels:
             while len(self._ends) < blocks + 2:  # the next block gives their residual
                 self._extend()
@@ -121,8 +123,9 @@ class Space:
         return self._levels[blocks]
 
     def level_of(self, vectors: int) -> Level:
-        """Return the organ in a number of `vectors`. Raises `TissueError` if no number of blocks
-        has as many vectors.
+        """Return the organ in the space of the first `vectors` vectors.
+
+        Raises `TissueError` if no number of blocks has this number of vectors.
         """
         while vectors not in self._ends and len(self._ends) <= MOST:
             self._extend()
@@ -173,11 +176,12 @@ class KrylovAnswer(SiteAnswer[OrganState]):
 
 @dataclass(frozen=True, eq=False)
 class KrylovOrgan(OrganOfModes):
-    """A linear organ with inertia, solved in its Krylov space while the space is accurate, and
-    otherwise by `full`.
+    """A linear organ with inertia, solved in its Krylov space.
 
-    Raises `TissueError` for an organ with contact, for an organ that is not held, and if memory is
-    too small.
+    If the space is not accurate enough, `full` solves instead.
+
+    Raises `TissueError` for an organ with contact, for an organ that is not held, and if the memory
+    is too small.
     """
 
     def __post_init__(self) -> None:
@@ -194,7 +198,7 @@ class KrylovOrgan(OrganOfModes):
         return None if state.U.size == self.full.size else self.space.level_of(state.U.size)
 
     def start(self) -> KrylovState:
-        """Return the state undeformed and at rest; gravity and loads act from the first step."""
+        """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.space.level(START).modes.size)
         return KrylovState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
@@ -203,7 +207,7 @@ class KrylovOrgan(OrganOfModes):
     ) -> SiteAnswer[OrganState] | LinearAnswer:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        `share` of the loads acts at `time` [s].
+        The part `share` of the loads acts at `time` [s].
         """
         level = self.level(max(past, key=lambda state: state.U.size))
         if level is None:
@@ -225,7 +229,7 @@ class KrylovOrgan(OrganOfModes):
             """Return the answer at a level that is wide enough, or the answer of the whole organ."""
 
             def excess(level: Level, answer: KrylovAnswer) -> float:
-                """Return the residual of an answer over its bound."""
+                """Return the residual of an answer divided by its bound."""
                 return level.shortfall(scheme) / SHORT if f_y is None else self._excess(level, answer.accept(f_y))
 
             found = self._widened(level, answer, lambda wider: self._answer(wider, scheme, past, time, share), excess)
@@ -243,7 +247,8 @@ class KrylovOrgan(OrganOfModes):
     ) -> KrylovAnswer | None:
         """Return the narrowest Krylov answer whose residual bound is met, or None.
 
-        It adds at most AT_ONCE blocks to the present level, or to FIRST.
+        The search adds at most AT_ONCE blocks to the present level, or to FIRST blocks if these are
+        more.
         """
         before, most = np.inf, min(MOST, max(level.blocks, FIRST) + AT_ONCE)
         while (left := excess(level, answer)) > 1.0:
@@ -258,7 +263,7 @@ class KrylovOrgan(OrganOfModes):
         return answer
 
     def _excess(self, level: Level, state: OrganState) -> float:
-        """Return the residual of the equations of motion over its bound [-]."""
+        """Return the residual of the equations of motion divided by its bound [-]."""
         return level.left(state) / max(self._allowed(state), np.finfo(float).tiny)
 
     def _allowed(self, state: OrganState) -> float:
@@ -280,8 +285,9 @@ class KrylovOrgan(OrganOfModes):
         return replace(found, accepted=lambda f_y, p: KrylovState(**vars(found.accepted(f_y, p)), work=work))
 
     def _at(self, level: Level, state: OrganState) -> OrganState:
-        """Return a state at its own level or a higher one; its parts in the additional blocks are
-        zero.
+        """Return a state at its own level or a higher one.
+
+        Its parts in the additional blocks are zero.
         """
         own = self.level(state)
         if own is level or own is None:
@@ -330,9 +336,9 @@ class KrylovOrgan(OrganOfModes):
     ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
         """Return the arrays with which a kernel makes steps, or None.
 
-        Masses and loads (n,), W (n, 9p), Y, y0, R, Rayleigh's α and β, and two bounds of the
-        residual: as a fraction of the largest forces, and from round-off [√J]. None if the loads
-        change at the `times` [s], and for a state of the whole organ.
+        The arrays are masses and loads (n,), W (n, 9p), Y, y0 and R. Then follow Rayleigh's α and
+        β, and two bounds of the residual: a fraction of the largest forces, and round-off [√J]. The
+        result is None if the loads change at the `times` [s], and for a state of the whole organ.
         """
         level = self.level(state)
         if level is None or not self.has_loads_of(state, times):
@@ -342,8 +348,10 @@ class KrylovOrgan(OrganOfModes):
         return (modes.mu, load, W, modes.Y, self.y0, level.missed, *modes.rayleigh, *within)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of a state at the level of the state `like` (n,), the site forces (9p,)
-        and the largest forces [√J].
+        """Return η, η̇, η̈ (n,) of a state, the site forces (9p,) and the largest norm of the
+        forces so far [√J].
+
+        η, η̇ and η̈ are those at the level of the state `like`.
         """
         level = self.level(like)
         at = state if level is None else self._at(level, state)
@@ -359,7 +367,7 @@ class KrylovOrgan(OrganOfModes):
         return self.full.impulse(self.whole(state))
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of the whole organ in a step in which nothing moves."""
+        """Return the answer of the whole organ in a step in which the sites stay at `y`."""
         return self.full.displace(scheme, self.whole(state), y, f_y)
 
     # -- the error of the space ------------------------------------------------------------------------------------
@@ -369,8 +377,9 @@ class KrylovOrgan(OrganOfModes):
         return 0 if self.level(state) is None else state.U.size
 
     def residual(self, state: OrganState) -> float:
-        """Return the residual of the equations of motion over the largest forces so far [-]; 0 for
-        a state of the whole organ.
+        """Return the residual of the equations of motion divided by the largest forces so far [-].
+
+        It is 0 for a state of the whole organ.
         """
         level, work = self.level(state), work_of(state)
         return 0.0 if level is None or not work else level.left(state) / work

@@ -1,27 +1,29 @@
-"""Gaps between surfaces that can touch: nodes of the left surface against facets of the right
-surface, g ≥ 0.
+"""Gaps g ≥ 0 between surfaces that can touch: nodes of the left one and facets of the right one.
 
 g is the distance of the right surface from a left node. It is measured along the right surface's
 normal n, averaged over the facets around each vertex: g = d·(Σ w_a x_a − x_left) over the nodes a
-of the facet that the left node faces. This facet and d are found at the start of a step
+of the facet that the left node faces. This facet and d are determined at the start of a step
 (`Gaps.facing`) and are constant during the step. A force p on the pair acts along d, so that lips
 that slide over one another do work along their slope.
 
-The lips of a wound match: in the reference each node faces a node of the other lip, its partner,
-along the normal e of the wound's plane; with P2 also the middles of the edges. No node of one lip
-then enters the other. After sliding, a node faces the point in front of it along e, and d =
-n/(n·e). g and p are therefore always measured along e, and p over the area projected along e is the
-pressure. For other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that
-belongs to both sides has no pair. While no pair has slid by more than SLID of a facet, the pairs
-are exactly the pairs of the reference.
+The lips of a wound match. In the reference each node faces its partner, a node of the other lip,
+along the normal e of the wound's plane. With P2 this also holds for the middles of the edges. No
+node of one lip then penetrates the other. After sliding, a node faces the point in front of it
+along e, and d = n/(n·e). g and p are therefore always measured along e, and the pressure is p
+divided by the area projected along e.
 
-A pair of surfaces with friction also has two slips: how far the faced point has moved past the node
-along two unit vectors normal to d since the step began (`Gaps.slip_sums`). Two forces are conjugate
-to the slips. The sticking of a pair has no other memory: a newly faced point starts with zero slip.
+For other surfaces (`surface_gaps`) a node faces the nearest point, and d = n. A node that belongs
+to both sides has no pair. While no pair has slid by more than SLID of a facet, the pairs are
+exactly those of the reference.
 
-The forces p on the pairs are the forces of a pressure against the P1 functions ψ of the left side's
-vertices: P_a = Σ ψ_a(x_k) p_k / ∫ψ_a dA. With P1 this is force over area. With P2, whose vertices
-carry no force under a uniform pressure, it gathers the forces of the edges.
+A pair with friction also has two slips: the displacements of the faced point relative to the node
+along two unit vectors normal to d since the start of the step (`Gaps.slip_sums`). Two forces are
+conjugate to the slips. A sticking pair has no other memory: a newly faced point starts with zero
+slip.
+
+The pressure follows from the forces p by the P1 functions ψ of the left side's vertices: P_a =
+Σ ψ_a(x_k) p_k / ∫ψ_a dA. With P1 this is force over area. With P2 the vertices carry no force under
+a uniform pressure, and P_a collects the forces of the edges.
 """
 
 import math
@@ -42,10 +44,10 @@ from tissue.organs.facing import Mask, face, facet_normals, open_sides, triangle
 from tissue.organs.rim import Rim, rim_of
 from tissue.supports import facets_of
 
-SLID = 0.01  # of the smallest facet of the right side: after less sliding the pairs of the reference are used
-TURNED = 0.01  # of a unit normal: after a smaller turn at finite strain the pairs of the reference are used
+SLID = 0.01  # of the right side's smallest facet: after less sliding, the reference pairs are used
+TURNED = 0.01  # of a unit normal: after a smaller turn at finite strain, reference pairs are used
 CLOSED = 1e-12  # of the lips' extent: a smaller overlap is round-off of a closed slit
-SUNK = 0.1  # of a facet: touching surfaces of flat facets overlap by less
+SUNK = 0.1  # of a facet: largest initial overlap; touching surfaces of flat facets overlap by less
 LIPS = ("lip_left", "lip_right")
 EXACT = 9  # digits for the comparison of facet sizes
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, in the order after its corners
@@ -53,15 +55,20 @@ MIDDLES = np.array([[0, 1], [1, 2], [0, 2]])  # of a facet's sides, in the order
 
 @dataclass(frozen=True)
 class Part:
-    """The pairs of two surfaces; `between` are their names.
+    """The pairs of two surfaces.
 
-    `triangles` `(t, 3)` are the vertices of the left side, and `left` `(k,)` its nodes that can
-    meet the right side. `facets` `(m, 3)`, with P2 `(m, 6)`, are the right side's, with normals
-    that point away from the left side; `ends` are their open sides. `along` is as in
-    `tissue.organs.facing.face`. `start` `(k, 7)` is the facing of each node in the reference shape.
-    `sunk` `(k,)` [m] is the initial overlap, which counts as touching. `hats` `(v, k)` are the P1
-    functions of the left vertices at the pairs, and `areas` `(v,)` [m²] their integrals. `friction`
-    is Coulomb's coefficient [-].
+    - `between`: the names of the surfaces.
+    - `triangles` `(t, 3)`: the vertices of the left side.
+    - `left` `(k,)`: the nodes of the left side that can meet the right side.
+    - `facets` `(m, 3)`, with P2 `(m, 6)`: the nodes of the right side's facets, with normals that
+      point away from the left side.
+    - `ends`: the open sides of these facets.
+    - `along`: as in `tissue.organs.facing.face`.
+    - `start` `(k, 7)`: the facing of each left node in the reference shape.
+    - `sunk` `(k,)` [m]: the initial overlap, which counts as touching.
+    - `hats` `(v, k)`: the P1 functions of the left vertices at the pairs.
+    - `areas` `(v,)` [m²]: the integrals of these functions.
+    - `friction`: Coulomb's coefficient [-].
     """
 
     between: tuple[str, str]
@@ -83,30 +90,31 @@ class Part:
 
     @cached_property
     def pair_areas(self) -> Array:
-        """The area of each pair, shape `(k,)` [m²]: its shares of the areas of the vertices."""
+        """The area of each pair, shape `(k,)` [m²].
+
+        It is the sum of the pair's shares of the areas of the vertices.
+        """
         return np.asarray(self.hats.T @ (self.areas / np.asarray(self.hats.sum(axis=1)).ravel()))
 
     def faced(self, points: Array, turns: bool = False) -> Array:
-        """Return the facing of each left node, shape `(k, 7)`, with all nodes at `points` `(n, 3)`
-        [m].
+        """Return the facing of each left node, shape `(k, 7)`.
 
-        A node faces the point along `along`, or the nearest point if the surface `turns`.
+        All nodes are at `points` `(n, 3)` [m]. A node faces the point in the direction `along`, or
+        the nearest point if the surface `turns`.
         """
         return face(points[self.left], points, self.facets[:, :3], self.ends, None if turns else self.along)
 
     def vertex_pressure(self, p: Array) -> Array:
-        """Return the pressure at the left vertices under the forces `p` `(k,)` [N], shape `(v,)`
-        [Pa].
-        """
+        """Return the pressure at the left vertices, `(v,)` [Pa], under forces `p` `(k,)` [N]."""
         return np.asarray((self.hats @ p) / self.areas)
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """The `k` pairs of all `parts` of a `body` in order: g = `g0` + `G` U over its free unknowns
-    while no pair slides.
+    """The k pairs of all `parts` of a `body`, part by part.
 
-    Made by `build_gaps` for a wound's lips, by `surface_gaps` for surfaces by name.
+    While no pair slides, g = `g0` + `G` U over the free unknowns of the body. `build_gaps` makes
+    the gaps of a wound's lips, and `surface_gaps` those of named surfaces.
     """
 
     body: Elasticity
@@ -119,7 +127,7 @@ class Gaps:
 
     @cached_property
     def facets(self) -> Indices:
-        """Nodes of all the right sides' facets, `(m, 3)` or `(m, 6)`, corners first."""
+        """Nodes of the facets of all right sides, `(m, 3)` or `(m, 6)`, corners first."""
         return np.vstack([part.facets for part in self.parts])
 
     @cached_property
@@ -129,18 +137,19 @@ class Gaps:
 
     @cached_property
     def rough(self) -> Indices:
-        """Pairs with friction, shape `(m,)`."""
+        """Numbers of the pairs with friction, shape `(m,)`."""
         return np.flatnonzero(self.friction)
 
     @cached_property
     def start(self) -> Array:
-        """The pairing of each left node in the reference shape, shape `(k, 7)`."""
+        """The facing of each left node in the reference shape, shape `(k, 7)`."""
         return self._stacked([part.start for part in self.parts])
 
     @cached_property
     def nodes(self) -> Indices:
-        """Left node of each pair, and the node nearest to its facing point in the reference shape,
-        shape `(k, 2)`.
+        """Left and right node of each pair in the reference shape, shape `(k, 2)`.
+
+        The right node is the one nearest to the faced point.
         """
         nodes, weights = self.weights(self.start)
         return np.column_stack([self.left, nodes[np.arange(len(nodes)), weights.argmax(axis=1)]])
@@ -168,10 +177,10 @@ class Gaps:
         return tuple((rim_of(self.body.mesh, *sides), rim_of(self.body.mesh, *sides[::-1])) for sides in each)
 
     def nearest(self, points: Array) -> tuple[Indices, Array]:
-        """Return the nearest pair to each of the `points` `(m, 3)` [m], and its distance [m],
-        `(m,)` each.
+        """Return the pair nearest to each of the `points` `(m, 3)` [m], and its distance [m].
 
-        The distance is to the nearest node of the pair in the reference shape.
+        Both have shape `(m,)`. The distance is that to the nearest node of the pair in the
+        reference shape.
         """
         away, node = self._tree.query(points)
         return np.asarray(node % len(self.left), dtype=np.intp), np.asarray(away)
@@ -187,7 +196,7 @@ class Gaps:
 
     @cached_property
     def rows(self) -> csr_matrix:
-        """R, the displacement of all nodes of both sides over the free unknowns, shape `(3r, N)`."""
+        """R, the displacement over the free unknowns of both sides' nodes, shape `(3r, N)`."""
         return self.body.rows_of(self.lip_nodes)
 
     @cached_property
@@ -206,10 +215,10 @@ class Gaps:
         return np.concatenate([part.hats.T @ part.vertex_pressure(p[pairs]) for part, pairs in own])
 
     def slides(self, displacement: Array) -> Array:
-        """Return the sliding distance of each pair along the surface since the reference, shape
-        `(k,)` [m].
+        """Return the sliding distance of each pair along the surface, shape `(k,)` [m].
 
-        `displacement` `(n, 3)` [m] is the displacement of all nodes.
+        The distance is that since the reference. `displacement` `(n, 3)` [m] is the displacement of
+        all nodes.
         """
         nodes, weights = self.weights(self.start)
         past = np.sum(weights[..., None] * displacement[nodes], axis=1) - displacement[self.left]
@@ -218,14 +227,14 @@ class Gaps:
         return np.asarray(np.linalg.norm(tangential, axis=1) * (self.start[:, 0] >= 0.0))
 
     def facing(self, points: Array, displacement: Array, turns: bool = False) -> Array | None:
-        """Return the facing of each left node, shape `(k, 7)`: facet (−1: none), barycentric
-        coordinates in it, and d.
+        """Return the facing of each left node, shape `(k, 7)`; None if no pair has slid.
 
-        It is None if no pair has slid, so that the pairing of the reference is valid.
+        The columns are the facet, the barycentric coordinates in it, and d. The facet is −1 if the
+        node faces no facet. If no pair has slid, the pairing of the reference is valid.
 
         `points` `(n, 3)` [m] are all nodes of the reference, and `displacement` is as for `slides`.
-        If surfaces turn, each node faces the nearest point. The pairing of the reference is then
-        also invalid after a normal has turned by more than TURNED.
+        If a surface `turns`, each node faces the nearest point. The pairing of the reference is
+        then also invalid after a normal has turned by more than TURNED.
         """
         sizes, faced = triangle_sizes(points[self.facets[:, :3]]), self.start[:, 0] >= 0.0
         still = faced.all() and self.slides(displacement).max(initial=0.0) <= SLID * sizes.min()
@@ -234,58 +243,55 @@ class Gaps:
         return self._stacked([part.faced(points + displacement, turns) for part in self.parts])
 
     def _turn(self, points: Array, displacement: Array) -> float:
-        """Return the largest turn of a facet's normal, as the distance between the unit normals
-        [-].
-        """
+        """Return the largest turn of a facet's normal, as distance of the unit normals [-]."""
         before, now = (facet_normals(x[self.facets[:, :3]]) for x in (points, points + displacement))
         return float(np.linalg.norm(now - before, axis=1).max(initial=0.0))
 
     def crossed(self, U: Array) -> float:
-        """Return the largest overlap under a displacement of all unknowns (N,) [m], over the extent
-        of the surfaces [-].
+        """Return the largest overlap of the surfaces, relative to their extent [-].
+
+        `U` (N,) [m] is the displacement of all unknowns.
         """
         gaps = self.apart(self.body.nodal(U), turns=True)
         return max(0.0, -float(gaps.min(initial=0.0))) / self.extent
 
     def apart(self, displacement: Array, turns: bool = False) -> Array:
-        """Return the gaps of the pairs under a `displacement` of all nodes `(n, 3)` [m], shape
-        `(k,)` [m].
+        """Return the gaps of the pairs under a displacement, shape `(k,)` [m].
 
-        They are measured along `along`, or to the nearest point if surfaces turn.
+        `displacement` `(n, 3)` [m] is that of all nodes. The gaps are measured in the direction
+        `along` of each part, or to the nearest point if a surface `turns`.
         """
         facing = self.facing(self.body.points, displacement, turns)
         at = self.start if facing is None else facing
         return np.asarray(self.rest(at) + self.sums(at) @ displacement[self.lip_nodes].ravel())
 
     def weights(self, facing: Array) -> tuple[Indices, Array]:
-        """Return the nodes and weights of the point that each left node faces, shape `(k, 3)`, with
-        P2 `(k, 6)`.
+        """Return the nodes and weights of the points that left nodes face, shape `(k, 3)` each.
 
-        Weights are zero if a node faces no facet.
+        With P2 the shape is `(k, 6)`. The weights are zero if a node faces no facet.
         """
         return weights_on(self.facets, facing)
 
     def sums(self, facing: Array) -> csr_matrix:
-        """Return S, the matrix from the displacement of all nodes of both sides to the gaps, shape
-        `(k, 3r)`.
+        """Return the matrix S from the displacement of all nodes of both sides to the gaps.
+
+        Its shape is `(k, 3r)`.
         """
         return self._sums(self.left, facing, facing[:, 4:])
 
     def slip_sums(self, facing: Array) -> csr_matrix:
-        """Return the matrix from the displacement of all nodes of both sides to the slips, shape
-        `(2m, 3r)`.
+        """Return the matrix from the displacement of all nodes of both sides to the slips.
 
-        Each rough pair has two slips, along its two `tangents`.
+        Its shape is `(2m, 3r)`. Each pair with friction has two slips, along its two `tangents`.
         """
         twice = np.repeat(self.rough, 2)
         return self._sums(self.left[twice], facing[twice], tangents(facing[self.rough, 4:]).reshape(-1, 3))
 
     def _sums(self, left: Indices, facing: Array, along: Array) -> csr_matrix:
-        """Return the matrix from the displacement of all nodes to the relative displacement of
-        pairs, shape `(j, 3r)`.
+        """Return the matrix from the displacement of all nodes to the relative one of pairs.
 
-        The relative displacement is the motion of the faced points minus the motion of the nodes
-        `left` `(j,)`, `along` `(j, 3)`.
+        Its shape is `(j, 3r)`. The relative displacement is that of the faced points minus that of
+        the nodes `left` `(j,)`, in the directions `along` `(j, 3)`.
         """
         right, weights = self.weights(facing)
         nodes, w = np.hstack([right, left[:, None]]), np.hstack([weights, -weights.sum(axis=1, keepdims=True)])
@@ -306,12 +312,12 @@ class Gaps:
 
 
 def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal: ArrayLike) -> Gaps:
-    """Return the gaps between the left lip, whose `facets` `(m,)` are numbered as in the mesh, and
-    the right one.
+    """Return the gaps between the left and the right lip of a wound.
 
-    `vertices` `(v, 2)` has each vertex of the left lip and its partner; a vertex common to both
-    lips is its own partner. `normal` (3,) points from the left lip to the right one. Raises
-    `TissueError` if the lips cross, or if no pair can move.
+    `facets` `(m,)` are the numbers in the mesh of the left lip's facets. `vertices` `(v, 2)` are
+    each vertex of the left lip and its partner; a vertex common to both lips is its own partner.
+    `normal` (3,) points from the left lip to the right one. Raises `TissueError` if the lips
+    overlap, or if no pair can move.
     """
     n, pairs = _unit(normal), np.asarray(vertices, dtype=np.intp)
     partner = np.arange(body.mesh.nvertices)
@@ -327,11 +333,10 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
 
 
 def tangents(normals: Array) -> Array:
-    """Return two perpendicular unit vectors normal to each of the `normals` `(m, 3)`, shape `(m, 2,
-    3)`.
+    """Return two perpendicular unit vectors normal to each of the `normals`, shape `(m, 2, 3)`.
 
-    The first one is nearest to the axis that is most perpendicular to the normal. A roller along an
-    axis then holds only one of them.
+    `normals` has shape `(m, 3)`. The first vector is nearest to the axis that is closest to
+    perpendicular to the normal. A roller along an axis then holds only one of the vectors.
     """
     n = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = np.eye(3)[np.abs(n).argmin(axis=1)]
@@ -343,7 +348,8 @@ def tangents(normals: Array) -> Array:
 def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction: Sequence[float] = ()) -> Gaps:
     """Return the gaps between pairs of named boundaries of the mesh.
 
-    `friction` has a coefficient for each pair; missing coefficients are 0.
+    `between` are the pairs of names. `friction` has a coefficient for each pair of boundaries;
+    missing coefficients are 0.
 
     The left one of two boundaries is the boundary with the smaller facets, or the only one that is
     not held. With larger facets on the left, some nodes on the right would get no force. Raises
@@ -376,8 +382,9 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
 
 
 def _rank(body: Elasticity, facets: Indices) -> tuple[bool, float]:
-    """Return the rank of a surface: whether it is held, and the mean size of its facets [m]; the
-    lower one is on the left.
+    """Return the rank of a surface: whether it is held, and the mean size of its facets [m].
+
+    The surface with the lower rank is on the left.
     """
     corners = body.mesh.facets[:, facets].T
     size = float(triangle_sizes(body.points[corners]).mean())
@@ -394,8 +401,8 @@ def _part(
 ) -> tuple[Part, Array]:
     """Return the pairs that can move, and their initial overlaps [m].
 
-    The left `side` has its triangles, its nodes, and for each node the two vertices whose middle it
-    is.
+    `side` are the triangles of the left side, its nodes, and two vertices for each node, which lies
+    in their middle.
     """
     triangles, left, corners = side
     nodes, weights = weights_on(right, start)
@@ -416,8 +423,10 @@ def _part(
 
 
 def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr_matrix:
-    """Return the matrix from the displacement of `known` nodes `(r,)` to the weighted sums over
-    `nodes` `(j, i)` of it `along` `(j, 3)`, shape `(j, 3r)`.
+    """Return the matrix from the displacement of `known` nodes `(r,)` to weighted sums of it.
+
+    Its shape is `(j, 3r)`. Each sum is over `nodes` `(j, i)` with `weights` `(j, i)`, of the
+    displacement in the direction `along` `(j, 3)`.
     """
     columns = 3 * np.searchsorted(known, nodes)[..., None] + np.arange(3)
     values, at = weights[..., None] * along[:, None], np.repeat(np.arange(len(nodes)), 3 * nodes.shape[1])
@@ -427,8 +436,9 @@ def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr
 
 
 def facets_inwards(body: Elasticity, facets: Indices) -> Indices:
-    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`, which turn so that
-    their normals point into the body.
+    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`.
+
+    Their order is that in which the normals of the facets point into the body.
     """
     mesh = body.mesh
     triangles = mesh.facets[:, facets].T.astype(np.intp)
@@ -437,7 +447,7 @@ def facets_inwards(body: Elasticity, facets: Indices) -> Indices:
 
 
 def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:
-    """Return the nodes of `facets` and weights of the faced points, as `Gaps.weights`."""
+    """Return the nodes and weights of faced points on `facets`, as `Gaps.weights` does."""
     nodes = facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
     w = facing[:, 1:4]
     if facets.shape[1] > 3:
@@ -451,8 +461,9 @@ def _movable(body: Elasticity) -> Mask:
 
 
 def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
-    """Return triangles `(m, 3)` in the vertex order in which their normals point in the direction
-    `towards` `(m, 3)`.
+    """Return triangles `(m, 3)` in the vertex order in which their normals point `towards`.
+
+    `towards` `(m, 3)` is a direction for each triangle.
     """
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
@@ -460,9 +471,7 @@ def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Ind
 
 
 def _at_partners(facets: Indices, nodes: Indices, n: Array) -> Array:
-    """Return the facing of points that face the `nodes` `(k,)` of `facets` along `n`, shape `(k,
-    7)`.
-    """
+    """Return the facing of points that face `nodes` `(k,)` of `facets` along `n`, `(k, 7)`."""
     corners = np.vstack([np.eye(3), np.eye(3)[MIDDLES].mean(axis=1)])[: facets.shape[1]]
     order = np.argsort(facets, axis=None, kind="stable")
     facet, place = np.divmod(order[np.searchsorted(facets.ravel(), nodes, sorter=order)], facets.shape[1])
@@ -477,10 +486,10 @@ def _unit(normal: ArrayLike) -> Array:
 
 
 def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Indices, Indices]:
-    """Return the left and right node of every pair, `(k, 2)`, and two vertices with the left node
-    in their middle, `(k, 2)`.
+    """Return the left and right node of every pair, and two vertices, `(k, 2)` each.
 
-    For a vertex, both are the vertex itself.
+    The left node lies in the middle of the two vertices. If the node is a vertex, both of them are
+    that vertex.
     """
     left = np.unique(triangles)
     ends = np.column_stack([left, left])
@@ -493,10 +502,10 @@ def _paired(body: Elasticity, triangles: Indices, partner: Indices) -> tuple[Ind
 
 
 def _hats(body: Elasticity, triangles: Indices, corners: Indices, n: Array | None) -> tuple[csr_array, Array]:
-    """Return ψ_a of the left lip's vertices at the pairs, and ∫ψ_a dA; the area is projected along
-    n if n is given.
+    """Return ψ_a of the left side's vertices at the pairs, and ∫ψ_a dA, `(v, k)` and `(v,)` [m²].
 
-    Vertices without a pair are left out.
+    The area is projected along `n`; it is the true area if `n` is None. Vertices without a pair are
+    left out.
     """
     vertices = np.unique(corners)
     k, v = len(corners), len(vertices)

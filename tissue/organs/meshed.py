@@ -1,28 +1,31 @@
-"""The organ in the coupled system: nine site variables per piercing, their compliance and one
-back-substitution.
+"""The organ in the coupled system: nine site variables per piercing and their compliance.
+
+A step solves, by one back-substitution,
 
     acceleration⁺ = a (U⁺ − U_a),   velocity⁺ = d (U⁺ − U_d),   (a M + d C + K) U⁺ = b + Yᵀ f_y
 
-with two numbers and two reference fields per time scheme; b has gravity and the loads on boundaries
-(`tissue.loads`). Backward Euler has a = 1/Δt², U_a = U + Δt V and d = 1/Δt, U_d = U. `f_y` `(9p,)`
-is the force on the organ conjugate to y; eliminating U is exact, so that y = y_free + C f_y.
+A time scheme has two numbers a, d and two reference fields U_a, U_d. Backward Euler has a = 1/Δt²,
+U_a = U + Δt V and d = 1/Δt, U_d = U. b contains gravity and the loads on boundaries
+(`tissue.loads`). `f_y` `(9p,)` is the force on the organ conjugate to y. The elimination of U is
+exact, so that y = y_free + C f_y.
 
-The lips of a wound may be given gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push
-them apart:
+The lips of a wound may have gaps g = g0 + G U (`tissue.organs.lips`), and forces p that push them
+apart:
 
     A U⁺ = b + Yᵀ f_y + Gᵀ p,   y = y_free + C f_y + C_yc p,   g = g_free + C_cy f_y + C_cc p
 
-Behind the gaps g of all pairs stand two slips since the start of the step of each pair with
-friction, and behind their forces p those along them, so that k is the number of both
-(`MeshedOrgan.contacts`) where it is not that of the pairs. The columns A⁻¹Gᵀ are not kept: once
-those of C_cc that belong to pressed pairs are known, p costs one more back-substitution a step.
-Lips that slide are paired anew where a step begins, and G = S R sums the rows R of their nodes by
-other weights S: C_cc = S (R A⁻¹ Rᵀ) Sᵀ needs a solve for each number of a node that it has not met
-yet.
+Each pair with friction also has two slips since the start of the step. In g, the slips follow the
+gaps of all pairs. In p, the forces along the slips follow the forces of all pairs. k is then the
+number of gaps and slips (`MeshedOrgan.contacts`); without friction it is the number of pairs.
 
-Points outside may bear on the surface (`tissue.organs.skin`): their rows d·x, with friction their
-slips, stand behind those of all pairs. How many points there are may change from step to step, and
-a state keeps what they faced.
+The columns A⁻¹Gᵀ are not stored. Once the columns of C_cc of the pressed pairs are known, p costs
+one more back-substitution per step. Lips that slide are paired anew at the start of a step. G = S R
+sums the rows R of their nodes with other weights S, and C_cc = S (R A⁻¹ Rᵀ) Sᵀ. This product
+needs a solve for each row of R that it uses for the first time.
+
+Outside points, such as those of a thread, may bear on the surface (`tissue.organs.skin`). Their
+rows d·x, and with friction their slips, follow the rows of all pairs. The number of outside points
+may change from step to step. A state stores their facing data.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,10 +48,11 @@ from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, sol
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
 
-KEPT_OPERATORS = 12  # cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step
+# Cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step.
+KEPT_OPERATORS = 12
 ROWS_OF_NODE = 3  # one row for each component of the displacement
-COLUMNS = 64  # of A⁻¹Gᵀ that are solved for together
-SHARE = 0.5  # of the free memory that the compliance of the gaps can take
+COLUMNS = 64  # columns of A⁻¹Gᵀ that are solved for together
+SHARE = 0.5  # of the free memory: the largest part that the compliance of the gaps can take
 SLIPPING = 1.0 - 1e-9  # of the largest friction: a pair with at least this friction slips
 EMPTY = np.zeros(0)
 NO_POINTS = np.zeros((0, OWN))
@@ -56,18 +60,25 @@ NO_POINTS = np.zeros((0, OWN))
 
 @dataclass(frozen=True)
 class OrganState:
-    """Displacement U [m], velocity V [m/s], acceleration A [m/s²] over the free unknowns `(N,)`,
-    the site forces, and the contact forces `(k,)` [N], those along the slips with them, None of an
-    organ without gaps. `facing` `(pairs, 7)` is where and which way they act on the right lip
-    (`tissue.organs.lips.Gaps.facing`), None: on the pairs of the reference. `linearised` `(N,)` [m]
-    is where the tangent of a nonlinear organ was last made, which the next step goes on with, None
-    of a linear organ. `shares` `(l,)` are the parts of the loads that act (`tissue.loads`), None of
-    an organ without loads. `relaxing` is what relaxes, the stresses `(b, 3, 3, q, c)` [Pa]
-    (`tissue.relaxation`) or of a linear organ fields `(b, N)` [m] (`tissue.organs.relaxing`), None
-    where all has relaxed. `MU` [kg m], `MV` [N s] and `KU` [N] are products `(N,)` of mass and
-    stiffness that the step has left, None if it left none. `points` `(j, 9 + l)` is what points
-    outside face (`tissue.organs.skin.Skin.faced`), whose forces stand behind those of the pairs;
-    None if nothing may bear on the organ. `ahead` `(j, 9 + l)` is the same for the next step.
+    """The state of an organ.
+
+    - `U` [m], `V` [m/s], `A` [m/s²]: displacement, velocity and acceleration over the free unknowns
+      `(N,)`.
+    - `f_y` `(9p,)`: the site forces.
+    - `p` `(k,)` [N]: the contact forces and the forces along the slips; None if the organ has
+      neither gaps nor a skin.
+    - `facing` `(pairs, 7)`: the points and directions of the contact forces on the right lip
+      (`tissue.organs.lips.Gaps.facing`); None for the pairs of the reference.
+    - `shares` `(l,)`: the parts of the loads that act (`tissue.loads`); None without loads.
+    - `linearised` `(N,)` [m]: the displacement at which the tangent of a nonlinear organ was last
+      computed; the next step reuses this tangent. None for a linear organ.
+    - `MU` [kg m], `MV` [N s], `KU` [N]: the products M U, M V and K U `(N,)`; None if they are
+      not stored.
+    - `relaxing`: the relaxing stresses `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`), or in a linear
+      organ the fields e_i `(b, N)` [m] (`tissue.organs.relaxing`); None if all stress has relaxed.
+    - `points` `(j, 9 + l)`: the facing data of outside points (`tissue.organs.skin.Skin.faced`),
+      whose forces follow those of the pairs in `p`; None if no point may bear on the organ.
+    - `ahead` `(j, 9 + l)`: the facing data for the next step.
     """
 
     U: Array
@@ -88,10 +99,11 @@ class OrganState:
 
 @dataclass(frozen=True)
 class Pairing:
-    """The pairing during a step: g = `g0` + `G` U, where G = `sums` R, `(k, 3r)`, of the rows R of
-    the lips' nodes, with slips counted from the start of the step.
+    """The pairing during a step: g = `g0` + `G` U.
 
-    `facing` as in a state: None means the pairs of the reference; `points` as in a state.
+    G = S R, with the weights S = `sums` `(k, 3r)` and the rows R of the lips' nodes. Slips are
+    counted from the start of the step. `facing` and `points` are as in a state: `facing` is None
+    for the pairs of the reference.
     """
 
     G: csr_matrix
@@ -102,14 +114,17 @@ class Pairing:
 
 
 class TimeScheme(Protocol):
-    """The coefficients of a time scheme that an organ reads: acceleration a (U − U_a) and velocity
-    d (U − U_d).
+    """The coefficients of a time scheme that an organ reads.
+
+    The acceleration is a (U − U_a), and the velocity is d (U − U_d).
     """
 
     @property
     def dt(self) -> float:
-        """Length of the step [s], in equilibrium the time since the last equilibrium; infinite
-        after complete relaxation.
+        """Length of the step [s].
+
+        In equilibrium it is the time since the last equilibrium, which is infinite after complete
+        relaxation.
         """
 
     @property
@@ -126,9 +141,9 @@ class TimeScheme(Protocol):
 
 
 class OrganEnergies(NamedTuple):
-    """Energies at the end of a step and work done during it [J].
+    """Energies at the end of a step, and works during the step [J].
 
-    `friction` is the dissipation of contact friction, `prestretch` the energy of a prestretch in
+    `friction` is the dissipation of contact friction. `prestretch` is the energy of a prestretch in
     the reference shape.
     """
 
@@ -144,10 +159,10 @@ class OrganEnergies(NamedTuple):
 class Lips(NamedTuple):
     """The pairs of a state that can touch.
 
-    Arrays `(pairs,)`: the gaps g [m], the contact forces p that push the surfaces apart [N], and
-    the sliding distances since the reference [m]. `friction` `(pairs, 3)` [N] is the friction that
-    the left node of each pair exerts on the point that it faces. `slips` `(pairs,)` says whether
-    the friction has its largest possible value.
+    `gap` [m], `force` [N] and `slide` [m], `(pairs,)` each, are the gaps g, the contact forces p
+    that push the surfaces apart, and the sliding distances since the reference. `friction`
+    `(pairs, 3)` [N] is the friction that the left node of each pair exerts on the point that it
+    faces. `slips` `(pairs,)` is True if the friction has its largest possible value.
     """
 
     gap: Array
@@ -161,8 +176,9 @@ NO_LIPS = Lips(EMPTY, EMPTY, EMPTY, np.zeros((0, 3)), np.zeros(0, dtype=bool))
 
 
 class Equation(NamedTuple):
-    """The organ's rows of the assembled matrix: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g =
-    g0 + G U.
+    """The organ's rows of the assembled matrix.
+
+    They are A U⁺ = b + Yᵀ f_y + Gᵀ p, with y = y0 + Y U and g = g0 + G U.
     """
 
     A: csr_matrix
@@ -178,10 +194,10 @@ Body = TypeVar("Body")
 
 @dataclass(frozen=True)
 class SiteAnswer(Generic[Body]):
-    """An answer of sites alone, y = y_free + C f_y; `compliance` is a function that returns C,
-    shape (9p, 9p).
+    """An answer for the sites alone, y = y_free + C f_y.
 
-    `accepted` makes the organ's state at the end of the step from f_y and p.
+    `compliance()` returns C, shape (9p, 9p). `accepted(f_y, p)` returns the organ's state at the
+    end of the step.
     """
 
     y_free: Array
@@ -233,9 +249,9 @@ class SiteAnswer(Generic[Body]):
 
 @dataclass(frozen=True)
 class LinearAnswer:
-    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and its factored operator.
+    """The answer of a meshed organ: `y_free` (9p,), `g_free` (k,) [m] and its factorised operator.
 
-    `accepted` makes the state at the end of the step from f_y and p. `right_hand_side` makes b of
+    `accepted(f_y, p)` returns the state at the end of the step. `right_hand_side()` returns b of
     the organ's equation. `pairing` is the pairing of the lips during the step.
     """
 
@@ -276,7 +292,7 @@ class LinearAnswer:
 
     @property
     def points(self) -> Array:
-        """What points outside face, shape `(j, 9 + l)`."""
+        """The facing data of outside points, shape `(j, 9 + l)`."""
         return NO_POINTS if self.pairing.points is None else self.pairing.points
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
@@ -296,8 +312,9 @@ class LinearAnswer:
 
 @dataclass(frozen=True, eq=False)
 class MeshedOrgan:
-    """Common part of dynamic and quasi-static organs: the body, its sites and the blocks over the
-    free unknowns.
+    """The common part of dynamic and quasi-static organs.
+
+    It has the body, its sites and the blocks over the free unknowns.
     """
 
     elasticity: Elasticity
@@ -338,7 +355,11 @@ class MeshedOrgan:
         object.__setattr__(self, "G", self._gap_rows())
 
     def _gap_rows(self) -> csr_matrix:
-        """Return G, shape `(k, N)`; refuse gaps whose compliance does not fit into memory."""
+        """Return G, shape `(k, N)`.
+
+        Raises `TissueError` if the compliance of the gaps does not fit into memory, or if the gaps
+        have another number of unknowns.
+        """
         N = self.elasticity.free.size
         if self.gaps is None:
             return csr_matrix((0, N))
@@ -363,20 +384,18 @@ class MeshedOrgan:
 
     @property
     def touches(self) -> bool:
-        """Whether surfaces of the organ may touch, one another or what is outside."""
+        """Whether surfaces of the organ may touch one another or outside points."""
         return self.gaps is not None or self.skin is not None
 
     @property
     def contacts(self) -> int:
-        """Number of contact forces of pairs: one for each, and two more for each of those with
-        friction.
-        """
+        """Number of contact forces of pairs: one per pair, and two more per pair with friction."""
         return 0 if self.gaps is None else self.pairs + 2 * self.gaps.rough.size
 
     def friction(self, facing: Array | None) -> Array:
-        """Return friction over contact force of each slipping pair, `(pairs,)` [-].
+        """Return the ratio of friction to contact force of each slipping pair, `(pairs,)` [-].
 
-        p acts along the vector d of the facing, and the force normal to the surface is |d| p.
+        p acts along the vector d of `facing`, and the force normal to the surface is |d| p.
         """
         if self.gaps is None:
             return EMPTY
@@ -390,8 +409,9 @@ class MeshedOrgan:
 
     @cached_property
     def lip_rows(self) -> csr_matrix:
-        """R, the displacement of the nodes of surfaces that may touch over all unknowns, shape
-        `(3r, N)`: those of the lips, then those of the skin.
+        """R, the displacement over the free unknowns of nodes that may touch, shape `(3r, N)`.
+
+        The nodes of the lips come first, then those of the skin.
         """
         rows = [surface.rows for surface in (self.gaps, self.skin) if surface is not None]
         return csr_matrix(vstack(rows)) if rows else csr_matrix((0, self.size))
@@ -404,7 +424,10 @@ class MeshedOrgan:
         return Pairing(self.G, self.with_slips(self.g0), self._sums(self.gaps, self.gaps.start), None)
 
     def _sums(self, gaps: Gaps, facing: Array) -> csr_matrix:
-        """Return gaps and slips by the displacement of the nodes of `lip_rows`, shape `(k, 3r)`."""
+        """Return the matrix from the displacement of the nodes of `lip_rows` to gaps and slips.
+
+        Its shape is `(k, 3r)`.
+        """
         sums = gaps.sums(facing)
         sums = csr_matrix(vstack([sums, gaps.slip_sums(facing)])) if gaps.rough.size else sums
         return hstack([sums, csr_matrix((sums.shape[0], self.lip_rows.shape[0] - sums.shape[1]))], format="csr")
@@ -414,8 +437,9 @@ class MeshedOrgan:
         return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
 
     def pairing(self, facing: Array | None, points: Array | None = None) -> Pairing:
-        """Return the gaps of the pairs and of the `points` outside, and the slips since the
-        reference.
+        """Return the pairing of the pairs and of outside `points`.
+
+        Its slips are counted from the reference.
         """
         pairing = self._matched
         if self.gaps is not None and facing is not None:
@@ -434,7 +458,7 @@ class MeshedOrgan:
         return self.pairing(state.facing, state.points)
 
     def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
-        """Return the pairing under a displacement of the free unknowns `(N,)`, of the lips anew."""
+        """Return a new pairing of the lips under a displacement of the free unknowns `(N,)`."""
         facing, body = None, self.elasticity
         if self.gaps is not None:
             facing = self.gaps.facing(body.points, body.nodal(self.whole(U)))
@@ -442,19 +466,20 @@ class MeshedOrgan:
 
     @property
     def finest(self) -> float:
-        """Smallest height of a facet that points outside may bear on [m]."""
+        """Smallest height of a facet on which outside points may bear [m]."""
         assert self.skin is not None
         return self.skin.finest
 
     def faced(self, state: OrganState, places: Array, labels: Array) -> Array:
-        """Return what points outside at `places` `(j, 3)` [m], with `labels` `(j, l)`, face, shape
-        `(j, 9 + l)`.
+        """Return the facing data of outside points, shape `(j, 9 + l)`.
+
+        The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`.
         """
         assert self.skin is not None
         return self.skin.faced(self.elasticity.nodal(self.whole(self.field(state))), places, labels)
 
     def touched(self, state: OrganState, points: Array) -> OrganState:
-        """Return the state in front of a step in which points outside face `points` `(j, 9 + l)`."""
+        """Return the state before a step with the facing data `points` `(j, 9 + l)`."""
         return replace(state, ahead=points)
 
     def field(self, state: OrganState) -> Array:
@@ -462,25 +487,25 @@ class MeshedOrgan:
         return state.U
 
     def gaps_of(self, state: OrganState) -> Array:
-        """Return the gaps and slips of all pairs, and behind them those of points outside, of a
-        state, `(k,)` [m].
+        """Return the gaps and slips of all pairs and outside points in a state, `(k,)` [m].
+
+        Those of outside points follow those of the pairs.
         """
         pairing = self.pairing_of(state)
         return np.asarray(pairing.g0 + pairing.G @ state.U)
 
     def touching_points(self, state: OrganState) -> tuple[Array, Array]:
-        """Return what points outside faced in the step to a state, `(j, 9 + l)`, and their forces
-        on the organ along d, with friction those along both tangents of each behind them, `(j,)` or
-        `(3j,)` [N].
+        """Return the facing data of outside points in the step to a state, and their forces.
+
+        The facing data has shape `(j, 9 + l)`. The forces on the organ act along d, `(j,)` [N].
+        With friction, the forces along both tangents of each point follow, `(3j,)`.
         """
         if state.points is None:
             return NO_POINTS, EMPTY
         return state.points, self.contact_forces(state)[self.contacts :]
 
     def slipping_from(self, U: Array, pairing: Pairing) -> Pairing:
-        """Return the pairing with its slips counted from a displacement of the free unknowns
-        `(N,)`.
-        """
+        """Return the pairing with slips counted from a displacement of the free unknowns `(N,)`."""
         slips = self.slips(pairing)
         if not slips.size:
             return pairing
@@ -494,8 +519,9 @@ class MeshedOrgan:
         return np.append(np.arange(self.pairs, self.contacts), np.arange(self.contacts + points, len(pairing.g0)))
 
     def slides(self, U: Array) -> Array:
-        """Return how far each pair of the lips has slid under a displacement of the free unknowns,
-        shape `(pairs,)` [m].
+        """Return the sliding distance of each pair of the lips, shape `(pairs,)` [m].
+
+        `U` is the displacement of the free unknowns, `(N,)` [m].
         """
         return EMPTY if self.gaps is None else self.gaps.slides(self.elasticity.nodal(self.whole(U)))
 
@@ -504,8 +530,9 @@ class MeshedOrgan:
         return EMPTY if state.p is None else state.p
 
     def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the friction of each pair's left node on its facing point, `(pairs, 3)` [N], and
-        whether it slips, `(pairs,)`.
+        """Return the friction of each pair, `(pairs, 3)` [N], and whether it slips, `(pairs,)`.
+
+        The friction is the force of the left node on the point that it faces.
         """
         out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
         if self.gaps is None or not self.gaps.rough.size:
@@ -518,7 +545,7 @@ class MeshedOrgan:
         return out, (bound > 0.0) & (np.linalg.norm(out, axis=1) >= SLIPPING * bound)
 
     def slipping_surfaces(self, state: OrganState) -> dict[str, bool]:
-        """Return by name whether each pressed contact surface with friction slips as a whole.
+        """Return whether each pressed contact surface with friction slips as a whole, by name.
 
         A surface slips as a whole if all of its pressed pairs slip. Surfaces without pressed pairs
         are not included.
@@ -531,11 +558,10 @@ class MeshedOrgan:
         return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
 
     def contact_works(self, p: Array, ways: Array) -> tuple[float, float]:
-        """Return the energies that contact forces `(k,)` dissipate: numerical −p·Δg, and friction
-        [J].
+        """Return the energies that contact forces `p` `(k,)` dissipate [J].
 
-        `ways` `(k,)` [m] are the changes of the gaps and slips. The part −p·Δg counts as
-        dissipation of the time integrator.
+        The first is −p·Δg, which counts as dissipation of the time integrator; the second is
+        friction. `ways` `(k,)` [m] are the changes of the gaps and slips.
         """
         works, rubs = -p * ways, np.zeros(len(p), dtype=bool)
         points = (len(p) - self.contacts) // (3 if self.skin is not None and self.skin.friction else 1)
@@ -543,8 +569,9 @@ class MeshedOrgan:
         return float(works[~rubs].sum()), float(works[rubs].sum())
 
     def shares_at(self, time: float, share: float) -> Array | None:
-        """Return the parts of the loads that act at `time` [s], or at a `share` of the load steps;
-        None without loads.
+        """Return the parts of the loads that act, `(l,)`; None without loads.
+
+        They are those at `time` [s], or at a `share` of the load steps.
         """
         return self.surface.shares(time, share) if self.surface.each else None
 
@@ -554,19 +581,18 @@ class MeshedOrgan:
         return np.zeros(len(self.surface.each)) if self.surface.each else None
 
     def load_under(self, shares: Array | None) -> Array:
-        """Return the forces of gravity and of the given parts of the loads `(l,)`, shape `(N,)`
-        [N].
-        """
+        """Return the forces of gravity and of the parts `shares` (l,) of the loads, `(N,)` [N]."""
         return self.load if shares is None else self.load + self.surface_load @ shares
 
     def load_resultants(self, state: OrganState) -> Array:
-        """Return the sum of the forces of each whole load, `(l, 3)` [N]; in a linear organ the
-        forces keep their direction.
+        """Return the sum of the forces of each whole load, `(l, 3)` [N].
+
+        In a linear organ the forces keep their direction.
         """
         return self.surface.resultants
 
     def contact_or_none(self, p: Array) -> Array | None:
-        """Return the contact forces `(k,)` for a state, or None without gaps."""
+        """Return the contact forces `(k,)` for a state; None if no surface may touch."""
         return p if self.touches else None
 
     @property
@@ -575,7 +601,7 @@ class MeshedOrgan:
 
     @property
     def solved_once(self) -> bool:
-        """Whether the organ only ever solves for the columns of the sites and for the load."""
+        """Whether the organ solves only for the columns of the sites and for the load."""
         return False
 
     def solver_of(self, A: csr_matrix) -> Solver:
@@ -598,29 +624,27 @@ class MeshedOrgan:
         return int(self.K.shape[0])
 
     def whole(self, field: Array) -> Array:
-        """Return a field over the free unknowns as one over all unknowns of the mesh, shape
-        `(N_all,)`.
-        """
+        """Return a field over the free unknowns, extended to all of the mesh, shape `(N_all,)`."""
         return self.elasticity.extended(field)
 
 
 @dataclass(frozen=True)
 class Remade:
-    """A matrix whose solver is rebuilt for each use, so that it needs no memory in between."""
+    """A matrix whose solver is made again for each use, so that no factor is stored."""
 
     A: csr_matrix
     made: Callable[[csr_matrix], Solver]
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; `guess` and `rough` as for any solver."""
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`; arguments as of `Solver.solve`."""
         return self.made(self.A).solve(b, guess, rough)
 
 
 def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
-    """Return the state from which slips are counted: the newest one, or in equilibrium the oldest
-    one.
+    """Return the state from which slips are counted.
 
-    In equilibrium, the oldest of the states `past` is the one at which the load step began.
+    It is the newest of the states `past`. In equilibrium it is the oldest one, at which the load
+    step began.
     """
     return past[0] if scheme.a else past[-1]
 
@@ -642,7 +666,7 @@ class Columns:
     """
 
     def __init__(self, k: int, make: Callable[[Indices], Array]) -> None:
-        """`make` returns some of the k columns, shape `(k, j)`."""
+        """Make an empty cache; `make` returns some of the k columns, shape `(k, j)`."""
         self._make, self._at, self._C = make, np.full(k, -1), np.zeros((k, 0), order="F")
 
     def of(self, some: Indices) -> Array:
@@ -669,9 +693,7 @@ class LipCompliance:
     C: Array
 
     def free_values(self, y: Array, g: Array, f_y: Array, p: Array, pairing: Pairing) -> tuple[Array, Array]:
-        """Return `y_free` and `g_free` of an answer that has y and g under the forces `f_y` and
-        `p`.
-        """
+        """Return `y_free` and `g_free` of an answer with y and g under the forces `f_y` and `p`."""
         y = y - self.C @ f_y
         if not g.size:
             return y, g
@@ -679,7 +701,7 @@ class LipCompliance:
         return y - p @ C_cy, g - C_cy @ f_y - self.by_pairs(pairing).times(p)
 
     def by_pairs(self, pairing: Pairing) -> Columns:
-        """Return G A⁻¹ Gᵀ, gaps by contact forces, `(k, k)` [m/N]."""
+        """Return the gaps by contact forces, G A⁻¹ Gᵀ, `(k, k)` [m/N]."""
         if pairing.facing is None and pairing.points is None:
             return self.C_cc
         S = pairing.sums
@@ -693,7 +715,7 @@ class LipCompliance:
         return Columns(S.shape[0], some_pairs)
 
     def gaps_by_sites(self, pairing: Pairing) -> Array:
-        """Return G W, gaps by site forces, shape `(k, 9p)`."""
+        """Return the gaps by site forces, G W, shape `(k, 9p)`."""
         return np.asarray(pairing.sums @ self.C_ry)
 
     @cached_property
@@ -708,18 +730,18 @@ class LipCompliance:
 
     @cached_property
     def C_rr(self) -> Columns:
-        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N]; not needed before a pair has slid.
+        """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N].
 
-        Columns are solved node by node, so that a resumed run, which asks for other nodes together,
-        has equal bits.
+        It is not needed before a pair has slid. Columns are solved node by node: a resumed run,
+        which needs other nodes together, then has equal bits.
         """
         return gap_compliance(self.factor, self.organ.lip_rows, together=ROWS_OF_NODE)
 
 
 def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Array, Array]:
-    """Return W = A⁻¹ Yᵀ `(N, 9p)` and C = Y W `(9p, 9p)`, which is exactly symmetric.
+    """Return W = A⁻¹ Yᵀ `(N, 9p)` and the exactly symmetric C = Y W `(9p, 9p)`.
 
-    Rows of zeros in Y, which belong to frames that do not move, are not solved for.
+    Zero rows of Y belong to frames that do not move, and are not solved for.
 
     If `rough`, W has an error E, and the residual of the solve corrects C = Y W + Wᵀ(Yᵀ − A W). The
     error of C is then EᵀA E, of second order.
@@ -736,10 +758,10 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
 
 
 def gap_compliance(factor: Solver, G: csr_matrix, together: int = COLUMNS) -> Columns:
-    """Return G A⁻¹ Gᵀ `(k, k)`, whose columns are solved so many `together`."""
+    """Return G A⁻¹ Gᵀ, `(k, k)`; `together` is the number of columns per solve."""
 
     def some_rows(some: Indices) -> Array:
-        """Return the columns, computed a few at a time."""
+        """Return the columns `some` `(j,)`, which are computed a few at a time."""
         few = [some[first : first + together] for first in range(0, some.size, together)]
         return np.hstack([touching(G, factor.solve(G[rows].T.toarray())) for rows in few])
 
@@ -749,7 +771,7 @@ def gap_compliance(factor: Solver, G: csr_matrix, together: int = COLUMNS) -> Co
 def touching(Y: csr_matrix, W: Array) -> Array:
     """Return Y W, shape `(k, j)`, for a matrix Y `(k, N)` with entries in few columns.
 
-    The product of scipy would first copy all of W into another memory order.
+    The product in scipy would first copy all of W into another memory order.
     """
     touched = np.unique(Y.indices)
     return np.asarray(Y[:, touched] @ W[touched])

@@ -33,8 +33,9 @@ from tissue.solvers.choice import SolverChoice
 
 @dataclass(frozen=True)
 class ModalOperator:
-    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, W `(n, 9p)` = its inverse times Yᵀ, and
-    C `(9p, 9p)`.
+    """The diagonal a μ + d (α μ + β) + 1 of a time scheme, with W and C.
+
+    W `(n, 9p)` is the inverse of the diagonal times Yᵀ, and C has shape `(9p, 9p)`.
     """
 
     a: float
@@ -88,8 +89,8 @@ class Modes:
     ) -> SiteAnswer[OrganState]:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        Parts `shares` `(l,)` of the loads act. The sites have the reference `y0` (9p,). `state`
-        makes the state from η, η̇, η̈ (n,) and f_y.
+        The parts `shares` (l,) of the loads act. `y0` (9p,) are the reference site variables.
+        `state` returns the state for η, η̇, η̈ (n,) and f_y.
         """
         operator = self.operator(scheme.a, scheme.d)
         terms = list(zip(scheme.coefficients, past, strict=False))  # an equilibrium uses no earlier state
@@ -107,7 +108,7 @@ class Modes:
     def _free(self, operator: ModalOperator, now: OrganState, inertia: Array, damping: Array, load: Array) -> Array:
         """Return η⁺ under a load without site forces, `(n,)`.
 
-        The increment is computed, so that round-off is relative to the increment.
+        The increment is solved for, so that round-off is relative to the increment.
         """
         alpha, beta = self.rayleigh
         moved = operator.a * (inertia - now.U) + alpha * operator.d * (damping - now.U)
@@ -115,15 +116,15 @@ class Modes:
         return np.asarray(now.U + left / operator.diagonal)
 
     def load_under(self, shares: Array | None) -> Array:
-        """Return the forces of gravity and of parts of the loads `(l,)`, `(n,)`."""
+        """Return the forces of gravity and of the parts `shares` (l,) of the loads, `(n,)`."""
         return self.load if shares is None else self.load + self.surface_load @ shares
 
     def site_variables(self, y0: Array, U: Array) -> Array:
-        """Return y = y0 + Y η of the modes that answer, shape `(9p,)`."""
+        """Return y = y0 + Y η of the first `size` modes, shape `(9p,)`."""
         return np.asarray(y0 + self.Y[:, : self.size] @ U[: self.size])
 
     def rates(self, state: OrganState) -> Array:
-        """Return η̈ + α η̇, `(n,)`; times μ it is the force of inertia and of mass damping."""
+        """Return η̈ + α η̇, `(n,)`; its product with μ is the force of inertia and mass damping."""
         return np.asarray(state.A + self.rayleigh[0] * state.V)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
@@ -145,7 +146,7 @@ class Modes:
 
 @dataclass(frozen=True, eq=False)
 class OrganOfModes:
-    """Common part of organs that move in modes of the `full` organ and have its mesh, sites and
+    """Common part of organs that move in modes of the organ `full` and have its mesh, sites and
     loads.
     """
 

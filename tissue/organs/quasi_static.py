@@ -35,11 +35,13 @@ ALL = np.ones(1)  # the part of gravity, which has no ramp
 
 @dataclass(frozen=True)
 class QuasiStaticOperator(LipCompliance):
-    """A = K with known answers to gravity and to each load: the work in a step does not grow with
-    the mesh.
+    """The factorised A = K with known answers to gravity and to each load.
 
-    `U_loads` (N, 1 + l) and `y_loads` (9p, 1 + l) are the answers, gravity first. `loads_work` (1 +
-    l, 1 + l) [J] is the work of each load on the displacement due to each load.
+    The work in a step therefore does not grow with the mesh.
+
+    `U_loads` (N, 1 + l) and `y_loads` (9p, 1 + l) are the answers of the field and of the sites,
+    gravity first. `loads_work` (1 + l, 1 + l) [J] is the work of each load on the displacement due
+    to each load.
     """
 
     organ: "QuasiStaticOrgan"
@@ -52,21 +54,22 @@ class QuasiStaticOperator(LipCompliance):
     loads_work: Array
 
     def y_load(self, parts: Array) -> Array:
-        """Return the site variables under only the parts of the loads (1 + l,), shape `(9p,)`."""
+        """Return the site variables under the `parts` (1 + l,) of the loads alone, `(9p,)`."""
         return np.asarray(self.organ.y0 + self.y_loads @ parts)
 
     def g_load(self, pairing: Pairing, parts: Array) -> Array:
-        """Return the gaps under only the parts of the loads (1 + l,), shape `(k,)` [m]."""
+        """Return the gaps under the `parts` (1 + l,) of the loads alone, shape `(k,)` [m]."""
         return np.asarray(pairing.g0 + pairing.G @ (self.U_loads @ parts))
 
 
 @dataclass(frozen=True, eq=False)
 class QuasiStaticOrgan(MeshedOrgan):
-    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y). Its state has only forces; its field is
-    computed on demand.
+    """An organ without inertia: U = K⁻¹ (load + Yᵀ f_y).
+
+    Its state has only forces; its field is computed when needed.
 
     `ranks` distribute the columns of its sites and loads among processes, in one call of
-    `operator`. None: this process solves all columns.
+    `operator`. None means that this process solves all columns.
     """
 
     ranks: Ranks | None = None
@@ -97,14 +100,18 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
-        """Factorised when first needed, because the check of a scenario does not need it."""
+        """The operator; K is factorised when first needed, because the check of a scenario does not
+        need it.
+        """
         factor, count = self.solver_of(self.K), self.Y.shape[0]
         together = factor if self.ranks is None else SharedColumns(factor, self.ranks)
         loads = csr_matrix(np.column_stack([self.load, self.surface_load]).T)
-        # The columns enter the gaps to first order, so that `rough` is not accurate enough with contact.
+        # The error of a column enters the gaps to first order. With contact, `rough` is therefore
+        # not accurate enough.
         U, work = compliance(together, csr_matrix(vstack([self.Y, loads])), rough=not self.touches)
         W, U_loads = U[:, :count], U[:, count:]
-        # Without lips no column is solved again, and levels take more memory than the rest of the organ.
+        # Without lips no column is solved again. The levels of multigrid are then discarded,
+        # because they take more memory than the rest of the organ.
         kept = factor if self.touches or self.choice.name != MULTIGRID else Remade(self.K, self.solver_of)
         return QuasiStaticOperator(
             self, self.K, kept, W, work[:count, :count], U_loads, work[:count, count:], work[count:, count:]
@@ -127,10 +134,10 @@ class QuasiStaticOrgan(MeshedOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of any step under `share` of the loads at `time` [s].
+        """Return the answer of any step under the part `share` of the loads at `time` [s].
 
-        It starts from the known equilibrium without site forces. With contact, the pairing is found
-        in the field of the last state, which takes one back-substitution.
+        The answer starts from the known equilibrium without site forces. With contact, the pairing
+        is found in the field of the last state, which takes one back-substitution.
         """
         operator, shares = self._operator, self.shares_at(time, share)
         pairing = self._paired_after(past, scheme) if self.touches and past else self.pairing(None)
@@ -145,10 +152,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
 
     def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
-        """Return the pairing after states.
+        """Return the pairing after the states `past`.
 
-        At a start under gravity surfaces can cross, because no contact force acts yet. Their slips
-        are then counted from the reference.
+        At a start under gravity, surfaces can cross, because no contact force acts yet. Their slips
+        are then counted from the reference shape.
         """
         pairing, first = self.paired_anew(self.field(past[0]), past[0].ahead), slips_since(past, scheme)
         if not self.slips(pairing).size:
@@ -184,7 +191,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.g0 if not self.pairs or self.is_unloaded(state) else self.gaps_of(state)[: self.pairs]
 
     def gaps_of(self, state: OrganState) -> Array:
-        """Return g and slips, as `gap`, with those of points outside behind them, shape `(k,)` [m]."""
+        """Return the gaps g, as `gap`, and slips of all pairs, then those of outside points, `(k,)`
+        [m].
+        """
         pairing = self.pairing_of(state)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
         return g + self._operator.by_pairs(pairing).times(self.contact_forces(state))
@@ -194,8 +203,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]; the last two in contact
-        are cached.
+        """Return the displacement over the free unknowns, shape `(N,)` [m].
+
+        The fields of the last two states with contact forces are cached.
         """
         for known, field in self._recalled:
             if known is state:
@@ -215,10 +225,10 @@ class QuasiStaticOrgan(MeshedOrgan):
         """Return None: an organ without mass has no answer to an impulse."""
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
+        """Return the answer of a step in which the sites stay at `y` (9p,) while the forces are
         constant.
 
-        These are the site forces `f_y` (9p,) and the contact forces of `state`.
+        The forces are the site forces `f_y` (9p,) and the contact forces of `state`.
         """
         operator, p, pairing = self._operator, self.contact_forces(state), self.pairing_of(state)
         y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
@@ -233,11 +243,11 @@ class QuasiStaticOrgan(MeshedOrgan):
         return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
-        """Return the elastic energy under only gravity and loads [J], the displacement of the sites
-        under them and the site forces.
+        """Return the elastic energy under gravity and loads alone [J], the displacement of the
+        sites under them, and the site forces.
 
-        The last two have shape `(9p,)`. It returns None if the loads at the `times` [s] differ from
-        the loads of the state, or if surfaces can touch.
+        The last two have shape `(9p,)`. The result is None if the loads at the `times` [s] differ
+        from the loads of the state, or if surfaces can touch.
         """
         shares = state.shares
         changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
@@ -247,11 +257,12 @@ class QuasiStaticOrgan(MeshedOrgan):
         return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works of a step, as for the dynamic organ, from 9p + k + l
-        numbers.
+        """Return the energies and works of a step, as for the dynamic organ.
 
-        U = U_load + W f_y + K⁻¹Gᵀ p with K U_load = load, Y U_load = y_load − y0 and G U_load =
-        g_load − g0.
+        They follow from 9p + k + l numbers, because
+
+        U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load, Y U_load = y_load − y0 and G U_load = g_load
+        − g0.
         """
         p = self.contact_forces(new)
         if p.any() or self.contact_forces(old).any():
@@ -267,8 +278,9 @@ class QuasiStaticOrgan(MeshedOrgan):
         return OrganEnergies(0.0, float(elastic), float(given), 0.0, float(numerical))
 
     def _energies_in_contact(self, p: Array, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies and works from the fields, if contact forces act or acted; −p⁺·Δg is
-        part of `numerical`.
+        """Return the energies and works from the fields, if contact forces act or acted.
+
+        −p⁺·Δg is part of `numerical`.
         """
         U = self.field(new)
         dU = U - self.field(old)

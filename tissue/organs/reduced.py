@@ -1,18 +1,19 @@
-"""An organ with inertia in a small basis, U ≈ V η: the cost of a step does not depend on the size
-of the mesh.
+"""An organ with inertia in a small basis, U ≈ V η.
+
+The cost of a step does not depend on the size of the mesh.
 
 In parallel with this model, a check runs under the same forces. The basis of the check has one more
-block of the Krylov space (`tissue.organs.basis`). With y_k and y_{k+1} of the two, and y of the
-whole organ,
+block of the Krylov space (`tissue.organs.basis`). Let y_k, y_{k+1} and y be the site variables of
+the model, of the check and of the whole organ. Then
 
     |y − y_k|  ≤  |y_{k+1} − y_k| + |y − y_{k+1}|,      |y_i − y_{k+1,i}| ≤ ‖Y_i‖ ‖e‖,   ‖Y_i‖² = (Y K⁻¹ Yᵀ)_ii
     ‖e(t)‖ in K  ≤  ‖r(t)‖ + Σ ‖Δr‖,   both in K⁻¹
 
 If the second term is small, the first term is the error. The last line holds because a body that is
-released at rest does not swing beyond its initial displacement: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1
-in each mode, by backward Euler, by BDF2 and in continuous time. An impulse or a displacement
-between two steps leaves a further residual, which is added in the same norm. The bound does not
-include the change of the thread's forces due to the error.
+released from rest does not swing beyond its initial displacement: e = K⁻¹r(t) − Σ g Δr with |g| ≤ 1
+in each mode, for backward Euler, BDF2 and continuous time. An impulse or a displacement between two
+steps leaves a further residual, which is added in the same norm. The bound does not include the
+change of the thread's forces due to the error.
 """
 
 from collections.abc import Sequence
@@ -96,9 +97,7 @@ def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
-    """Raise `TissueError` for an organ without a small basis, and for a basis that does not fit
-    into memory.
-    """
+    """Raise `TissueError` if an organ has no small basis, or one that does not fit into memory."""
     check_held(organ)
     if blocks < 0 or not (0 <= modes <= organ.size // 2):
         raise TissueError(
@@ -144,7 +143,7 @@ def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
 
 
 def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
-    """Return model and check in their modes, in common arrays."""
+    """Return the model and the check, each in its own modes, in common arrays."""
     two = made.modal(inner=True), made.modal(inner=False)
     return Reduction(
         vectors=two[0].vectors,
@@ -169,7 +168,7 @@ class ReducedOrgan(OrganOfModes):
         return Modes(given.mu, given.Y, given.load, given.surface_load, self.full.rayleigh, given.size)
 
     def start(self) -> ReducedState:
-        """Return the state undeformed and at rest; gravity and loads act from the first step."""
+        """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.reduction.mu.size)
         return ReducedState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
@@ -178,7 +177,7 @@ class ReducedOrgan(OrganOfModes):
     ) -> SiteAnswer[OrganState]:
         """Return the answer of a step of `scheme` from the states `past`, newest first.
 
-        `share` of the loads acts at `time` [s].
+        The part `share` of the loads acts at `time` [s].
         """
         shares = self.full.shares_at(time, share)
 
@@ -215,8 +214,9 @@ class ReducedOrgan(OrganOfModes):
         """Return the arrays with which a kernel makes steps, or None if the loads change at the
         `times` [s].
 
-        Masses and loads of model and check (n,), W (n, 9p), Y of the model, y0, R of the check,
-        Rayleigh's α and β, and two zeros: no bound on the residual of a step.
+        The arrays are masses and loads of model and check (n,), W (n, 9p), Y of the model, y0 and R
+        of the check. Then follow Rayleigh's α and β, and two zeros: no bound on the residual of a
+        step.
         """
         shares, given = state.shares, self.reduction
         if not self.has_loads_of(state, times):
@@ -226,7 +226,7 @@ class ReducedOrgan(OrganOfModes):
         return (given.mu, loads, W, Y, self.y0, given.missed, *self.full.rayleigh, 0.0, 0.0)
 
     def motion(self, state: OrganState, like: OrganState) -> tuple[Array, Array, Array, Array, float]:
-        """Return η, η̇, η̈ of model and check (n,), the site forces (9p,), and Σ‖Δr‖ of the check
+        """Return η, η̇, η̈ (n,) of model and check, the site forces (9p,), and Σ‖Δr‖ of the check
         so far [√J].
         """
         return state.U, state.V, state.A, state.f_y, drift_of(state)
@@ -260,8 +260,10 @@ class ReducedOrgan(OrganOfModes):
         return np.asarray(inverse[:, None] * self.reduction.Y.T)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> SiteAnswer[OrganState]:
-        """Return the answer of a step in which nothing moves from `y` (9p,) while the forces are
-        constant; V does not change.
+        """Return the answer of a step in which the sites stay at `y` (9p,) while the forces are
+        constant.
+
+        V does not change.
         """
         operator = self.both.operator(scheme.a, scheme.d)
 
@@ -284,8 +286,9 @@ class ReducedOrgan(OrganOfModes):
         return np.asarray(np.linalg.norm(apart.reshape(-1, 9)[:, :3], axis=1))
 
     def bound(self, state: OrganState) -> Array:
-        """Return bounds of the errors of the site points against the whole organ under the same
-        forces, `(p,)` [m].
+        """Return bounds of the errors of the site points, `(p,)` [m].
+
+        The errors are the differences from the whole organ under the same forces.
         """
         left = self._dual_norm(self.both.rates(state)) + drift_of(state)
         return np.asarray(self.difference(state) + self.reduction.reach * left)

@@ -2,10 +2,13 @@
 
     K U − Σ K_i U + Σ K_i e_i = forces,    de_i/dt + e_i/τ_i = dU/dt
 
-K_i is the stiffness of the share of the distortion that relaxes with τ_i. e_i, a field over the
-free unknowns, is the part of U that has not relaxed yet. Over a step e_i⁺ = e^(−x_i) e_i + φ_i (U⁺
-− U). The step is therefore the step of an organ with the stiffness K − Σ (1 − φ_i) K_i under the
-additional forces Σ K_i (φ_i U − e^(−x_i) e_i).
+K_i is the stiffness of the share of the distortion that relaxes with τ_i. The field e_i over the
+free unknowns is the part of U that has not relaxed yet. Over a step
+
+    e_i⁺ = e^(−x_i) e_i + φ_i (U⁺ − U).
+
+The step is therefore that of an organ with the stiffness K − Σ (1 − φ_i) K_i under the additional
+forces Σ K_i (φ_i U − e^(−x_i) e_i).
 """
 
 from collections.abc import Sequence
@@ -31,15 +34,15 @@ from tissue.organs.meshed import (
 from tissue.relaxation import Prony
 from tissue.stress import StressRecovery, stress_recovery
 
-DIGITS = 12  # of a step's length in the key of a cached operator: further digits are round-off
+DIGITS = 12  # digits of a step's length in the key of a cached operator; further ones are round-off
 
 
 @dataclass(frozen=True, eq=False)
 class RelaxingOrgan(DynamicOrgan):
-    """A linear organ whose distortion relaxes by a series `relaxation`.
+    """A linear organ whose distortion relaxes by a Prony series `relaxation`.
 
-    It has `inertia`, or is always in equilibrium. Its states have the fields e_i in `relaxing` `(b,
-    N)` [m]; None if all stress has relaxed.
+    If `inertia` is False, it is always in equilibrium. Its states have the fields e_i `(b, N)` [m]
+    in `relaxing`; None if all stress has relaxed.
     """
 
     relaxation: Prony = field(kw_only=True)
@@ -52,12 +55,15 @@ class RelaxingOrgan(DynamicOrgan):
 
     @cached_property
     def branches(self) -> list[csr_matrix]:
-        """K_i, shape `(N, N)` [N/m] each."""
+        """The matrices K_i, shape `(N, N)` [N/m] each."""
         free = self.elasticity.free
         return [csr_matrix(distortion(self.elasticity, share)[free][:, free]) for share in self.relaxation.shares]
 
     def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
-        """Return the factorised operator of a step of a scheme; the last few operators are cached."""
+        """Return the factorised operator of a step of a scheme.
+
+        The last few operators are cached.
+        """
         key = scheme.a, scheme.d, f"{scheme.dt:.{DIGITS}g}"
         return self._kept(key, lambda: self._factorized(scheme.a, scheme.d, self._soft(scheme.dt)))
 
@@ -67,14 +73,16 @@ class RelaxingOrgan(DynamicOrgan):
         return csr_matrix(sum((1.0 - mean) * K for mean, K in parts))
 
     def scheme_of(self, scheme: TimeScheme) -> TimeScheme:
-        """Return the scheme used for the organ: an equilibrium at the end of the step if it has no
-        inertia.
+        """Return the scheme used for the organ.
+
+        If the organ has no inertia, it is an equilibrium at the end of the step.
         """
         return scheme if self.inertia else Drag(0.0, coefficients=(), dt=scheme.dt)
 
     def start(self) -> OrganState:
-        """Return the state at the start: undeformed and at rest, or in equilibrium with gravity if
-        it has no inertia.
+        """Return the state at the start.
+
+        It is undeformed and at rest. Without inertia, it is in equilibrium with gravity.
         """
         rest = super().start()
         if self.inertia:
@@ -82,7 +90,7 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(rest, U=self.operator_of(Drag(0.0, coefficients=(), dt=np.inf)).factor.solve(self.load))
 
     def strains(self, state: OrganState) -> Array:
-        """Return e_i, shape `(b, N)` [m]."""
+        """Return the fields e_i, shape `(b, N)` [m]."""
         none = np.zeros((len(self.branches), self.size))
         return none if state.relaxing is None else state.relaxing
 
@@ -92,8 +100,9 @@ class RelaxingOrgan(DynamicOrgan):
         return [stress_recovery(self.elasticity, share) for share in self.relaxation.shares]
 
     def relaxed_stress(self, state: OrganState) -> Array:
-        """Return the instantaneous elastic stress minus the present stress, per node, shape `(m,
-        6)` [Pa].
+        """Return the relaxed stress at the nodes, shape `(m, 6)` [Pa].
+
+        It is the instantaneous elastic stress minus the present stress.
         """
         left = zip(self._stresses, self.strains(state), strict=True)
         return np.asarray(sum(each.stress(self.whole(state.U - e)) for each, e in left))
@@ -101,7 +110,7 @@ class RelaxingOrgan(DynamicOrgan):
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
     ) -> LinearAnswer:
-        """Return the answer of a step, as for an organ in motion.
+        """Return the answer of a step, as `DynamicOrgan.answer` does.
 
         In equilibrium, slips and relaxation are counted from the last state of `past`.
         """
@@ -116,7 +125,8 @@ class RelaxingOrgan(DynamicOrgan):
         e, decays, means = self.strains(first), self.relaxation.decays(scheme.dt), self.relaxation.means(scheme.dt)
         shares = self.shares_at(time, share)
         load, operator, history = self.load_under(shares), self.operator_of(scheme), self.history(scheme, past)
-        soft = np.zeros(self.size)  # resistance at the start: instantaneous stiffness minus stiffness of the step
+        # Resistance at the start: the instantaneous stiffness minus the stiffness of the step.
+        soft = np.zeros(self.size)
         for K, part, decay, mean in zip(self.branches, e, decays, means, strict=True):
             load = load + K @ (mean * first.U - decay * part)
             soft += K @ ((1.0 - mean) * past[0].U)
@@ -130,10 +140,9 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(answer, accepted=complete)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
-        """Return the answer of a step in which nothing moves from `y` (9p,), as for the organ in
-        motion.
+        """Return the answer of a step without motion from `y` (9p,), as `DynamicOrgan.displace`.
 
-        Motion due to a change of the forces is instantaneous.
+        The displacement due to a change of the forces is instantaneous.
         """
         answer = super().displace(self.scheme_of(scheme), state, y, f_y)
 
@@ -144,7 +153,7 @@ class RelaxingOrgan(DynamicOrgan):
         return replace(answer, accepted=displaced)
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
-        """Return the energies at `new` and the works of the step.
+        """Return the energies at `new` and the works of the step [J].
 
         The elastic energy is the part that remains after complete relaxation. The work of the
         relaxing stress counts as viscous and uses its value at the end of the step. Some of this

@@ -1,8 +1,8 @@
 """The rim of a wound's side: the edge of a contact surface on the outer surface of the organ.
 
-A facet of the outer surface lies next to each edge of a rim. The edge is everted by an angle if
-this facet has turned by that angle so that it rises towards the edge. If the organ turns as a
-whole, it everts one side of a wound and inverts the other by the same angle.
+A facet of the outer surface lies next to each edge of a rim. If this facet has turned by an angle
+so that it rises towards the edge, the edge is everted by that angle. A rotation of the whole organ
+everts one side of a wound and inverts the other by the same angle.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from skfem import MeshTet
 from tissue.arrays import Array, Indices
 from tissue.organs.facing import OPPOSITE, Mask, facet_normals, open_sides
 
-SMOOTH = 0.5  # cosine of 60°: within one rim, the outer surface turns by less from edge to edge
+SMOOTH = 0.5  # cosine of 60°: the outer surface turns by less from edge to edge of one rim
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Rim:
     def near(self, points: Array) -> "Rim":
         """Return the part of the rim that is nearest to most of the `points` `(m, 3)` [m].
 
-        A part is a chain of edges that continue in one another without a fold of the outer surface.
-        Of two parts with equally many points, the part of the first point is returned; without
-        points, the longest part.
+        A part is a chain of connected edges without a fold of the outer surface between them. If
+        two parts have equally many points, the part of the first point is returned. Without points,
+        it is the longest part.
         """
         if not len(self.edges):
             return self
@@ -58,11 +58,10 @@ class Rim:
         return self.of(self._parts == max(dict.fromkeys(votes), key=votes.count))
 
     def turn(self, points: Array) -> float:
-        """Return the mean angle along the rim by which the outer facets rise towards their edges
-        [rad].
+        """Return the mean angle by which the outer facets rise towards their edges [rad].
 
-        All nodes are at `points` `(n, 3)` [m]; the angle is relative to the reference shape. It is
-        0 for an empty rim.
+        The mean is along the rim. All nodes are at `points` `(n, 3)` [m]; the angle is relative to
+        the reference shape. It is 0 for an empty rim.
         """
         normal = facet_normals(points[self.facets])
         angles = np.arctan2(-np.vecdot(normal, self.rising), np.vecdot(normal, self.normal))
@@ -70,10 +69,10 @@ class Rim:
 
     @cached_property
     def way(self) -> tuple[Indices, Array]:
-        """The rim's vertices in order along it, `(v,)`, and their distance along it from the first,
-        `(v,)` [m].
+        """The vertices in order along the rim, and their distances from the first, `(v,)` [m].
 
-        A closed rim begins at its vertex with the lowest number.
+        The distances are measured along the rim. A closed rim begins at its vertex with the lowest
+        number.
         """
         vertices, ends = np.unique(self.edges, return_inverse=True)
         ends = ends.reshape(-1, 2)
@@ -93,7 +92,7 @@ class Rim:
 
     @cached_property
     def _parts(self) -> Indices:
-        """The part each edge belongs to, shape `(e,)`."""
+        """Number of the part to which each edge belongs, shape `(e,)`."""
         e = len(self.edges)
         at = coo_array((np.ones(2 * e), (np.repeat(np.arange(e), 2), self.edges.ravel())))
         touching = coo_array(at @ at.T)
@@ -105,7 +104,8 @@ class Rim:
 def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
     """Return the rim of the surface of `triangles` `(t, 3)`.
 
-    It faces the surface of the triangles `other` `(m, 3)`. Neither counts as outer surface.
+    This surface faces the surface of the triangles `other` `(m, 3)`. Neither of them counts as
+    outer surface.
     """
     outer, normals = _outer_facets(mesh, np.vstack([triangles, other]))
     open_edges = _numbered(mesh, triangles[:, OPPOSITE][open_sides(triangles)])
@@ -121,8 +121,7 @@ def rim_of(mesh: MeshTet, triangles: Indices, other: Indices) -> Rim:
 
 
 def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
-    """Return the facets of the organ's surface except the `inner` ones, `(f, 3)`, and their unit
-    normals `(f, 3)`.
+    """Return the facets of the organ's surface except `inner`, and their unit normals, `(f, 3)`.
 
     The vertices of a facet are in the order in which its normal points out of the organ.
     """
@@ -138,8 +137,9 @@ def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
 
 
 def _numbered(mesh: MeshTet, corners: Indices) -> Indices:
-    """Return one number for each edge `(m, 2)` or triangle `(m, 3)`, independent of the order of
-    its vertices.
+    """Return a number for each edge `(m, 2)` or triangle `(m, 3)`, shape `(m,)`.
+
+    It does not depend on the order of the vertices.
     """
     numbers = np.sort(corners, axis=1).T
     return np.asarray(np.ravel_multi_index(tuple(numbers), (mesh.nvertices,) * len(numbers)))

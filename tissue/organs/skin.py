@@ -1,16 +1,16 @@
-"""The outer surface of an organ, and what points outside bear on there, such as those of a thread.
+"""The outer surface of an organ, on which outside points bear, such as the points of a thread.
 
-The facets of the reference shape stand for a smooth surface: its normals n are interpolated between
-means over the facets at each vertex, and it bulges over a facet by −½ Σ ξ_i ((x − x_i)·n_i) n_i
-(Phong tessellation: Boubekeur and Alexa, ACM Trans. Graph. 27, 2008), so that n is across it. The
-tilt of n and the bulge go along with their facet as the organ deforms. Facets that meet at a sharp
-edge are no part of one smooth surface.
+The facets of the reference shape approximate a smooth surface. The normals n of this surface are
+interpolated between mean normals of the facets at each vertex. The surface bulges over a facet by
+−½ Σ ξ_i ((x − x_i)·n_i) n_i (Phong tessellation: Boubekeur and Alexa, ACM Trans. Graph. 27, 2008),
+so that n is normal to it. The tilt of n and the bulge turn with their facet as the organ deforms.
+Facets that meet at a sharp edge are not part of one smooth surface.
 
-A point P faces the nearest point x of the facets. Its gap is d·(x − P) less the bulge, with d = n
-into the organ. Over an edge that is sharp, or flat in the reference shape, d is the way from P to
-x, which turns from one facet to the next. So d is the gradient of a gap that is continuous as P and
-the organ move. The organ's part, d·x, follows the displacement of the facet; the place of x, d and
-the bulge stay during a step.
+A point P faces the nearest point x of the facets. Its gap is d·(x − P) minus the bulge, where d = n
+points into the organ. At an edge that is sharp, or flat in the reference shape, d is the direction
+from P to x, which turns from one facet to the next. d is thus the gradient of a gap that is
+continuous as P and the organ move. The organ's part of the gap, d·x, follows the displacement of
+the facet. The place of x in the facet, d and the bulge are constant during a step.
 """
 
 from dataclasses import dataclass
@@ -24,19 +24,24 @@ from tissue.elasticity import Elasticity
 from tissue.organs.facing import OPPOSITE, Mask, face, facet_normals, triangle_sizes
 from tissue.organs.lips import facets_inwards, sums_of, tangents, weights_on
 
-OWN = 9  # columns of what a point faces: facet, barycentric coordinates, d, distance, bulge; then its labels
-SHARP = np.cos(np.radians(30.0))  # of the angle of an edge that is one of the organ, not of facets of a smooth surface
-FLAT = 1.0 - 1e-8  # of the angle of an edge between facets of a plane
-ON_EDGE = 1e-9  # of a barycentric coordinate
-TOUCHING = 1e-3  # of a facet: the way from a nearer point is no direction
-QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # of a facet with the middles of its sides
+# Columns of facing data: facet, barycentric coordinates, d, distance, bulge; the labels follow.
+OWN = 9
+# Cosine of the angle between the normals at an edge: an edge with a larger angle is a sharp one.
+SHARP = np.cos(np.radians(30.0))
+FLAT = 1.0 - 1e-8  # cosine of the angle at an edge: facets with a smaller angle are in a plane
+ON_EDGE = 1e-9  # largest barycentric coordinate of a point on the edge of a facet
+TOUCHING = 1e-3  # of a facet's size: a smaller distance gives no direction d
+# The quarters of a P2 facet, whose nodes are the corners and the middles of the sides.
+QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
 
 @dataclass(frozen=True)
 class Skin:
-    """The outer surface of a `body`: the nodes of its `facets` `(m, 3)`, with P2 of the quarters of
-    its facets, which turn so that their normals point into the organ; and the coefficient of
-    `friction` of what bears on it [-].
+    """The outer surface of a `body`.
+
+    `facets` `(m, 3)` are the nodes of its facets, with P2 of the quarters of its facets, in the
+    order in which their normals point into the organ. `friction` is the coefficient of friction of
+    outside points on the surface [-].
     """
 
     body: Elasticity
@@ -62,7 +67,7 @@ class Skin:
 
     @cached_property
     def _around(self) -> coo_array:
-        """Which facets meet at each corner of each facet, shape `(3m, m)`."""
+        """The facets that meet at each corner of each facet, as a matrix of shape `(3m, m)`."""
         m, n = len(self.facets), len(self.body.points)
         at = csr_array((np.ones(3 * m), (np.arange(3 * m), self.facets.ravel())), (3 * m, n))
         of = csr_array((np.ones(3 * m), (self.facets.ravel(), np.repeat(np.arange(m), 3))), (n, m))
@@ -70,8 +75,9 @@ class Skin:
 
     @cached_property
     def _beyond(self) -> Indices:
-        """The facet beyond each side of each facet, opposite its corners, shape `(m, 3)`; itself at
-        an open side.
+        """The facet beyond each side of each facet, shape `(m, 3)`.
+
+        The sides are numbered by the opposite corners. At an open side, it is the facet itself.
         """
         sides = np.sort(self.facets[:, OPPOSITE].reshape(-1, 2), axis=1)
         order = np.lexsort(sides.T)
@@ -83,9 +89,11 @@ class Skin:
 
     @cached_property
     def _smooth(self) -> tuple[Array, Mask]:
-        """Unit normals of the smooth surface at the corners of all facets of the reference shape,
-        `(m, 3, 3)`: the mean, by area, over the facets that meet there without a sharp edge; and
-        which sides of each facet are part of a curved surface, `(m, 3)`.
+        """Unit normals at the corners of all facets, `(m, 3, 3)`, and the curved sides, `(m, 3)`.
+
+        The normals are those of the smooth surface in the reference shape. Each is the mean,
+        weighted by area, over the facets that meet at the corner without a sharp edge. A side is
+        curved if its edge is part of a curved surface, so that it is neither sharp nor flat.
         """
         corners, (row, other) = self.body.points[self.facets], self._around.coords
         each, areas = facet_normals(corners), triangle_sizes(corners) ** 2
@@ -96,9 +104,11 @@ class Skin:
         return normals.reshape(-1, 3, 3), (angle > SHARP) & (angle < FLAT)
 
     def faced(self, displacement: Array, places: Array, labels: Array) -> Array:
-        """Return what points at `places` `(k, 3)` [m] face under a `displacement` of all nodes `(n,
-        3)` [m], shape `(k, 9 + l)`: facet, barycentric coordinates, d, the distance from the
-        surface, negative inside, and the bulge [m], then the `labels` `(k, l)` of each point.
+        """Return the facing data of points at `places` `(k, 3)` [m], shape `(k, 9 + l)`.
+
+        The columns are the facet, the barycentric coordinates, d, the distance from the surface,
+        which is negative inside, the bulge [m], and the `labels` `(k, l)` of each point.
+        `displacement` `(n, 3)` [m] is that of all nodes.
         """
         if not len(places):
             return np.zeros((0, OWN + labels.shape[1]))
@@ -118,9 +128,10 @@ class Skin:
         return np.column_stack([facing[:, :4], d, np.vecdot(way, d) - bulge, bulge, labels])
 
     def sums(self, points: Array) -> csr_matrix:
-        """Return d·x of `points` `(k, 9 + l)` by the displacement of the surface's nodes, shape
-        `(k, 3r)`; with friction, x along both of `tissue.organs.lips.tangents` of each point behind
-        them, `(3k, 3r)`.
+        """Return the matrix from the displacement of the surface's nodes to d·x, shape `(k, 3r)`.
+
+        `points` `(k, 9 + l)` are the facing data. With friction, the rows of d·x are followed by
+        those of x along both `tissue.organs.lips.tangents` of each point, shape `(3k, 3r)`.
         """
         along, at = points[:, 4:7], points
         if self.friction:
@@ -130,8 +141,9 @@ class Skin:
         return sums_of(self.nodes, nodes, w, along)
 
     def rest(self, points: Array) -> Array:
-        """Return d·x less the bulge of `points` `(k, 9 + l)` in the reference shape, and zeros for
-        the slips, as of `sums` [m].
+        """Return d·x minus the bulge in the reference shape, and zero slips [m].
+
+        `points` `(k, 9 + l)` are the facing data; the order is that of the rows of `sums`.
         """
         out = np.asarray(self.sums(points) @ self.body.points[self.nodes].ravel())
         out[: len(points)] -= points[:, 8]
@@ -140,8 +152,9 @@ class Skin:
 
 
 def frames(corners: Array) -> Array:
-    """Return frames of triangles `(k, 3, 3)`: as columns, the unit vectors along the first side and
-    across it, and the normal, shape `(k, 3, 3)`.
+    """Return frames of triangles `(k, 3, 3)`, shape `(k, 3, 3)`.
+
+    The columns are the unit vectors along the first side and across it, and the normal.
     """
     n, side = facet_normals(corners), corners[:, 1] - corners[:, 0]
     side = side / np.linalg.norm(side, axis=1, keepdims=True)
@@ -149,8 +162,9 @@ def frames(corners: Array) -> Array:
 
 
 def skin_of(body: Elasticity, friction: float = 0.0) -> Skin:
-    """Return the whole outer surface of a body, with the coefficient of `friction` of what bears on
-    it [-].
+    """Return the whole outer surface of a body.
+
+    `friction` is the coefficient of friction of outside points on it [-].
     """
     nodes = facets_inwards(body, body.mesh.boundary_facets())
     return Skin(body, nodes if nodes.shape[1] == 3 else nodes[:, QUARTERS].reshape(-1, 3), friction)

@@ -1,16 +1,16 @@
 """Lower and upper bounds of each hole's compliance, which enclose the compliance of the exact body.
 
-Lower bound: C_h of quadratic displacements on the mesh. By Galerkin orthogonality it is below C by
-the energy ‖e‖² of the error of the column. Upper bound: ‖e‖ is at most ‖θ − σ_h‖ for every stress θ
-in equilibrium with the load (Prager and Synge, Quart. Appl. Math. 5, 1947). θ is made star by star
-(`tissue.refinement.star`). θ balances the quadratic part of the traction under a footprint. The
-rest of the traction moves the body by an energy of at most r² (`tissue.refinement.rim`):
+Lower bound: C_h of quadratic displacements on the mesh. By Galerkin orthogonality C_h is below C by
+the energy ‖e‖² of the error e of the column. Upper bound: ‖e‖ is at most ‖θ − σ_h‖ for every stress
+θ in equilibrium with the load (Prager and Synge, Quart. Appl. Math. 5, 1947). θ is constructed star
+by star (`tissue.refinement.star`). θ balances the quadratic part of the traction under a footprint.
+The rest of the traction moves the body by an energy of at most r² (`tissue.refinement.rim`):
 
     C_h ≤ C ≤ C_h + (‖θ − σ_h‖ + r)².
 
-The dilatation is used cell by cell, because an averaged dilatation has no bounds. The mesh is
-bisected at the rims of footprints until r is small, so that both bounds are nearer to C than the
-compliance of the original mesh.
+The dilatation is evaluated cell by cell, because there are no such bounds with an averaged
+dilatation. The mesh is bisected at the rims of footprints until r is small, so that both bounds are
+nearer to C than the compliance of the original mesh.
 """
 
 from collections.abc import Sequence
@@ -34,16 +34,17 @@ from tissue.solvers.choice import GIGA, SHARE, Solver, solver_of_columns
 from tissue.solvers.memory import free_memory
 from tissue.supports import axis_of, facets_of
 
-BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # of its stiffness, and of all other data
+BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # for the stiffness of a cell, and for all other data
 ACCURACY = 0.03  # of the compliance, if none is given
-ROOM = 5e8  # bytes of the multipliers of goals that are solved together
+ROOM = 5e8  # bytes for the multipliers of goals that are solved together
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """`lower` and `upper` bounds of the compliance to forces along x, y and z, `(g, 3)` each [m/N].
+    """Bounds of the compliance of sites to forces along x, y and z.
 
-    The `goals` `(g,)` are the sites with a footprint that do not belong to a line.
+    The `lower` and `upper` bounds have shape `(g, 3)` each [m/N]. The `goals` `(g,)` are the sites
+    with a footprint that do not belong to a line.
     """
 
     goals: Indices
@@ -59,15 +60,13 @@ def bounds(
     roller: Sequence[str] = (),
     accuracy: float = ACCURACY,
 ) -> Bounds:
-    """Return bounds of the compliance of sites to forces, for a linear body with supports at
-    boundaries.
+    """Return bounds of the compliance of sites to forces, for a linear body held at boundaries.
 
     A smaller `accuracy` of the compliance [-] gives finer cells at the rims of footprints. Bare
     points, which have no finite compliance, and the sites of a line are left out.
 
-    Raises `TissueError` for a body that is free to move, and for a footprint inside the body. It is
-    also raised for a footprint that the facets do not cover exactly once, and if memory is too
-    small.
+    Raises `TissueError` if the body is free to move, if a footprint is inside the body, if the
+    facets do not cover a footprint exactly once, and if memory is too small.
     """
     goals = np.array([k for k, site in enumerate(sites) if site.radius > 0.0 and not site.line], np.intp)
     chosen = [sites[goal] for goal in goals]
@@ -98,11 +97,10 @@ def relative_bounds(
     roller: Sequence[str] = (),
     accuracy: float = ACCURACY,
 ) -> Array:
-    """Return bounds of each site's exact compliance over the compliance in a linear `body`, `(p,
-    2)` [-].
+    """Return bounds of each site's exact compliance, divided by its compliance in a linear `body`.
 
-    They hold for forces along x, y and z. They are not a number for sites that are no goals. Raises
-    `TissueError` as `bounds` does.
+    The bounds have shape `(p, 2)` [-] and hold for forces along x, y and z. They are NaN for sites
+    that are no goals. Raises `TissueError` as `bounds` does.
     """
     known = bounds(body.mesh, body.material, sites, clamp, roller, accuracy)
     rows = goal_rows(body, [sites[goal] for goal in known.goals])
@@ -114,9 +112,7 @@ def relative_bounds(
 
 
 def goal_rows(body: Elasticity, sites: Sequence[Site]) -> csr_matrix:
-    """Return the rows of the displacements of sites along x, y and z over the free unknowns, `(3p,
-    N)`.
-    """
+    """Return the rows of site displacements along x, y, z over the free unknowns, `(3p, N)`."""
     return csr_matrix(build_sites(body, sites).Y[(9 * np.arange(len(sites))[:, None] + np.arange(AXES)).ravel()])
 
 
@@ -126,8 +122,9 @@ def factor_of(body: Elasticity) -> Solver:
 
 
 def compliance(rows: csr_matrix, columns: Array) -> Array:
-    """Return the compliance along x, y and z `(p, 3)` [m/N] from the rows of sites `(3p, N)` and
-    their columns.
+    """Return the compliance along x, y and z, `(p, 3)` [m/N].
+
+    `rows` `(3p, N)` are the rows of the sites, and `columns` their columns.
     """
     return np.asarray(rows.multiply(columns.T).sum(axis=1)).reshape(-1, AXES)
 
@@ -143,7 +140,7 @@ def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> N
 
 
 def check_memory(cells: int) -> None:
-    """Raise `TissueError` if the matrices of a number of cells do not fit into memory."""
+    """Raise `TissueError` if the matrices of so many `cells` do not fit into memory."""
     need = BYTES_OF_CELL * cells
     if need > SHARE * free_memory():
         raise TissueError(

@@ -1,11 +1,11 @@
-"""Estimate of the error of each hole's compliance, cell by cell, from the columns K⁻¹Yᵀ of the
-condensation.
+"""Estimate of the error of each hole's compliance, cell by cell.
 
-The compliance is C = Y K⁻¹ Yᵀ. By Galerkin orthogonality, C_kk − C_kk,h is the energy of the error
-of column k. An estimate of this energy is therefore an estimate of the error of the compliance
-(Becker and Rannacher, Acta Numerica 10, 2001). The exact stress is replaced by the stress of the
-column, averaged at the nodes. This stress is changed at the surface to balance the traction
-(Zienkiewicz and Zhu, Int. J. Numer. Meth. Eng. 24, 1987):
+The estimate uses the columns K⁻¹Yᵀ of the condensation. The compliance is C = Y K⁻¹ Yᵀ. By Galerkin
+orthogonality, C_kk − C_kk,h is the energy of the error of column k. An estimate of this energy is
+therefore an estimate of the error of the compliance (Becker and Rannacher, Acta Numerica 10, 2001).
+The exact stress is replaced by the stress of the column, averaged at the nodes. At the surface,
+this averaged stress is changed so that it balances the traction (Zienkiewicz and Zhu, Int. J.
+Numer. Meth. Eng. 24, 1987):
 
     η_T² = ∫_T (σ* − σ_h) : D⁻¹ (σ* − σ_h) dx,      C_kk − C_kk,h ≈ Σ_T η_T².
 
@@ -35,19 +35,20 @@ from tissue.supports import holds_still
 CELLS = 4096  # processed together: about ten megabytes per column
 TOGETHER = 4  # goals whose columns are solved and stored together
 OWN = 4.0  # radii of a goal: within this distance every cell is used for its column
-THEIRS, NEARER = 8.0, 0.5  # radii of another goal, and ratio of distances: nearer cells are fine because of that goal
-SMOOTH = np.cos(np.radians(30.0))  # least cosine between normals of facet and node; else the node is on an edge
+THEIRS, NEARER = 8.0, 0.5  # radii of another goal, and ratio of distances: cells within both are fine due to that goal
+SMOOTH = np.cos(np.radians(30.0))  # least cosine between normals of facet and node; below it the node is on an edge
 AXES = 3
-SOFT = 1.0  # of E/ρL²: springs that hold a free body are as soft as the body itself
+SOFT = 1.0  # of E/ρL²: springs that hold a free body; they are as soft as the body itself
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The `compliance` of the goals along x, y and z, `(g, 3)` [m/N], and its estimated error,
-    `missed` `(g, 3)` [m/N].
+    """The compliance of goals and its estimated error.
 
-    `goals` `(g,)` are the sites with a footprint. The `indicators` `(c,)` [-] are the errors from
-    each cell over the compliance of the goal and direction, summed over all goals and directions.
+    The `goals` `(g,)` are the sites with a footprint. Their `compliance` along x, y and z and its
+    estimated error `missed` have shape `(g, 3)` each [m/N]. The `indicators` `(c,)` [-] are the
+    errors from each cell, divided by the compliance of the goal and direction and summed over all
+    goals and directions.
     """
 
     goals: Indices
@@ -111,8 +112,9 @@ def seen_cells(body: Elasticity, radii: Sequence[float], centres: Array) -> Call
 
 
 def held(body: Elasticity) -> csr_matrix:
-    """Return the stiffness over the free unknowns; with soft springs everywhere if a part of the
-    body can move freely.
+    """Return the stiffness over the free unknowns.
+
+    If a part of the body can move freely, soft springs are added everywhere.
     """
     K = body.K[body.free][:, body.free]
     if is_held(body):
@@ -134,10 +136,9 @@ def is_held(body: Elasticity) -> bool:
 
 
 def tractions(body: Elasticity, recovery: "Recovery", sites: Sequence[Site], placed: Sites, goal: int) -> Array:
-    """Return the traction of a unit force on a goal's footprint at the nodes of the surface, `(r,)`
-    [Pa/N].
+    """Return the traction of a unit force on a goal's footprint, `(r,)` [Pa/N].
 
-    It is zero for a force inside the body.
+    The traction is given at the nodes of the surface. It is zero for a force inside the body.
     """
     site, axis = sites[goal], placed.normals[goal]
     if not np.isfinite(axis).all():
@@ -157,33 +158,35 @@ class Recovery:
 
     @cached_property
     def material(self) -> tuple[Array, Array]:
-        """λ and μ that act in each cell, `(c,)` each [Pa]."""
+        """The λ and μ used in each cell, `(c,)` each [Pa]."""
         given, count = self.body.material, self.body.mesh.nelements
         spread = given.lame_lambda if self.body.pressure is None else cellwise_lambda(given)
         return np.broadcast_to(spread, count), np.broadcast_to(given.lame_mu, count)
 
     @cached_property
     def copies(self) -> tuple[Indices, Indices]:
-        """The numbers of each cell's nodes within its material, `(c, n)`, and the node of each
-        number.
-        """
+        """Key indices of the nodes of each cell, `(c, n)`, and the node of each key, `(m,)`."""
         return np.searchsorted(self.keys, self._cell_keys), self.keys % len(self.body.nodes)
 
     @cached_property
     def groups(self) -> Indices:
-        """The material of each cell by its number, `(c,)`."""
+        """Number of the material of each cell, `(c,)`."""
         return np.asarray(np.unique(np.stack(self.material), axis=1, return_inverse=True)[1]).ravel()
 
     @property
     def _cell_keys(self) -> Indices:
-        """A key for each node of each cell, `(c, n)`: material index times number of nodes, plus
-        node index.
+        """Key of each node of each cell, `(c, n)`.
+
+        The key is the material's number times the number of nodes, plus the node's number.
         """
         return np.asarray(self.groups[:, None] * len(self.body.nodes) + self.body.cells)
 
     @cached_property
     def keys(self) -> Indices:
-        """The sorted keys, `(m,)`: a node on a border has one key in each material."""
+        """The sorted keys, `(m,)`.
+
+        A node on a border between materials has one key in each material.
+        """
         return np.unique(self._cell_keys)
 
     @cached_property
@@ -251,10 +254,10 @@ class Recovery:
         return stress
 
     def _nodal(self, W: Array, traction: Array, cells: Indices) -> tuple[Array, Indices]:
-        """Return σ* `(m, 3, 3, k)` at the nodes of `cells` `(c,)`, and the indices of each cell's
-        nodes, `(c, n)`.
+        """Return σ* at the nodes of cells, and the indices of each cell's nodes in σ*.
 
-        A node on a border between materials has one σ* in each material.
+        σ* has shape `(m, 3, 3, k)`, and the indices have shape `(c, n)` for `cells` `(c,)`. A node
+        on a border between materials has one σ* in each material.
         """
         copies, node = self.copies
         touched = np.zeros(node.size, dtype=bool)
@@ -280,8 +283,9 @@ class Recovery:
 
     @cached_property
     def _borders(self) -> tuple[Indices, Array]:
-        """The two key indices of each node on a border between materials, `(b, 2)`, and the normal
-        there, `(b, 3)`.
+        """Key indices of the nodes on borders between materials, `(b, 2)`, and normals, `(b, 3)`.
+
+        Each of these nodes has two key indices, one in each material.
         """
         mesh, groups = self.body.mesh, self.groups
         inner = np.flatnonzero(mesh.f2t[1] >= 0)
@@ -301,11 +305,10 @@ class Recovery:
         return pairs, sums / np.linalg.norm(sums, axis=1)[:, None]
 
     def _continuous(self, stress: Array, known: Indices) -> Array:
-        """Return σ* `(m, 3, 3, k)` of the `known` key indices `(m,)` with continuous traction at
-        borders of materials.
+        """Return σ* `(m, 3, 3, k)` with continuous traction at borders between materials.
 
-        The change is the smallest one, with weights by softness, so that the softer side changes
-        less.
+        σ* belongs to the `known` key indices `(m,)`. The change of σ* is the smallest one. It is
+        weighted by softness, so that the softer side changes less.
         """
         pairs, n = self._borders
         both = np.isin(pairs, known).all(axis=1)
@@ -330,8 +333,9 @@ class Recovery:
         return place
 
     def _balanced(self, stress: Array, node: Indices, W: Array, traction: Array) -> Array:
-        """Return σ* at nodes `(m,)`, with the smallest change for which σ*n is the traction at the
-        surface.
+        """Return σ* at nodes `(m,)`, changed such that σ*n is the traction at the surface.
+
+        The change is the smallest one.
         """
         at = np.flatnonzero(self._places[node] >= 0)
         row = self._places[node[at]]
@@ -342,8 +346,9 @@ class Recovery:
         return stress
 
     def _pressure(self, W: Array, nodes: Indices) -> Array:
-        """Return the part of λ div U that is averaged at the vertices, at `nodes` `(m,)`, shape
-        `(m, k)`.
+        """Return the part of λ div U that is averaged at the vertices, shape `(m, k)`.
+
+        The values are at `nodes` `(m,)`.
         """
         body = self.body
         if body.pressure is None:
@@ -359,10 +364,9 @@ def chunks(count: int) -> list[slice]:
 
 
 def turned(traction: Array, n: Array) -> Array:
-    """Return the smallest symmetric stresses `(m, 3, 3, k)` with a `traction` `(m, 3, k)` on planes
-    of unit normals `n`.
+    """Return the smallest symmetric stresses `(m, 3, 3, k)` with a given `traction`.
 
-    `n` has shape `(m, 3)`.
+    The traction `(m, 3, k)` acts on planes with unit normals `n` `(m, 3)`.
     """
     along = np.einsum("mik,mi->mk", traction, n)
     both = np.einsum("mik,mj->mijk", traction, n)

@@ -1,5 +1,6 @@
-"""Marking of too large cells: at first by their distance from the holes, then by their contribution
-to the error.
+"""Marking of too large cells.
+
+At first the distance of a cell from the holes decides, and then its contribution to the error.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,9 +13,10 @@ from tissue.arrays import Array, Indices
 from tissue.sites.site import Site
 from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
 
-# For each element: size of cells over the footprint's radius at which a half-space has the error REACHED; this size
-# for a ball inside, whose force is distributed over a volume; growth of the size with the distance; order of the
-# compliance error in the size. P1 comes near to REACHED in two rounds.
+# For each element: size of cells over the footprint's radius at which a half-space has the error
+# REACHED; this size for a ball inside, whose force is distributed over a volume; growth of the size
+# with the distance; order of the compliance error in the size. P1 comes near to REACHED in two
+# rounds.
 SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.0, 0.8, 4.0)}
 REACHED = 0.03
 THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
@@ -23,13 +25,13 @@ ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and
 
 
 def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
-    """Return a function that returns the largest size [m] of cells with corners `(c, 4, 3)`, before
-    an error is known.
+    """Return a function that returns the largest allowed size [m] of cells.
 
-    The compliance of the holes at `sites` is to have a relative `accuracy` [-].
+    The cells have corners `(c, 4, 3)`. The size is used before an error is known. The compliance of
+    the holes at `sites` is to have a relative `accuracy` [-].
 
     A region of the mesh that begins or ends within the radius of a surface hole is a thin layer
-    there. It needs proportionally smaller cells.
+    there. Such a layer needs proportionally smaller cells.
     """
     on_surface, inside, growth, order = SIZES[element]
     looser, surface = (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
@@ -65,8 +67,9 @@ def borders(mesh: MeshTet) -> Array:
 
 
 def place(surface: Surface, site: Site) -> tuple[Array, Array]:
-    """Return the located point (3,) [m] of a site, and the outward normal there, not a number
-    inside the body.
+    """Return the located point (3,) [m] of a site, and the outward normal there.
+
+    The normal is NaN for a site inside the body.
     """
     point = np.asarray(site.point, float)
     distance, nearest, facets = surface.nearest(point)
@@ -77,8 +80,9 @@ def place(surface: Surface, site: Site) -> tuple[Array, Array]:
 
 
 def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
-    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m]; without
-    an axis from a ball.
+    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m].
+
+    If the axis is NaN, the distance from a ball is returned.
     """
     offset = points - centre
     height = offset @ axis if np.isfinite(axis).all() else np.zeros(len(points))
@@ -87,11 +91,11 @@ def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
 
 
 def marked(mesh: MeshTet, indicators: Array, mirror: int | None = None) -> Indices:
-    """Return the cells with the largest `indicators` `(c,)`, which together have the share BULK of
-    the sum.
+    """Return the cells with the largest `indicators` `(c,)`.
 
-    Cells with an equal indicator are included. The mirror images about the plane normal to the axis
-    `mirror` are included too; None if the mesh need not stay symmetric.
+    Together they have the share BULK of the sum of the indicators. Cells with an equal indicator
+    are included. The mirror images of all these cells about the plane normal to the axis `mirror`
+    are included too. `mirror` is None if the mesh need not stay symmetric.
     """
     falling = np.sort(indicators)[::-1]
     least = falling[np.searchsorted(np.cumsum(falling), BULK * falling.sum())]

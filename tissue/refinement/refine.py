@@ -1,11 +1,11 @@
-"""Refinement of tetrahedra by bisection of the longest edge (Rivara, Int. J. Numer. Meth. Eng. 20,
-1984).
+"""Refinement of tetrahedra by bisection of the longest edge.
 
-Marked cells are cut, and all names of the mesh are kept. A cut edge hangs in the cells around it.
-These cells are bisected too, each at its own longest edge, until no edge hangs. Among edges of
-equal length the place decides. It decides in the same way for a mesh and for its mirror images
-about the planes through the origin, so that symmetric marks give a symmetric mesh. If two edges of
-one cell are mirror images, the side decides, and not round-off.
+The method is Rivara's (Int. J. Numer. Meth. Eng. 20, 1984). Marked cells are cut, and all names of
+the mesh are kept. A cut edge hangs in the cells around it. These cells are bisected too, each at
+its own longest edge, until no edge hangs. Among edges of equal length the place decides. The
+decision is the same in a mesh and in its mirror images about the coordinate planes, so that
+symmetric marks give a symmetric mesh. If two edges of one cell are mirror images of one another,
+their sides decide, and not round-off.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ TIED = 1e-11  # of a length: weight of the side, which decides between edges of 
 SAME = 1e-8  # of the mesh's span: coordinates that differ by less count as equal
 LOTS = np.array(
     [0.8191725134, 0.6710436067, 0.5497004779]
-)  # Roberts' sequence in three dimensions: even and not periodic
+)  # Roberts' sequence in three dimensions: uniform and not periodic
 OPPOSITE = (3, 2, 1, 0)  # corner opposite to each facet of a cell, in scikit-fem's order of the facets
 WITHIN = -1  # for a facet inside a cell of the mesh before refinement
 
@@ -38,8 +38,8 @@ Keys = NDArray[np.int64]
 class Refined:
     """A refined `mesh` with the names of the mesh before refinement.
 
-    `parents` `(c,)` is the earlier cell that contains each cell. `sides` `(f,)` is the earlier
-    facet that contains each facet, WITHIN for a facet inside a cell.
+    `parents` `(c,)` are the earlier cells that contain each cell. `sides` `(f,)` are the earlier
+    facets that contain each facet, or WITHIN (−1) for a facet inside an earlier cell.
     """
 
     mesh: MeshTet
@@ -48,8 +48,9 @@ class Refined:
 
 
 def refine(mesh: MeshTet, marked: Indices) -> Refined:
-    """Return the mesh with the `marked` cells bisected, and all cells around them in which edges
-    would hang.
+    """Return the mesh with the `marked` cells bisected.
+
+    All cells around them in which edges would hang are bisected too.
     """
     split = np.zeros(mesh.nelements, dtype=bool)
     split[marked] = True
@@ -57,8 +58,9 @@ def refine(mesh: MeshTet, marked: Indices) -> Refined:
 
 
 def refine_to(mesh: MeshTet, size: Callable[[Array], Array]) -> Refined:
-    """Return the mesh bisected until no cell is larger than the `size` [m] wanted for its corners
-    `(c, 4, 3)`.
+    """Return the mesh, bisected until no cell is larger than its wanted size.
+
+    `size` returns the wanted sizes [m] of cells with corners `(c, 4, 3)`.
     """
 
     def too_large(corners: Array) -> Mask:
@@ -68,8 +70,7 @@ def refine_to(mesh: MeshTet, size: Callable[[Array], Array]) -> Refined:
 
 
 def _refined(mesh: MeshTet, split: Mask, too_large: Callable[[Array], Mask]) -> Refined:
-    """Return the mesh with the cells `split` `(c,)` bisected, and their parts too while they are
-    `too_large`.
+    """Return the mesh with the cells `split` `(c,)` bisected, and their parts while `too_large`.
 
     Boundaries and subdomains keep their names. A double node on both lips of a slit stays double.
     """
@@ -99,11 +100,10 @@ def _joined(mesh: MeshTet) -> Indices:
 
 
 def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]:
-    """Return points and cells with a separate node for each connected group of cells around a
-    place.
+    """Return points and cells with a separate node for each connected group of cells.
 
-    Cells are connected by common facets, except facets of the surface; `outer` `(c, 4)` marks these
-    opposite to each corner.
+    The groups are those around one place. Cells are connected by common facets, except facets of
+    the surface. `outer` `(c, 4)` marks such facets opposite to each corner.
     """
     whole = MeshTet(np.ascontiguousarray(points.T), np.ascontiguousarray(cells.T))
     closed = np.zeros(whole.nfacets, dtype=bool)
@@ -120,10 +120,10 @@ def _parted(points: Array, cells: Indices, outer: Mask) -> tuple[Array, Indices]
 def _bisected(
     mesh: MeshTet, cells: Indices, split: Mask, too_large: Callable[[Array], Mask]
 ) -> tuple[Array, Indices, Indices, Indices]:
-    """Return points, cells, their parents `(c,)`, and the mesh facet that contains the facet
-    opposite to each corner.
+    """Return points, cells, their parents `(c,)` and their sides `(c, 4)`.
 
-    The latter has shape `(c, 4)`, with WITHIN for a facet inside a cell of the mesh.
+    A side is the mesh facet that contains the facet opposite to a corner, or WITHIN for a facet
+    inside a cell of the mesh.
     """
     points = mesh.p.T
     parents, sides = np.arange(len(cells)), mesh.t2f[list(OPPOSITE)].T.astype(np.intp)
@@ -149,11 +149,10 @@ def _bisected(
 
 
 def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) -> tuple[Indices, Indices]:
-    """Return the two parts of each of the `cells` `(k, 4)` and their `sides`; all first parts come
-    first.
+    """Return the two parts of each of the `cells` `(k, 4)`, and the `sides` of these parts.
 
-    In each part, one end of the longest edge becomes the middle of this edge. The facet opposite to
-    the other end lies inside the cell.
+    All first parts come before all second parts. In each part, one end of the longest edge becomes
+    the middle of this edge. The facet opposite to the other end lies inside the cell.
     """
     rows, parts, inner = np.arange(len(cells)), [], []
     for end, other in (PAIRS[longest].T, PAIRS[longest].T[::-1]):
@@ -165,12 +164,14 @@ def _halves(cells: Indices, sides: Indices, longest: Indices, middles: Indices) 
 
 
 def _edges(points: Array, cells: Indices, span: float) -> tuple[Keys, Indices]:
-    """Return the keys of the edges `(c, 6)` and the longest edge of each cell `(c,)`, in a mesh of
-    a `span` [m].
+    """Return the keys of the edges `(c, 6)` and the longest edge of each cell `(c,)`.
+
+    The mesh has the given `span` [m].
     """
     ends = np.sort(cells[:, PAIRS], axis=2).astype(np.int64)
     keys, (low, high) = (ends[..., 0] << BITS) + ends[..., 1], np.moveaxis(points[ends], 2, 0)
-    # A pseudo-random number from the place prevents the choice from running in one direction through the mesh.
+    # A pseudo-random number computed from the place prevents a preferred direction of the choice
+    # in the mesh.
     place = (low + high) / span
     lot = EQUAL * (np.round(np.abs(place) / SAME) @ LOTS % 1.0) + TIED * (place @ LOTS)
     return keys, np.argmax(np.linalg.norm(high - low, axis=2) * (1.0 + lot), axis=1)
@@ -182,7 +183,8 @@ def _ends(keys: Keys) -> Indices:
 
 
 def cell_sizes(corners: Array) -> Array:
-    """Return the size of cells with corners `(c, 4, 3)`, shape `(c,)` [m]: the edge of a cube of
-    six equal cells.
+    """Return the size of cells with corners `(c, 4, 3)`, shape `(c,)` [m].
+
+    The size is the edge of a cube that consists of six such cells.
     """
     return np.asarray(np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))))

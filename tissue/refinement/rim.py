@@ -1,7 +1,7 @@
-"""The part of a footprint's traction that is not quadratic on facets, because a footprint ends
-inside facets.
+"""The part of a footprint's traction that is not quadratic on facets.
 
-The rest g of the traction on a facet is orthogonal to quadratics, and moves the body only a little:
+This part exists because a footprint ends inside facets. The rest g of the traction on a facet is
+orthogonal to quadratics, and moves the body only a little:
 
     |∫ g·v|² ≤ ‖g‖² ‖v − Πv‖² ≤ ‖g‖² Λ_K ∫_K σ(v) : ε(v) dx ,
 
@@ -50,10 +50,10 @@ def pull_of(stars: Stars, load: Load) -> Pull:
 
 
 def on_facet(stars: Stars, cell: int, side: int, points: Array) -> Array:
-    """Return the barycentric coordinates `(3, k)` of points `(k, 3)` [m] on the facet opposite to a
-    corner of a cell.
+    """Return the barycentric coordinates `(3, k)` of points `(k, 3)` [m] on a facet.
 
-    Each coordinate is zero at the other two corners of the facet.
+    The facet is opposite to the corner `side` of a `cell`. Each coordinate is zero at the other two
+    corners of the facet.
     """
     corners = OTHERS[side]
     zero = stars.points[cell, np.roll(corners, 1)]
@@ -75,11 +75,10 @@ def rest(stars: Stars, cell: int, side: int, moments: Array, square: float) -> f
 
 
 def cut_at_rims(mesh: MeshTet, material: Material, sites: Sequence[Site], accuracy: float) -> tuple[MeshTet, Material]:
-    """Return a mesh and its material, bisected at the rims of footprints until quadratic tractions
-    are accurate enough.
+    """Return a mesh and its material, bisected at the rims of footprints.
 
-    The remaining error is small compared with the accepted relative error `accuracy` of the
-    compliance [-].
+    The bisection ends when quadratic tractions are accurate enough. The remaining error is then
+    small compared with the accepted relative error `accuracy` of the compliance [-].
     """
     for _ in range(MOST_ROUNDS):
         stars, surface = Stars(mesh, material, np.zeros((0, AXES), dtype=bool)), outer_surface(mesh)
@@ -94,7 +93,7 @@ def cut_at_rims(mesh: MeshTet, material: Material, sites: Sequence[Site], accura
 def coarse(stars: Stars, load: Load, most: float) -> Indices:
     """Return the cells behind a footprint whose tractions must be refined.
 
-    There the rest of quadratic tractions has more than its share of `most`, an energy times Young's
+    In these cells the rest of the traction exceeds its share of `most`, an energy times Young's
     modulus [1/m].
     """
     pull = pull_of(stars, load)
@@ -111,11 +110,10 @@ def part_of(material: Material, cells: Indices) -> Material:
 
 
 def trace_factor(points: Array, lam: float, mu: float, degree: int = DEGREE) -> float:
-    """Return the largest ratio of ∫ |v − Πv|² on a facet to the energy ∫ σ(v) : ε(v) of its cell
-    [m³/N].
+    """Return the largest ratio of ∫ |v − Πv|² on a facet to the energy of its cell [m³/N].
 
-    The cell has the corners `points` `(4, 3)` [m], the facet the last three of them. v are
-    polynomials of the `degree`.
+    The energy is ∫ σ(v) : ε(v). The cell has the corners `points` `(4, 3)` [m], and the facet has
+    the last three of them. The v are polynomials of the `degree`.
     """
     strains, coordinates, sides = polynomials(degree)
     slopes, volume = hat_gradients(points[None])[0, 1:], abs(np.linalg.det(points[1:] - points[0])) / 6.0
@@ -133,11 +131,15 @@ def trace_factor(points: Array, lam: float, mu: float, degree: int = DEGREE) -> 
 
 @cache
 def polynomials(degree: int) -> tuple[Array, Array, Array]:
-    """Return three matrices of the polynomials of a degree, orthonormal in a cell; a is their
-    number. - The means of products of their slopes by the last three barycentric coordinates, `(a,
-    3, a, 3)`. - The means of their products with all four coordinates, `(a, 4)`. - Their
-    non-quadratic parts on the facet of the last three corners, in b orthonormal functions, `(b,
-    a)`.
+    """Return three matrices of the polynomials of a degree, orthonormal in a cell.
+
+    The number of polynomials is a. The matrices are:
+
+    - The means of products of their slopes by the last three barycentric coordinates,
+      `(a, 3, a, 3)`.
+    - The means of their products with all four coordinates, `(a, 4)`.
+    - Their non-quadratic parts on the facet of the last three corners, in b orthonormal
+      functions, `(b, a)`.
     """
     powers = np.array([each for each in product(range(degree + 1), repeat=AXES) if sum(each) <= degree])
     x, w = conical(2 * degree)
@@ -155,13 +157,14 @@ def polynomials(degree: int) -> tuple[Array, Array, Array]:
 
 
 def monomials(powers: Array, at: Array) -> Array:
-    """Return monomials of `powers` `(a, 3)` at points `(3, k)`, `(a, k)`."""
+    """Return monomials of `powers` `(a, 3)` at points `(3, k)`, shape `(a, k)`."""
     return np.asarray(np.prod(at[None] ** powers[..., None], axis=1))
 
 
 def conical(order: int) -> tuple[Array, Array]:
-    """Return points `(3, k)` of a quadrature rule of a cell, exact for an order, and weights
-    `(k,)`, which sum to 1.
+    """Return points `(3, k)` and weights `(k,)` of a quadrature rule of a cell.
+
+    The rule is exact for polynomials up to the degree `order`. The weights sum to 1.
     """
     rules = [roots_jacobi(order // 2 + 1, power, 0.0) for power in (2.0, 1.0, 0.0)]
     u, v, w = np.meshgrid(*(0.5 * (x + 1.0) for x, _ in rules), indexing="ij")

@@ -1,5 +1,6 @@
-"""A body with fine cells at its holes: its error is estimated, and its mesh refined until the
-accuracy is reached.
+"""A body with fine cells at its holes, refined by estimates of its error.
+
+The error is estimated and the mesh is refined until the accuracy is reached.
 """
 
 import logging
@@ -20,15 +21,15 @@ from tissue.sites.site import Site, build_sites
 log = logging.getLogger(__name__)
 
 MOST_ROUNDS = 8  # three to six are usual
-GROWTH = 2.0  # of the unknowns in a round, about the largest factor
+GROWTH = 2.0  # of the unknowns in a round: about the largest factor
 
 
 @dataclass(frozen=True)
 class Round:
     """A round of refinement.
 
-    `unknowns` are the free ones, `error` is the largest estimated relative error of a hole's
-    compliance [-], and `seconds` the time of the round.
+    `unknowns` is the number of free unknowns. `error` is the largest estimated relative error of a
+    hole's compliance [-], and `seconds` is the time of the round.
     """
 
     unknowns: int
@@ -44,8 +45,8 @@ class Round:
 class Fitted:
     """A `body` whose mesh was refined in `rounds`, with its estimated errors.
 
-    `errors` `(p,)` [-] are the relative errors of the compliance of its sites, not a number for
-    bare points. `indicators` `(c,)` [-] are the shares of its cells in these errors.
+    `errors` `(p,)` [-] are the relative errors of the compliance of its sites, NaN for bare points.
+    `indicators` `(c,)` [-] are the shares of its cells in these errors.
     """
 
     body: Elasticity
@@ -55,7 +56,7 @@ class Fitted:
 
     @property
     def error(self) -> float:
-        """The largest of the errors [-]; 0 without a footprint."""
+        """The largest of the errors [-]; 0 if no site has a footprint."""
         return self.rounds[-1].error
 
 
@@ -68,14 +69,13 @@ def fitted(
     most: float = np.inf,
     mirror: int | None = None,
 ) -> Fitted:
-    """Return the body that `body_on` makes on a mesh, refined until every site's compliance is
-    accurate enough.
+    """Return a body on a mesh that is refined until every site's compliance is accurate enough.
 
-    The refinement ends when the estimated relative errors are within the `accuracy`, or if the next
-    round could have more than `most` unknowns.
+    `body_on` makes the body on a mesh. The refinement ends when the estimated relative errors are
+    within the `accuracy`, or if the next round could have more than `most` unknowns.
 
     A mesh that is symmetric about the plane normal to the axis `mirror` stays symmetric, because
-    matching lips need this.
+    matching lips need this symmetry.
     """
     begun, size = perf_counter(), wanted(mesh, element, accuracy, sites)
     body = body_on(refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh)

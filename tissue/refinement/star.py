@@ -1,10 +1,10 @@
-"""A stress in equilibrium with a load, made star by star from the stress of quadratic
-displacements.
+"""A stress in equilibrium with a load, constructed star by star.
 
-A star is the set of cells around a vertex i. With its hat function ψ_i, the stress θ_i on the star
-solves
+The stress is constructed from the stress σ_h of quadratic displacements. A star is the set of cells
+around a vertex i. With its hat function ψ_i, the stress θ_i on the star solves
 
-    minimise ‖θ_i − ψ_i σ_h‖  with  div θ_i = σ_h ∇ψ_i,  θ_i n = ψ_i t on free facets,  θ_i n = 0 where the star ends.
+    minimise ‖θ_i − ψ_i σ_h‖  with  div θ_i = σ_h ∇ψ_i,
+                                    θ_i n = ψ_i t on free facets,  θ_i n = 0 where the star ends.
 
 Since Σ ψ_i = 1, Σ θ_i has no divergence and has the traction t (Ladevèze and Leguillon, SIAM J.
 Numer. Anal. 20, 1983; Braess and Schöberl, Math. Comp. 77, 2008). A star that can move as a rigid
@@ -46,8 +46,8 @@ EDGES = list(combinations(range(CORNERS), 2))
 SIDES = list(combinations(range(3), 2))
 OTHERS = np.array([[k for k in range(CORNERS) if k != j] for j in range(CORNERS)])
 WITHIN = AXES * (CORNERS * CORNERS + len(EDGES) * NODES)  # multipliers inside a cell: of parts, and between parts
-TOGETHER = 64  # cells whose matrices are made together: 60 MB
-UNBALANCED = 1e-6  # of the loads of all stars: more is out of balance, and is far above the error of the columns
+TOGETHER = 64  # cells whose matrices are computed together: 60 MB
+UNBALANCED = 1e-6  # of the loads of all stars: a larger sum is out of balance; the error of the columns is far smaller
 FIXED = 1e-9  # of the largest singular value: a rigid motion with a smaller value is not held
 
 
@@ -56,8 +56,8 @@ class Pull:
     """A unit force on a footprint, facet by facet.
 
     `cells` `(k,)` are behind the facets, and `opposite` `(k,)` is the corner opposite to each
-    facet, with the vertices of a cell in ascending order. `moments` `(k, 3, 6)` [-] are of the
-    traction with the products of a linear and a quadratic shape function of the facet. `missed`
+    facet, with the vertices of a cell in ascending order. `moments` `(k, 3, 6)` [-] are the moments
+    of the traction with products of a linear and a quadratic shape function of the facet. `missed`
     `(k,)` [m/N] bounds the energy of the part of the traction that is not quadratic.
     """
 
@@ -68,18 +68,18 @@ class Pull:
 
 
 def quadratic(at: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    """Return the quadratic shape functions at barycentric coordinates `(n, k)`, shape `(n + pairs,
-    k)`.
+    """Return the quadratic shape functions at barycentric coordinates `(n, k)`.
 
-    The functions of the corners come first, then the functions of the middles of `pairs` of
-    corners.
+    The result has shape `(n + pairs, k)`. The functions of the corners come first, then the
+    functions of the middles of `pairs` of corners.
     """
     return np.vstack([at * (2.0 * at - 1.0), *([4.0 * at[a] * at[b]] for a, b in pairs)])
 
 
 def hat_gradients(points: Array) -> Array:
-    """Return the gradients of the barycentric coordinates of cells `(c, 4, 3)` [m], `(c, 4, 3)`
-    [1/m].
+    """Return the gradients of the barycentric coordinates of cells, `(c, 4, 3)` [1/m].
+
+    The cells have corners `points` `(c, 4, 3)` [m].
     """
     inner = np.linalg.inv(points[:, 1:] - points[:, :1]).swapaxes(1, 2)
     return np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
@@ -88,11 +88,12 @@ def hat_gradients(points: Array) -> Array:
 class Means(NamedTuple):
     """Means of products of shape functions, which are the same in any cell.
 
-    `facet`: of two quadratic functions on a facet, `(6, 6)`. `thrice`: of two linear functions and
-    a quadratic one on a facet, `(3, 3, 6)`. `strains` `(28, 4, 28, 4)`: the energy of a part, from
-    two of its multipliers and the gradients of two linear functions; the multipliers of its corners
-    come before the multipliers of its facets. `hats`: of a linear function of a part and a hat
-    function of the cell, by part and corner, `(16, 4)`.
+    `facet` `(6, 6)` are the means for two quadratic functions on a facet. `thrice` `(3, 3, 6)` are
+    for two linear functions and a quadratic one on a facet. `strains` `(28, 4, 28, 4)` give the
+    energy of a part, from two of its multipliers and the gradients of two linear functions. The
+    multipliers of the corners of the part come before the multipliers of its facets. `hats`
+    `(16, 4)` are for a linear function of a part and a hat function of the cell, by part and
+    corner.
     """
 
     facet: Array
@@ -124,10 +125,10 @@ def means() -> Means:
 
 
 def slopes_of(cell: Array) -> Array:
-    """Return the derivatives of the quadratic shape functions by the barycentric coordinates, shape
-    `(10, 4, k)`.
+    """Return the derivatives of the quadratic shape functions, shape `(10, 4, k)`.
 
-    `cell` `(4, k)` are the barycentric coordinates of the points.
+    The derivatives are with respect to the barycentric coordinates. `cell` `(4, k)` are the
+    barycentric coordinates of the points.
     """
     slopes = np.zeros((CORNERS + len(EDGES), CORNERS, cell.shape[1]))
     slopes[range(CORNERS), range(CORNERS)] = 4.0 * cell - 1.0
@@ -137,8 +138,9 @@ def slopes_of(cell: Array) -> Array:
 
 
 def part_numbers() -> Indices:
-    """Return the multiplier numbers of each part of a cell, `(4, 84)`; multipliers inside the cell
-    come first.
+    """Return the multiplier numbers of each part of a cell, `(4, 84)`.
+
+    Multipliers inside the cell come first.
     """
     rows = []
     for j, others in enumerate(OTHERS.tolist()):
@@ -152,8 +154,9 @@ MEANS, PARTS = means(), part_numbers()
 
 
 def isotropic(N: Array, lam: Array, mu: Array) -> Array:
-    """Return the stiffness `(c, x, 3, y, 3)` of products of strains `(c, x, 3, y, 3)`, with λ and μ
-    `(c,)`.
+    """Return the stiffness `(c, x, 3, y, 3)` of an isotropic material.
+
+    `N` `(c, x, 3, y, 3)` are products of strains. `lam` and `mu` `(c,)` are λ and μ.
     """
     lam, mu = (modulus[:, None, None, None, None] for modulus in (lam, mu))
     K = mu * N.swapaxes(2, 4) + lam * N
@@ -164,7 +167,7 @@ def isotropic(N: Array, lam: Array, mu: Array) -> Array:
 
 
 class Cells(NamedTuple):
-    """Cells over the multipliers of their facets.
+    """Matrices of cells over the multipliers of their facets.
 
     `stiffness` has shape `(c, 72, 72)`. `drag` `(c, 72, 4, 3)` are the forces of a unit divergence
     of σ_h along x, y and z times the hat function of each corner. `inner` `(c, 3, 3)` is the inner
@@ -177,8 +180,9 @@ class Cells(NamedTuple):
 
 
 def condensed(points: Array, lam: Array, mu: Array) -> Cells:
-    """Return cells with corners `(c, 4, 3)` [m] and moduli `(c,)` [Pa], with the inner multipliers
-    eliminated.
+    """Return the matrices of cells, with the inner multipliers eliminated.
+
+    The cells have corners `points` `(c, 4, 3)` [m] and moduli `lam` and `mu` `(c,)` [Pa].
     """
     count, volume = len(points), np.abs(np.linalg.det(points[:, 1:] - points[:, :1])) / (6.0 * CORNERS)
     whole = np.zeros((count, WITHIN + OF_CELL, WITHIN + OF_CELL))
@@ -204,8 +208,8 @@ class Field:
     """σ_h of n columns.
 
     `stress` `(c, 4, 3, 3, n)` is the stress at the corners of each cell, linear in between.
-    `divergence` is its divergence `(c, 3, n)`. `pulls` lists for each loaded facet the goals and
-    moments `(3, 6)`.
+    `divergence` is its divergence `(c, 3, n)`. `pulls` has for each loaded facet the list of goals
+    and their moments `(3, 6)`.
     """
 
     stress: Array
@@ -217,7 +221,7 @@ class Field:
 class Star:
     """The cells around a vertex, and their facets.
 
-    The vertex is the corner `place` of each of the `cells`, `(k,)` both. `facets` `(f,)` share the
+    The vertex is the corner `place` `(k,)` of each of the `cells` `(k,)`. `facets` `(f,)` share the
     vertex, and `local` `(k, 3)` are the facets of each cell among them. `first` `(f,)` gives one
     cell and side for each facet: cell times three plus side.
     """
@@ -235,14 +239,12 @@ class Star:
 
     @property
     def near(self) -> Indices:
-        """The multipliers of the facets that share the vertex, by their numbers in each cell, `(k,
-        54)`.
-        """
+        """Multipliers of the facets that share the vertex, by number in each cell, `(k, 54)`."""
         return (OF_FACET * self.sides[..., None] + np.arange(OF_FACET)).reshape(len(self.cells), -1)
 
     @property
     def far(self) -> Indices:
-        """The multipliers of the facet opposite to the vertex, `(k, 18)`."""
+        """Multipliers of the facet opposite to the vertex, by number in each cell, `(k, 18)`."""
         return np.asarray(OF_FACET * self.place[:, None] + np.arange(OF_FACET))
 
     @property
@@ -253,8 +255,9 @@ class Star:
 
 @dataclass(frozen=True)
 class Stars:
-    """The stars of the vertices of a `mesh` of a linear material; `held` `(f, 3)` says which facet
-    components are held.
+    """The stars of the vertices of a `mesh` of a linear `material`.
+
+    `held` `(f, 3)` says which components of each facet are held.
     """
 
     mesh: MeshTet
@@ -265,7 +268,7 @@ class Stars:
     def order(self) -> Indices:
         """The corners of each cell in ascending order of the vertex, `(c, 4)`.
 
-        Both cells of a facet then have its vertices in the same order.
+        Both cells of a facet then have the vertices of the facet in the same order.
         """
         return np.argsort(self.mesh.t.T, axis=1)
 
@@ -329,8 +332,9 @@ class Stars:
         return Field(stress, np.einsum("cpijk,cpj->cik", stress, self.gradients), loaded)
 
     def excess(self, field: Field) -> Array:
-        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N]. Raises `TissueError` if the stars are not
-        in balance.
+        """Return ‖θ − σ_h‖² of each column, `(n,)` [m/N].
+
+        Raises `TissueError` if the stars are not in balance.
         """
         divergence, cells = field.divergence, self.cells
         moved, balance = np.zeros((len(divergence), OF_CELL, divergence.shape[2])), np.zeros(2)
@@ -355,10 +359,10 @@ class Stars:
             yield Star(cells, place, facets, local.reshape(every.shape), first)
 
     def _add(self, moved: Array, star: Star, field: Field) -> Array:
-        """Add the multipliers of a star to `moved` `(c, 72, n)`, and return the squares of its
-        unbalanced load and its loads.
+        """Add the multipliers of a star to `moved`, and return two sums of squares.
 
-        `moved` has the multipliers of all facets, cell by cell.
+        The first sum is of the star's unbalanced loads, and the second of all its loads. `moved`
+        `(c, 72, n)` has the multipliers of all facets, cell by cell.
         """
         forces, S, rows = self._forces(star, field), self.cells.stiffness[star.cells], np.arange(len(star.cells))
         near, far, numbers, whole = star.near, star.far, star.numbers, rows[:, None, None]
@@ -381,8 +385,9 @@ class Stars:
         return np.array([np.sum(unbalanced**2), np.sum(b[free] ** 2)])
 
     def _forces(self, star: Star, field: Field) -> Array:
-        """Return the forces of σ_h times the vertex's hat function on the multipliers of each cell,
-        `(k, 72, n)`.
+        """Return the forces of σ_h times the vertex's hat function, `(k, 72, n)`.
+
+        The forces act on the multipliers of each cell.
         """
         rows, cells = np.arange(len(star.cells)), star.cells
         dragged = np.einsum("cxi,cik->cxk", self.cells.drag[cells, :, star.place], field.divergence[cells])
@@ -406,10 +411,9 @@ class Stars:
         return forces.reshape(OF_FACET * star.facets.size, -1)
 
     def _motions(self, star: Star, free: NDArray[np.bool_]) -> Array:
-        """Return the rigid motions of a star that its supports allow, as orthonormal columns `(k,
-        d)`.
+        """Return the rigid motions that the supports of a star allow, as orthonormal columns.
 
-        Rows are the `free` multipliers of its facets.
+        The columns have shape `(k, d)`. Their rows are the `free` multipliers of the star's facets.
         """
         cell, side = np.divmod(star.first, 3)
         corners = OTHERS[star.sides[cell, side]]
@@ -423,8 +427,9 @@ class Stars:
 
 
 def solved_with(A: Array, b: Array, motions: Array) -> Array:
-    """Return x `(k, n)` with A x = b for a matrix A `(k, k)` that is singular for the orthonormal
-    `motions` `(k, d)`.
+    """Return x `(k, n)` with A x = b for a singular matrix A `(k, k)`.
+
+    A is singular for the orthonormal `motions` `(k, d)`.
     """
     A = A + np.trace(A) / len(A) * motions @ motions.T
     return np.asarray(scipy.linalg.cho_solve(scipy.linalg.cho_factor(A, overwrite_a=True, check_finite=False), b))

@@ -1,11 +1,10 @@
-"""Site variables at finite strain: y = y(z), z = Z U linear in the organ's unknowns, y(z) local and
-smooth.
+"""Site variables at finite strain, y = y(z) with z = Z U.
 
-The point is linear in U. A normal frame, which convects with the surface by u = ⟨F⟩ u₀, is linear
-too. For both, z is y − y₀ itself. A fibre frame, along the cut of the needle, follows the material
-line d₀ by T ∥ ⟨F⟩ d₀. Its u and v are normal to T, u = ⟨F⟩⁻ᵀ u₀. There z holds the displacement of
-the point and the nine numbers of ⟨∇U⟩. To first order in U the result is the frame of the linear
-organ.
+z is linear in the organ's unknowns U, and y(z) is local and smooth. The point is linear in U. A
+normal frame convects with the surface by u = ⟨F⟩ u₀ and is linear too. For both, z is y − y₀
+itself. A fibre frame lies along the cut of the needle. It follows the material line d₀ by T ∥ ⟨F⟩
+d₀. Its u and v are normal to T, u = ⟨F⟩⁻ᵀ u₀. In this case z holds the displacement of the point
+and the nine numbers of ⟨∇U⟩. To first order in U, the result is the frame of the linear organ.
 """
 
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ NINE, TWELVE = 9, 12
 
 @dataclass(frozen=True)
 class SiteMap:
-    """y(z) of `sites`, with its first and second derivatives.
+    """The function y(z) of `sites`, with its first and second derivatives.
 
     y has shape `(9p,)`. z has shape `(k,)`: 9 numbers per site, or 12 for a fibre frame.
     """

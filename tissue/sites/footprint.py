@@ -1,5 +1,6 @@
-"""Averaging rules over the width of the hole: ⟨f⟩ = Σ_q w_q f(x_q) with Σ_q w_q = 1, and ⟨∇f⟩ = Σ_q
-c_q f(x_q).
+"""Averaging rules over the width of the hole.
+
+    ⟨f⟩ = Σ_q w_q f(x_q) with Σ_q w_q = 1,    ⟨∇f⟩ = Σ_q c_q f(x_q)
 
 Points are in units of the radius. The rules are products of Gauss rules and equal angles, so that
 they are exact for polynomials far above the degree of the shape functions. The rules have many
@@ -7,7 +8,7 @@ points, because a shape function is only piecewise polynomial.
 
 The gradient is averaged by parts, ⟨∂f/∂x_j⟩ = ∫ w ∂f/∂x_j = ∮ w f n_j − ∫ f ∂w/∂x_j, which uses
 only values of f. Gradients of shape functions jump from cell to cell. A sum of gradients needs many
-more points than cells under the footprint; with fewer points it is as wrong as a bare point
+more points than cells under the footprint. With fewer points this sum is as wrong as a bare point
 (measured: a couple's compliance doubled at a/h = 5).
 
 The number of points must grow while the cells shrink. A fixed sum is a set of bare points, and
@@ -31,8 +32,9 @@ POLAR = 8  # 8 · 16 · 24 = 3072 points in the ball, half of them in a half bal
 
 @dataclass(frozen=True)
 class FootprintRule:
-    """Points of the unit disc (z = 0) or the unit ball, shape `(k, 3)`, and their weights `(k,)`,
-    which sum to one.
+    """Points of the unit disc (z = 0) or of the unit ball, with their weights.
+
+    The `points` have shape `(k, 3)`. The `weights` `(k,)` sum to one.
     """
 
     points: Array
@@ -46,7 +48,8 @@ class FootprintRule:
 def disc(weight: str) -> FootprintRule:
     """Return the rule of the unit disc: weight 1/π (uniform) or 2(1 − r²)/π (parabolic)."""
     _check(weight)
-    # With τ = r², w r dr dθ is dτ dθ / 2π or (1 − τ) dτ dθ / π: a Gauss rule on τ and equal angles are exact.
+    # With τ = r², w r dr dθ is dτ dθ / 2π or (1 − τ) dτ dθ / π. A Gauss rule on τ and equal angles
+    # are exact.
     tau, d_tau = _gauss(RADIAL)
     radial = d_tau * (2.0 * (1.0 - tau) if weight == "parabolic" else np.ones(RADIAL))
     angle = (np.arange(AROUND) + 0.5) * (2.0 * np.pi / AROUND)
@@ -56,8 +59,9 @@ def disc(weight: str) -> FootprintRule:
 
 
 def density(weight: str, r: Array) -> Array:
-    """Return the weight of the unit disc at distances r from its centre, which integrates to one;
-    zero outside.
+    """Return the weight of the unit disc at distances r from its centre.
+
+    The weight integrates to one. It is zero outside the disc.
     """
     _check(weight)
     inside = 2.0 * (1.0 - r**2) if weight == "parabolic" else np.ones_like(r)
@@ -66,10 +70,10 @@ def density(weight: str, r: Array) -> Array:
 
 @dataclass(frozen=True)
 class Cover:
-    """The unit disc cut by triangles: points `(k, 2)`, the triangle of each `(k,)`, and flat
-    weights `(k,)`.
+    """The unit disc cut by triangles.
 
-    The weights are for the density 1/π. They integrate polynomials up to degree six over each part.
+    It has `points` `(k, 2)`, the triangle of each point `(k,)`, and weights `flat` `(k,)`. These
+    weights are for the density 1/π. They integrate polynomials up to degree six over each part.
     Points can lie outside the disc.
     """
 
@@ -78,8 +82,9 @@ class Cover:
     flat: Array
 
     def weights(self, weight: str) -> Array:
-        """Return the weights of the points for a footprint's `weight`. Raises `TissueError` for an
-        unknown one.
+        """Return the weights of the points for a footprint's `weight`.
+
+        Raises `TissueError` for an unknown `weight`.
         """
         _check(weight)
         return self.flat * (2.0 * (1.0 - np.sum(self.points**2, axis=1)) if weight == "parabolic" else 1.0)
@@ -119,7 +124,10 @@ def _chords(begin: Array, end: Array) -> tuple[Array, Array]:
 
 
 def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Return points on the circle below pieces outside the disc, and twice the area of each point."""
+    """Return points on the circle below pieces outside the disc.
+
+    Twice the area of each point is returned too.
+    """
     t, dt = _gauss(ARC)
     angle = np.arctan2(_cross(begin, end), np.sum(begin * end, axis=1))[:, None]
     theta = np.arctan2(begin[:, 1], begin[:, 0])[:, None] + angle * t
@@ -129,7 +137,8 @@ def _arcs(begin: Array, end: Array) -> tuple[Array, Array]:
 def _pieces(triangles: Array) -> tuple[Array, Array, NDArray[np.intp]]:
     """Return the edges of triangles that reach into the unit disc, cut where they cross the circle.
 
-    The pieces are their first and last points `(k, 2)` and the triangle of each piece.
+    The pieces are returned as first points, last points, `(k, 2)` each, and the triangle of each
+    piece `(k,)`.
     """
     a = triangles
     d = np.roll(triangles, -1, axis=1) - a
@@ -178,8 +187,9 @@ def ball(weight: str) -> FootprintRule:
 
 @dataclass(frozen=True)
 class Slope:
-    """⟨∇f⟩ = Σ_q c_q f(x_q) over the unit disc or ball: points `(k, 3)` and vectors c `(k, 3)`; Σ_q
-    c_q = 0.
+    """The average gradient ⟨∇f⟩ = Σ_q c_q f(x_q) over the unit disc or ball.
+
+    It has the `points` x_q `(k, 3)` and the `vectors` c_q `(k, 3)`, with Σ_q c_q = 0.
     """
 
     points: Array
@@ -192,8 +202,9 @@ class Slope:
 
 
 def disc_slope(weight: str) -> Slope:
-    """Return the tangential gradient over the unit disc: −∇w = 4x/π (parabolic), or only the rim
-    n/π (uniform).
+    """Return the tangential gradient over the unit disc.
+
+    Its vectors are −∇w = 4x/π (parabolic), or only n/π on the rim (uniform).
     """
     _check(weight)
     if weight == "parabolic":
@@ -205,8 +216,9 @@ def disc_slope(weight: str) -> Slope:
 
 
 def ball_slope(weight: str) -> Slope:
-    """Return the gradient over the unit ball: −∇w = 15x/4π (parabolic), or only the sphere 3n/4π
-    (uniform).
+    """Return the gradient over the unit ball.
+
+    Its vectors are −∇w = 15x/4π (parabolic), or only 3n/4π on the sphere (uniform).
     """
     _check(weight)
     rule, factor = (ball("uniform"), 5.0) if weight == "parabolic" else (_sphere(), 3.0)
@@ -214,8 +226,9 @@ def ball_slope(weight: str) -> Slope:
 
 
 def half_ball_slope(weight: str) -> Slope:
-    """Return the gradient over the half z < 0 of the unit ball: as for the ball, plus ∮ w f n over
-    the flat side.
+    """Return the gradient over the half z < 0 of the unit ball.
+
+    It is averaged as over the ball, plus ∮ w f n over the flat side.
     """
     _check(weight)
     whole, flat = ball_slope(weight), disc(weight)

@@ -1,4 +1,4 @@
-"""Rows over the organ's unknowns that average displacement and slope over the footprint of a site."""
+"""Rows over the organ's unknowns that average displacement and slope over a site's footprint."""
 
 from dataclasses import dataclass
 
@@ -12,8 +12,9 @@ from tissue.sites.surface import Surface
 
 @dataclass(frozen=True)
 class Average:
-    """Points of one average: reference coordinates `(k, 3)` in `cells` `(k,)`, with weights whose
-    sum is one.
+    """The points of one average.
+
+    They have `reference` coordinates `(k, 3)` in `cells` `(k,)`. The sum of the `weights` is one.
     """
 
     reference: Array
@@ -23,7 +24,10 @@ class Average:
 
 @dataclass(frozen=True)
 class AverageSlope:
-    """⟨∇U⟩ = Σ_q U(x_q) c_qᵀ: points x `(k, 3)` [m] in `cells` `(k,)`, vectors c `(k, 3)` [1/m]."""
+    """The average gradient ⟨∇U⟩ = Σ_q U(x_q) c_qᵀ.
+
+    It has the `points` x_q `(k, 3)` [m] in `cells` `(k,)`, and the `vectors` c_q `(k, 3)` [1/m].
+    """
 
     points: Array
     cells: Indices
@@ -66,8 +70,9 @@ def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, sl
 
 
 def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_matrix:
-    """Return slopes of shape functions `(n, 3, k)`, summed over points in `cells`; row 3i + j is
-    ∂U_i/∂x_j.
+    """Return slopes of shape functions, summed over points; row 3i + j is ∂U_i/∂x_j.
+
+    The `slopes` `(n, 3, k)` belong to points in `cells` `(k,)`.
     """
     unknowns, sums = _by_node(elasticity, cells, slopes)
     shape = (3, 3, len(unknowns))
@@ -77,10 +82,10 @@ def _slope_rows(elasticity: Elasticity, cells: Indices, slopes: Array) -> csr_ma
 
 
 def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Indices, Array]:
-    """Return the unknowns of m nodes, `(m, 3)`, and the sums of shape functions over points at each
-    node, `(j, m)`.
+    """Return the unknowns of m nodes, `(m, 3)`, and the sums over points at each node, `(j, m)`.
 
-    `values` `(n, j, k)` belong to points in `cells` `(k,)`. There are far more points than nodes.
+    The `values` `(n, j, k)` of shape functions belong to points in `cells` `(k,)`. There are far
+    more points than nodes.
     """
     unknowns = elasticity.basis.element_dofs[:, cells].reshape(len(values), 3, -1)
     _, first, node = np.unique(unknowns[:, 0], return_index=True, return_inverse=True)

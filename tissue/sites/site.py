@@ -1,16 +1,20 @@
-"""Piercing sites: nine numbers y = (x, u, v) per piercing, linear in the organ's unknowns, y = y0 +
-Y U.
+"""Piercing sites: nine numbers y = (x, u, v) per piercing.
+
+The numbers are linear in the organ's unknowns, y = y0 + Y U:
 
     x = X + ⟨N⟩ U                      the point, averaged over the footprint of the hole
-    u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect, T ⟂ u, v is the normal
-    u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected cut of the needle
+    u = u₀ + ⟨∇U⟩ u₀,  v likewise      normal frame: material tangents convect,
+                                       T ⟂ u, v is the normal
+    u = u₀ − ⟨∇U⟩ᵀ u₀, v likewise      fibre frame: T ⟂ u, v stays along the convected
+                                       cut of the needle
 
-with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the surface and a ball inside. On the surface,
-the fibre frame needs the derivative along the normal. The average of this derivative over a surface
-patch is not bounded by the elastic energy; it grows without limit under refinement. The gradient is
-therefore averaged over the part of the ball inside the body. With a parabolic weight, the
-tangential derivatives of the normal frame are bounded on the surface. With a uniform weight they
-depend on the circle alone, and their compliance grows like log(radius/h).
+with (∇U)_ij = ∂U_i/∂x_j. The footprint is a disc on the surface and a ball inside the organ. On the
+surface, the fibre frame needs the derivative along the normal. The average of this derivative over
+a surface patch is not bounded by the elastic energy; the average grows without limit under
+refinement. The gradient is therefore averaged over the part of the ball inside the body. With a
+parabolic weight, the tangential derivatives of the normal frame are bounded on the surface. With a
+uniform weight these derivatives depend on the circle alone, and their compliance grows like
+log(radius/h).
 """
 
 import logging
@@ -43,9 +47,9 @@ log = logging.getLogger(__name__)
 Direction = Literal["normal"] | ArrayLike | None
 
 AXIS = np.array([0.0, 0.0, 1.0])  # frame axis of an interior site without a direction; any axis can be used
-OF_A_FACE = 3  # nodes
+OF_A_FACE = 3  # nodes of a face
 WEIGHTLESS = 1e-9  # of the largest weight in an average: round-off
-EDGE_ON = 1e-3  # least cosine between the normals of a facet and of the disc: a steeper facet is seen edge-on
+EDGE_ON = 1e-3  # least cosine between the normals of facet and disc: with a smaller one the facet is seen edge-on
 COVERED = 1e-9  # of a disc: a smaller error of the covered area is round-off
 
 
@@ -55,8 +59,8 @@ class Site:
 
     `radius` [m] is the footprint's radius (0: the bare point) and `weight` its weight. `direction`
     is None, "normal" (the organ's outward normal) or the vector (3,), of any length, along which
-    the needle cuts. `line` names the line of balls inside the organ that the site belongs to; empty
-    for no line. A site of a line has a moving point but no moving frame.
+    the needle cuts. `line` names the line of balls inside the organ to which the site belongs;
+    empty if the site is on no line. A site of a line has a moving point but no moving frame.
     """
 
     point: ArrayLike
@@ -96,11 +100,12 @@ class Site:
 class Sites:
     """Site variables y = y0 + Y U over the free unknowns: `y0` `(9p,)`, `Y` `(9p, N)`.
 
-    `points` `(p, 3)` [m] are the located sites, `directions` `(p, 3)` the t₀ of their frames, and
-    `normals` `(p, 3)` the outward normals (not a number for interior sites). Frames are orthonormal
-    and right-handed. `directed` says for each site whether a direction was given; empty if unknown.
-    `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], for each site with a fibre frame: with a
-    vector as direction, or inside the organ and on no line. Other sites have None.
+    `points` `(p, 3)` [m] are the located sites, and `directions` `(p, 3)` are the t₀ of their
+    frames. `normals` `(p, 3)` are the outward normals, NaN for interior sites. Frames are
+    orthonormal and right-handed. `directed` says for each site whether a direction was given; empty
+    if unknown. `slopes` has the rows of ⟨∂U_i/∂x_j⟩, `(9, N)` [1/m], for each site with a fibre
+    frame, or None for other sites. A site has a fibre frame if its direction is a vector, or if it
+    is inside the organ and on no line.
     """
 
     y0: Array
@@ -124,11 +129,11 @@ class Sites:
 
 
 def frame(t0: Array) -> tuple[Array, Array]:
-    """Return u₀, v₀ with u₀ × v₀ = t₀: the axes x and y, turned by the smallest rotation from z to
-    the unit vector t₀.
+    """Return u₀, v₀ with u₀ × v₀ = t₀.
 
-    The rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a
-    rotation about t₀. The clamped end of a thread uses the same rule. It is written again in
+    They are the axes x and y, turned by the smallest rotation from z to the unit vector t₀. The
+    rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a
+    rotation about t₀. The clamped end of a thread uses the same rule. The rule is repeated in
     `thread`, because the two packages do not import one another.
     """
     x, y, z = t0
@@ -143,7 +148,7 @@ def frame(t0: Array) -> tuple[Array, Array]:
 
 
 def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
-    """Return all sites, located, with their nine rows each over the free unknowns.
+    """Return all sites, located and with nine rows each over the free unknowns.
 
     Raises `TissueError` for an impossible site.
     """
@@ -162,9 +167,9 @@ def build_sites(elasticity: Elasticity, sites: Sequence[Site]) -> Sites:
 class Load:
     """A unit force on a footprint: a traction on facets of a `surface`.
 
-    It has points `(k, 3)` [m], the facet of each `(k,)`, weights `(k,)` and the traction there,
-    `densities` `(k,)` [1/m²]. The weights integrate polynomials up to degree six over each facet. A
-    point can lie outside its facet, in the plane of the facet.
+    The load has `points` `(k, 3)` [m], the facet of each point `(k,)`, weights `(k,)`, and the
+    tractions at the points, `densities` `(k,)` [1/m²]. The weights integrate polynomials up to
+    degree six over each facet. A point can lie outside its facet, in the plane of the facet.
     """
 
     surface: Surface
@@ -203,7 +208,7 @@ def load_of(surface: Surface, site: Site) -> Load:
 def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
     """Return the cells that carry the force of each site.
 
-    The site averages the displacement of at least three nodes of these cells.
+    Each of these cells has at least three nodes whose displacement the site averages.
     """
     number = np.empty(elasticity.N, dtype=np.intp)
     number[elasticity.nodes] = np.arange(len(elasticity.nodes))[:, None]
@@ -232,10 +237,9 @@ def space_frames(sites: Sequence[Site]) -> Array:
 def _build(
     elasticity: Elasticity, surface: Surface, site: Site
 ) -> tuple[Array, csr_matrix, Array, Array, Array, csr_matrix | None]:
-    """Return y0 (9,), rows `(9, N)`, point, direction and outward normal of one site, and its rows
-    of ⟨∇U⟩.
+    """Return y0 (9,), rows `(9, N)`, point, direction, outward normal and rows of ⟨∇U⟩ of a site.
 
-    The rows of ⟨∇U⟩ are None without a fibre frame.
+    The rows of ⟨∇U⟩ are None if the site has no fibre frame.
     """
     X, normal, values, gradient = _averages(elasticity, surface, site)
     if site.line and np.isfinite(normal).all():
@@ -252,8 +256,9 @@ def _build(
 
 
 def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Array, Array, csr_matrix, csr_matrix]:
-    """Return point and outward normal of a site, and the rows of its averages ⟨U⟩ and ⟨∂U_i/∂x_j⟩
-    over all unknowns.
+    """Return point, outward normal, and rows of the averages ⟨U⟩ and ⟨∂U_i/∂x_j⟩ of a site.
+
+    The rows are over all unknowns.
     """
     distance, nearest, facets = surface.nearest(np.asarray(site.point, float))
     if distance <= ON_SURFACE * surface.diagonal:
@@ -271,9 +276,7 @@ def _averages(elasticity: Elasticity, surface: Surface, site: Site) -> tuple[Arr
 def _surface_footprint(
     surface: Surface, site: Site, X: Array, facets: Indices
 ) -> tuple[Array, Array, Average, Indices]:
-    """Return point, outward normal, averaging points and surrounding facets of a site on the
-    surface.
-    """
+    """Return point, outward normal, averaging points and surrounding facets of a surface site."""
     normal = _mean_normal(site, surface.normals[facets], np.full(facets.size, 1.0 / facets.size))
     if site.radius == 0.0:
         cells = surface.behind[facets]
@@ -292,8 +295,8 @@ def _surface_footprint(
 def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, struck: Indices) -> Array:
     """Return the average of the outward normal over the disc.
 
-    The average is taken facet by facet, so that it turns smoothly when the site moves. If the
-    facets do not cover the disc once, the average is taken over the facets `struck` by lines.
+    The average is taken facet by facet, so that the normal turns smoothly when the site moves. If
+    the facets do not cover the disc once, the average is taken over the facets `struck` by lines.
     """
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
@@ -303,8 +306,9 @@ def _normal_below(surface: Surface, site: Site, X: Array, normal: Array, patch: 
 
 
 def _cast(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices, unit: Array) -> tuple[Array, Indices]:
-    """Return points of the unit disc, placed at X normal to `normal` and projected on the surface,
-    and their facets.
+    """Return points of the unit disc, projected on the surface, and their facets.
+
+    The disc is placed at X, normal to `normal`.
     """
     axes = np.stack([*frame(normal), normal])
     hits, struck = surface.project(X + site.radius * unit @ axes, normal, patch, site.radius)
@@ -322,8 +326,8 @@ def _cover(
 ) -> tuple[Array, footprint.Cover] | None:
     """Return the disc cut into its facets, with points on the planes of the facets, or None.
 
-    It is None for a bare point, if facets cover the disc twice, or if a facet is seen edge-on. Only
-    lines along the normal can separate two facets that cover the same point.
+    The result is None for a bare point, if facets cover the disc twice, or if a facet is seen
+    edge-on. Only lines along the normal can separate two facets that cover the same point.
     """
     if site.radius == 0.0:
         return None
@@ -339,8 +343,9 @@ def _cover(
 
 
 def _over_facets(surface: Surface, site: Site, X: Array, normal: Array, patch: Indices) -> Average | None:
-    """Return the average over a disc, exact for functions that are polynomial on each facet; None
-    without a cover.
+    """Return the average over a disc, or None if the facets do not cover the disc once.
+
+    The average is exact for functions that are polynomial on each facet.
     """
     covered = _cover(surface, site, X, normal, patch)
     if covered is None:
@@ -380,11 +385,11 @@ def _half_ball_slope(surface: Surface, site: Site, X: Array, normal: Array, patc
 
 
 def _consistent(points: Array, vectors: Array) -> Array:
-    """Return the vectors with the smallest change such that Σ c = 0 and Σ x cᵀ = I: linear fields
-    are then exact.
+    """Return the vectors with the smallest change such that Σ c = 0 and Σ x cᵀ = I.
 
-    On a flat surface the vectors do not change. On a curved or thin body, part of the half ball is
-    missing. The change then adds the slope of the linear field that fits best in the mean square.
+    Linear fields are then exact. On a flat surface the vectors do not change. On a curved or thin
+    body, part of the half ball is missing. The change then adds the slope of the linear field that
+    fits best in the mean square.
     """
     vectors = vectors - vectors.mean(axis=0)
     offset = points - points.mean(axis=0)
@@ -395,7 +400,7 @@ def _consistent(points: Array, vectors: Array) -> Array:
 def _ball_footprint(
     surface: Surface, site: Site, X: Array, distance: float, nearest: Array
 ) -> tuple[Average, AverageSlope]:
-    """Return the averaging points of a site inside the body."""
+    """Return the points of the averages of value and gradient of a site inside the body."""
     sharing = surface.sharing(X)
     if sharing.size == 0:
         raise TissueError(

@@ -1,5 +1,6 @@
-"""Location of points on or in a tetrahedral mesh: the outer surface, its normals, projections and
-containing cells.
+"""Location of points on or in a tetrahedral mesh.
+
+The module has the outer surface, its normals, projections on it, and the cells that contain points.
 """
 
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from skfem import MeshTet
 from tissue.arrays import Array, Indices
 
 INSIDE = 1e-9  # barycentric coordinates down to −INSIDE count as inside: round-off of a point on a face
-ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site as near to the surface counts as a site on it
+ON_SURFACE = 1e-3  # of the bounding-box diagonal: a site nearer to the surface counts as a site on it
 OVERLAP = 1e-6  # of a facet's size: boxes in projection are larger by this margin, far above round-off
 EDGE_ON = 1e-9  # cosine between a line and a facet's normal: below it the line is parallel to the facet
 TOGETHER = 64  # neighbouring points that are located together: most boxes are far from all of them
@@ -23,8 +24,10 @@ TOGETHER = 64  # neighbouring points that are located together: most boxes are f
 
 @dataclass(frozen=True)
 class Surface:
-    """The outer facets of `mesh`: triangles `(f, 3, 3)` [m], outward unit normals `(f, 3)`, the
-    cell `behind` each `(f,)`.
+    """The outer facets of a `mesh`.
+
+    Each facet has a triangle `(f, 3, 3)` [m], an outward unit normal `(f, 3)`, the cell `behind` it
+    `(f,)`, and its `vertices` `(f, 3)`.
     """
 
     mesh: MeshTet
@@ -45,18 +48,15 @@ class Surface:
 
     @cached_property
     def to_reference(self) -> Array:
-        """Per cell the matrix from x − first vertex to reference coordinates, shape `(c, 3, 3)`
-        [1/m].
-        """
+        """Matrices from x − first vertex of a cell to reference coordinates, `(c, 3, 3)` [1/m]."""
         edges = self.corners[:, 1:] - self.corners[:, :1]
         return np.asarray(np.linalg.inv(np.swapaxes(edges, 1, 2)), dtype=np.float64)
 
     def nearest(self, point: Array) -> tuple[float, Array, Indices]:
-        """Return the distance to the surface [m], the nearest point (3,) and every facet that
-        contains this point.
+        """Return the distance to the surface [m], the nearest point (3,) and all facets there.
 
         Cells cut from the interior of a body have no outer facet. The distance is then infinite and
-        the point not a number.
+        the point is NaN.
         """
         if not len(self.triangles):
             return np.inf, np.full(3, np.nan), np.zeros(0, np.intp)
@@ -67,11 +67,10 @@ class Surface:
         return float(distances.min()), best, np.flatnonzero(touching <= INSIDE * self.diagonal)
 
     def met_by(self, point: Array, along: Array) -> Array | None:
-        """Return the point (3,) [m] at which a line meets the surface, or None if it does not meet
-        the surface.
+        """Return the point (3,) [m] at which a line meets the surface, or None if there is none.
 
-        The line goes through `point` along the unit vector `along`. Of several points the one
-        nearest to `point` is returned.
+        The line goes through `point` along the unit vector `along`. If there are several such
+        points, the one nearest to `point` is returned.
         """
         facing = np.flatnonzero(np.abs(self.normals @ along) > EDGE_ON)
         if facing.size == 0:
@@ -80,11 +79,10 @@ class Surface:
         return None if struck[0] < 0 else hits[0]
 
     def patch(self, centre: Array, seeds: Indices, normal: Array, radius: float) -> Indices:
-        """Return the facets that face `normal`, come within `radius` of `centre` and are joined to
-        `seeds` by edges.
+        """Return the facets near `centre` that are joined to `seeds` by edges.
 
-        A disc near an open cut therefore averages over its own lip and not over the other lip in
-        the same plane.
+        They face `normal` and come within `radius` of `centre`. A disc near an open cut therefore
+        averages over its own lip, and not over the other lip in the same plane.
         """
         reach = np.linalg.norm(closest_on_triangles(centre, self.triangles) - centre, axis=1) <= radius
         facets = np.flatnonzero(reach & (self.normals @ normal > 0.0))
@@ -99,7 +97,8 @@ class Surface:
     def project(self, points: Array, normal: Array, facets: Indices, reach: float) -> tuple[Array, Indices]:
         """Return the nearest hit of each point's line along `normal` with `facets`.
 
-        Hits are points `(k, 3)` and facets `(k,)`, −1 if a line hits no facet.
+        Hits are points `(k, 3)` and facets `(k,)`. If a line hits no facet, the point is NaN and
+        the facet is −1.
         """
         point, facet = self._seen_along(points, normal, facets)
         across, (a, b, c) = self.normals[facet], np.moveaxis(self.triangles[facet], 1, 0)
@@ -114,8 +113,9 @@ class Surface:
         return hits, found
 
     def _seen_along(self, points: Array, normal: Array, facets: Indices) -> tuple[Indices, Indices]:
-        """Return the pairs of points and facets, `(k,)` each, whose boxes overlap in the projection
-        along a vector.
+        """Return the pairs of points and facets that overlap in the projection along `normal`.
+
+        Both have shape `(k,)`. The overlap is tested with the facet's bounding box.
         """
         across, triangles = np.linalg.svd(normal[None])[2][1:], self.triangles[facets]
         corners, slack = triangles @ across.T, OVERLAP * np.ptp(triangles, axis=1).max(axis=1)[:, None]
@@ -134,17 +134,13 @@ class Surface:
         return found
 
     def depths(self, points: Array) -> Array:
-        """Return the depth of points `(k, 3)` below the surface, shape `(k,)` [m]; negative
-        outside.
-        """
+        """Return the depth of points `(k, 3)` below the surface, `(k,)` [m]; negative outside."""
         inside = self.containing(points) >= 0
         return np.where(inside, 1.0, -1.0) * self.away(points)
 
     @cached_property
     def away(self) -> Callable[[Array], Array]:
-        """A function that returns the distance of points `(k, 3)` from the surface, shape `(k,)`
-        [m].
-        """
+        """A function that returns the distance of points `(k, 3)` from the surface, `(k,)` [m]."""
         return distances_from(self.triangles)
 
     def sharing(self, point: Array) -> Indices:
@@ -163,8 +159,9 @@ class Surface:
 
 
 def overlapping(points: Array, low: Array, high: Array) -> tuple[Indices, Indices]:
-    """Return the pairs of points `(k, d)` and boxes that contain them, `(n,)` each; boxes go from
-    `low` to `high` `(b, d)`.
+    """Return the pairs of points `(k, d)` and boxes that contain them, `(n,)` each.
+
+    The boxes go from `low` to `high`, `(b, d)` each.
     """
     order, pairs, every = np.argsort(points[:, 0]), [np.zeros((2, 0), np.intp)], _met(points, low, high)
     for own in (order[k : k + TOGETHER] for k in range(0, len(order), TOGETHER)):
@@ -206,25 +203,27 @@ def outer_surface(mesh: MeshTet) -> Surface:
 
 
 def depths(mesh: MeshTet) -> Callable[[Array], Array]:
-    """Return a function that returns the depth of points `(k, 3)` below a mesh's surface, `(k,)`
-    [m], negative outside.
+    """Return a function that returns the depth of points below a mesh's surface.
+
+    For points `(k, 3)`, the depth has shape `(k,)` [m]. It is negative outside.
     """
     return outer_surface(mesh).depths
 
 
 def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
-    """Return a function that returns the distance of points `(k, 3)` from a named boundary of a
-    mesh, shape `(k,)` [m].
+    """Return a function that returns the distance of points from a named boundary of a mesh.
+
+    For points `(k, 3)`, the distance has shape `(k,)` [m].
     """
     return distances_from(mesh.p.T[mesh.facets[:, mesh.boundaries[boundary]].T])
 
 
 def distances_from(triangles: Array) -> Callable[[Array], Array]:
-    """Return a function that returns the distance of points `(k, 3)` from triangles `(t, 3, 3)`,
-    shape `(k,)` [m].
+    """Return a function that returns the distance of points from triangles `(t, 3, 3)`.
 
-    Only triangles near a point are measured. The middle of the nearest triangle is at most as far
-    as the nearest middle plus the largest radius of a triangle, with a margin for round-off.
+    For points `(k, 3)`, the distance has shape `(k,)` [m]. Only triangles near a point are
+    measured. The middle of the nearest triangle is at most as far as the nearest middle plus the
+    largest radius of a triangle, with a margin for round-off.
     """
     from scipy.spatial import cKDTree
 
@@ -246,9 +245,9 @@ def landing(mesh: MeshTet) -> Callable[[ArrayLike, ArrayLike | None], Array | No
     """Return a function that returns a point `(3,)` [m] on the surface of a mesh, or None.
 
     The function takes a point and a vector of any length. It returns the point at which the line
-    along the vector meets the surface; of several points the one nearest to the given point, and
-    None if the line misses the surface. Without a vector it returns the nearest point of the
-    surface.
+    along the vector meets the surface, or None if the line misses the surface. If there are several
+    such points, the one nearest to the given point is returned. If the vector is None, the nearest
+    point of the surface is returned.
     """
     surface = outer_surface(mesh)
 
@@ -282,8 +281,9 @@ def _closest_on_segments(point: Array, p: Array, q: Array) -> Array:
 
 
 def _triangle_coordinates(points: Array, a: Array, b: Array, c: Array) -> Array:
-    """Return the barycentric coordinates of points `(…, f, 3)` in the planes of triangles `(f, 3)`,
-    shape `(…, f, 3)`.
+    """Return the barycentric coordinates of points in the planes of triangles.
+
+    Points `(…, f, 3)` and triangles `(f, 3)` give coordinates of shape `(…, f, 3)`.
     """
     e, g = b - a, c - a
     normal = np.cross(e, g)

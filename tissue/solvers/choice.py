@@ -5,9 +5,10 @@
     pardiso     with pypardiso, on x86-64: the least fill on large meshes
     multigrid   conjugate gradients with PyAMG: memory and time are proportional to the size of the mesh
 
-A step of an organ with inertia is a back-substitution, so that its matrix is factorised if the
+A step of an organ with inertia is a back-substitution. Its matrix is therefore factorised if the
 factor fits into memory. An organ without inertia is solved only once for the columns of its sites.
-Its matrix is not factorised if the factor takes longer than these columns.
+Its matrix is not factorised if the factorisation takes longer than solving these columns by
+multigrid.
 """
 
 import logging
@@ -64,7 +65,8 @@ class Solver(Protocol):
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
         """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`.
 
-        An iterative solver starts from `guess()`; None means zero. It can stop early if `rough`.
+        An iterative solver starts from `guess()`, or from zero if `guess` is None. It can stop
+        early if `rough` is True.
         """
 
 
@@ -88,25 +90,28 @@ def named(A: csr_matrix, places: Array, name: str, one_of_many: bool = False, pa
 def solver_of_columns(A: csr_matrix, places: Array) -> Solver:
     """Return a solver for the columns of all holes of a mesh that is fine only at the holes.
 
-    The factor of such a matrix is small for its size. It is the fastest solver if the factor fits
-    into memory.
+    The factor of such a matrix is small for its size. A direct solver is the fastest if the factor
+    fits into memory.
     """
     return named(A, places, choose_solver("auto", A, places, once=False).name, one_of_many=True)
 
 
 def mass_solver(M: csr_matrix, places: Array, name: str) -> Solver:
-    """Return a solver for a mass matrix; conjugate gradients use only its diagonal as
-    preconditioner.
+    """Return a solver for a mass matrix.
+
+    Conjugate gradients use only its diagonal as preconditioner.
     """
     return conjugate_gradients(M) if name == MULTIGRID else factorize(M, places, name)
 
 
 def choose_solver(name: str, A: csr_matrix, places: Array, once: bool) -> SolverChoice:
-    """Return the chosen solver for a matrix with the pattern of A; `once` if it is only used for
-    the columns of the sites.
+    """Return the choice of a solver for a matrix with the pattern of A.
 
-    Multigrid needs three unknowns per node, so no rollers. Raises `TissueError` if the named solver
-    is unknown, is not installed, cannot solve this matrix or needs more memory than is free.
+    `once` is True if the solver is used only for the columns of the sites.
+
+    Multigrid needs three unknowns per node, and therefore an organ without rollers. Raises
+    `TissueError` if the named solver is unknown, is not installed, cannot solve this matrix or
+    needs more memory than is free.
     """
     if name not in SOLVERS:
         raise TissueError(f"solver = {name!r}: allowed are {', '.join(map(repr, SOLVERS))}; take 'auto'")
@@ -148,8 +153,9 @@ def _times(room: float, need: float) -> int:
 
 
 def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
-    """Return an estimate of the memory of a factor [byte], by nested dissection of the nodes; zero
-    for a small organ.
+    """Return an estimate of the memory of a factor [byte], by nested dissection of the nodes.
+
+    The estimate is zero for a small organ.
     """
     if A.shape[0] <= SMALL:
         return 0.0

@@ -52,8 +52,9 @@ def is_installed(method: str) -> bool:
 
 @dataclass(eq=False)
 class Pattern:
-    """A cache of parts of the symbolic factorisation; for each part only the last pattern is
-    cached.
+    """A cache of parts of the symbolic factorisation.
+
+    For each part only the last pattern is cached.
     """
 
     _found: dict[str, tuple[list[Any], Any]] = field(default_factory=dict, repr=False)
@@ -67,15 +68,16 @@ class Pattern:
 
 
 def superlu(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal. Raises
-    `FactorError`.
+    """Factorise by SuperLU in symmetric mode, with pivots only on the diagonal.
+
+    Raises `FactorError`.
     """
     return _symmetric_lu(A, places, pattern, exchange=0.0)
 
 
 def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise an indefinite matrix by SuperLU; rows are exchanged where a pivot on the diagonal
-    is small.
+    """Factorise an indefinite matrix by SuperLU, with an exchange of rows if a pivot on the
+    diagonal is small.
 
     Raises `FactorError` if the matrix is singular.
     """
@@ -85,8 +87,8 @@ def indefinite(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSub
 def _symmetric_lu(A: csr_matrix, places: Array | None, pattern: Pattern, exchange: float) -> BackSubstitution:
     """Factorise by SuperLU in symmetric mode.
 
-    The unknowns are ordered by their `places`, once per pattern; None leaves the ordering to
-    SuperLU. A pivot on the diagonal is kept if it is larger than the part `exchange` of the largest
+    The unknowns are ordered by their `places`, once per pattern. None means that SuperLU orders
+    them. A pivot on the diagonal is kept if it is larger than the part `exchange` of the largest
     entry in its column. If this part is 0, the matrix must be positive definite. Raises
     `FactorError`.
     """
@@ -141,10 +143,11 @@ def _trial(graph: csr_matrix, spec: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> Supe
 
 
 def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
-    """Factorise by CHOLMOD's supernodal Cholesky, ordered by approximate minimum degree or, if
-    large, by dissection.
+    """Factorise by CHOLMOD's supernodal Cholesky.
 
-    `places` of None means minimum degree. Raises `FactorError`.
+    The ordering is approximate minimum degree, or dissection for a large matrix.
+
+    `places` None means minimum degree. Raises `FactorError`.
     """
     from cvxopt import cholmod as library
     from cvxopt import matrix, spmatrix
@@ -173,7 +176,7 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
 
 @dataclass(frozen=True, eq=False)
 class Cholesky:
-    """CHOLMOD's `factor` L of P A Pᵀ = L Lᵀ; called, it back-substitutes."""
+    """CHOLMOD's `factor` L of P A Pᵀ = L Lᵀ; a call is a back-substitution."""
 
     factor: Any
 

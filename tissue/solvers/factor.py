@@ -1,9 +1,9 @@
 """Factorisation of symmetric positive definite matrices, and the contract of every solver here.
 
-Every solver of A x = b measures ‖Ax − b‖ afterwards. It raises `FactorError` if the residual
-exceeds `RESIDUAL` times ‖A‖‖x‖ + ‖b‖. For a single column, a factor measures the residual along
-`PROBES` random directions. A residual thirty times too large then passes with a probability of 5 in
-10⁵.
+Every solver of A x = b measures the residual ‖Ax − b‖ of its solution. It raises `FactorError` if
+the residual exceeds `RESIDUAL` times ‖A‖‖x‖ + ‖b‖. For a single column, a factor measures the
+residual along `PROBES` random directions. A residual thirty times too large then passes with a
+probability of 5 in 10⁵.
 """
 
 from collections.abc import Callable
@@ -21,8 +21,8 @@ Direct = Callable[[csr_matrix, Array | None, direct.Pattern], direct.BackSubstit
 
 METHODS: dict[str, Direct] = {"superlu": direct.superlu, "cholmod": direct.cholmod, "pardiso": direct.pardiso}
 RESIDUAL = 1e-10  # ‖Ax − b‖ / (‖A‖‖x‖ + ‖b‖): the bound on every solver here
-PROBES = 3  # random directions: less than a thirtieth of a residual is measured with a probability of 5 in 10⁵
-PROVING = ("cholmod", "pardiso")  # their Cholesky refuses a pivot that is not positive
+PROBES = 3  # random directions: the measured residual is below 1/30 of the true one with a probability of 5 in 10⁵
+PROVING = ("cholmod", "pardiso")  # their Cholesky factorisation fails at a pivot that is not positive
 SYMMETRY = 1e-12  # ‖(A − Aᵀ)x‖ / ‖A‖‖x‖
 SINGULAR = 1e13  # with a larger ‖A‖‖A⁻¹‖, a solution within RESIDUAL has no correct digit
 
@@ -36,8 +36,9 @@ class Factor:
     back_substitute: Callable[[Array], Array]
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`. Raises `FactorError` if the residual
-        exceeds its bound.
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`.
+
+        Raises `FactorError` if the residual exceeds its bound.
 
         The residual of a single column, as in a time step, is measured along random directions
         (Freivalds, Proc. IFIP Congress 77, 1977). A product with A would take a large part of the
@@ -72,7 +73,7 @@ def factorize(
     `method` "cholmod" needs cvxopt, "pardiso" pypardiso. For `one_of_many` tangents of a held
     organ, positive pivots are a sufficient check. The search for an eigenvalue near zero would take
     a dozen back-substitutions. Tangents with the same `pattern` share their symbolic factorisation;
-    None for a single matrix. Raises `FactorError` if A is not symmetric, singular or not positive
+    None means a single matrix. Raises `FactorError` if A is not symmetric, singular or not positive
     definite.
     """
     if method not in METHODS:
@@ -109,14 +110,15 @@ def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed
     ‖b‖.
     """
     scale = norm * np.linalg.norm(x, axis=0) + np.linalg.norm(b, axis=0)
-    if not np.all(residual <= allowed * scale):  # also refuses a residual that is not a number
+    if not np.all(residual <= allowed * scale):  # also true if the residual is not a number
         worst = float(np.max(residual / np.maximum(scale, np.finfo(float).tiny)))
         raise FactorError(f"‖Ax − b‖ = {worst:.1e} (‖A‖‖x‖ + ‖b‖), allowed is {allowed:g}")
 
 
 def checked_norm(A: csr_matrix) -> float:
-    """Return ‖A‖ (the largest row sum) of a square symmetric matrix with a positive diagonal.
-    Raises `FactorError`.
+    """Return ‖A‖, the largest row sum, of a square symmetric matrix with a positive diagonal.
+
+    Raises `FactorError` for any other matrix.
     """
     if A.shape[0] != A.shape[1]:
         raise FactorError(f"the matrix has shape {A.shape}; only a square matrix can be factorised")
@@ -135,7 +137,8 @@ def _check_definite(factor: Factor) -> None:
 
     The eigenvalue is found by inverse iteration from three starts.
     """
-    # SuperLU returns its pivots only with a second copy of the whole factor, so that their signs are not checked.
+    # SuperLU returns its pivots only with a second copy of the whole factor. Their signs are
+    # therefore not checked.
     x = np.random.default_rng(0).standard_normal((factor.A.shape[0], 3))
     for _ in range(4):
         x /= np.linalg.norm(x, axis=0)

@@ -2,7 +2,7 @@
 diagonal.
 
 The columns of Yᵀ are solved together, because one pass over the matrix then serves all columns.
-Between two products, each field is also passed over only once (`tissue.solvers.passes`). The
+Between two products, each field is also read only once (`tissue.solvers.passes`). The
 preconditioner works in single precision and is therefore not exactly the same map in every call.
 The direction is conjugated by Polak and Ribière's formula, which tolerates this (Golub and Ye, SIAM
 J. Sci. Comput. 21, 1999).
@@ -22,7 +22,7 @@ from tissue.solvers.multigrid import multigrid
 Preconditioner = Callable[[Array], Array | Single]
 
 TOLERANCE = 1e-11  # ‖r‖ / ‖b‖: the residual does work; 1e-10 leaves 2e-12 of it in the audit, 1e-8 leaves 3e-11
-ROUGH = 1e-7  # ‖r‖ / ‖b‖ if products are of second order in the error: 1e-8 error of a column, 1e-14 of products
+ROUGH = 1e-7  # ‖r‖ / ‖b‖ for products of second order in the error: error 1e-8 of a column, 1e-14 of products
 ROUND_OFF = 1e-15  # a smaller ‖r‖ / ‖A‖‖x‖ is round-off
 ITERATIONS = 500
 COLUMNS = 20  # solved together: two holes; a product of K with 20 columns takes 1.3 times as long as with 10
@@ -31,8 +31,8 @@ KEPT = 2**25  # bytes; malloc requests a larger field from the system anew each 
 
 @dataclass(frozen=True)
 class ConjugateGradients:
-    """A symmetric positive definite matrix `A` `(n, n)`, solved by iteration for each right-hand
-    side.
+    """A symmetric positive definite matrix `A` `(n, n)` with an iterative solution for each
+    right-hand side.
 
     Made by `conjugate_gradients`.
     """
@@ -42,8 +42,10 @@ class ConjugateGradients:
     preconditioner: Preconditioner
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`, starting from `guess()`; None means zero.
-        `rough`: to `ROUGH`.
+        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`.
+
+        The iteration starts from `guess()`, or from zero if `guess` is None. With `rough` its
+        tolerance is `ROUGH`.
         """
         if b.ndim == 2:
             parts = np.array_split(b, -(-b.shape[1] // COLUMNS), axis=1) if b.size else []
@@ -51,14 +53,15 @@ class ConjugateGradients:
         return self.solve_together(b, None if guess is None else guess(), rough)
 
     def solve_together(self, b: Array, guess: Array | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for columns that are solved together and fit into memory."""
+        """Return A⁻¹ b with all columns solved together; they must fit into memory."""
         x, _ = self.iterate(np.ascontiguousarray(b), guess, rough)
         check_residual(self.A, self.norm, x, b, ROUGH if rough else RESIDUAL)
         return x
 
     def iterate(self, b: Array, guess: Array | None = None, rough: bool = False) -> tuple[Array, int]:
-        """Return the solution, and the number of iterations. Raises `FactorError` if they have not
-        converged.
+        """Return the solution, and the number of iterations.
+
+        Raises `FactorError` if the iterations do not converge.
         """
         from tissue.solvers import passes
 
@@ -116,5 +119,5 @@ def conjugate_gradients(A: csr_matrix, places: Array | None = None) -> Conjugate
 
 
 def _ratio(a: Array, b: Array) -> Array:
-    """Return a / b; zero if b of a column is zero."""
+    """Return a / b column by column; zero in a column with b = 0."""
     return np.divide(a, b, out=np.zeros_like(a), where=b > 0.0)

@@ -1,14 +1,14 @@
 """Smoothed-aggregation multigrid (Vaněk, Mandel and Brezina, Computing 56, 1996) as a
 preconditioner.
 
-PyAMG aggregates the nodes. The coarse spaces contain the six rigid motions, so that the work per
-unknown does not grow with the mesh. The motions of the groups are smoothed here, because PyAMG
-would need two more matrices of the organ's size for the smoothing.
+PyAMG aggregates the nodes. The coarse spaces contain the six rigid motions. The work per unknown
+therefore does not grow with the mesh. The motions of the groups are smoothed in this module,
+because PyAMG would need two more matrices of the organ's size for the smoothing.
 
 The V-cycle acts on several columns at once, in single precision, because it need not be exact. Its
 time is the time of its memory access. Matrices are therefore stored and multiplied in blocks: a row
-of a field is read once for nine numbers, although on the mesh two fifths of these numbers are zero.
-Fields are reused, because filling new memory from the system costs as much as a pass over it.
+of a field is read once for nine numbers. On the mesh, two fifths of these numbers are zero. Fields
+are reused, because filling new memory from the system costs as much as a pass over it.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ DEGREE = 2  # degree of the Chebyshev smoother
 SMOOTHED_RANGE = 12.0  # ratio of the highest to the lowest eigenvalue that the smoother damps
 LANCZOS = 12  # steps: the highest eigenvalue to a few per cent
 MARGIN = 1.1
-SMOOTHING = 1.5  # step of smoothing motions, in 1/ρ: 26 iterations at 320 000 unknowns, with 4/3 28
+SMOOTHING = 1.5  # step of the smoothing of motions, in 1/ρ: 26 iterations at 320 000 unknowns; 4/3 gives 28
 RANK_TOLERANCE = 1e-10  # of the highest eigenvalue of the coarsest matrix
 BLOCK = (3, 3)
 
@@ -56,7 +56,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Level:
-    """A level of multigrid: the matrix A, scaling and highest eigenvalue, prolongation P and
+    """A level of multigrid: the matrix A, its scaling and highest eigenvalue, prolongation P and
     restriction R.
 
     `scaling` is the inverse of the diagonal, `(n,)`. `highest` is the highest eigenvalue of the
@@ -79,9 +79,9 @@ class Level:
 class Fields:
     """Work arrays of a cycle on a level.
 
-    Right-hand side `b`, last correction `d` of the smoother and `product` with the matrix, `(n, k)`
-    each. `coarse` `(m, k)` holds first the right-hand side of the next coarser level and then its
-    solution.
+    These are the right-hand side `b`, the last correction `d` of the smoother, and the `product`
+    with the matrix, `(n, k)` each. `coarse` `(m, k)` holds first the right-hand side of the next
+    coarser level and then its solution.
     """
 
     b: Single
@@ -127,7 +127,9 @@ class Multigrid:
         return self._used[columns]
 
     def _cycle(self, depth: int, b: Array | Single, x: Single) -> None:
-        """Write the result of a cycle from this level down, for the right-hand side b, into x."""
+        """Write the result of a cycle on level `depth` and all coarser ones for the right-hand side
+        `b` into `x`.
+        """
         if depth == len(self.levels):
             np.matmul(self.coarsest, b, out=x)
             return
@@ -144,8 +146,9 @@ class Multigrid:
 
 
 def is_by_nodes(places: Array) -> bool:
-    """Return whether unknowns at `places` `(n, 3)` are three per node, in sequence; false with
-    rollers.
+    """Return whether unknowns at `places` `(n, 3)` are three per node, in sequence.
+
+    The result is False with rollers.
     """
     return len(places) % 3 == 0 and all(np.array_equal(places[::3], places[i::3]) for i in (1, 2))
 
@@ -187,8 +190,9 @@ def _level(A: bsr_matrix, motions: Array) -> tuple[Level, bsr_matrix, Array]:
     """Return the level of a matrix, its P in double precision, and the motions of the next coarser
     level.
 
-    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal, so that ρ is the
-    same highest eigenvalue as in the smoother. No further matrix of the size of A is needed.
+    P = (I − ω D⁻¹A / ρ) T smooths the motions T of the groups. D is the diagonal. Therefore ρ is
+    the same highest eigenvalue as in the smoother, and no further matrix of the size of A is
+    needed.
     """
     from pyamg.aggregation.aggregate import standard_aggregation
     from pyamg.aggregation.tentative import fit_candidates
@@ -233,11 +237,11 @@ def _highest(A: Blocks, scaling: Array) -> float:
 
 
 def _smooth(level: Level, own: Fields, x: Single, is_zero: bool) -> None:
-    """Write the result of a Chebyshev iteration into `x`, starting from `x`, or from zero if
-    `is_zero`.
+    """Write the result of a Chebyshev iteration into `x`.
 
-    The iteration acts on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg.
-    12.1).
+    The iteration starts from `x`, or from zero if `is_zero`.
+
+    It acts on the upper part of the spectrum of D⁻¹A (Saad, Iterative Methods, alg. 12.1).
     """
     from tissue.solvers.passes import relax, relax_zero
 

@@ -2,9 +2,9 @@
 resulting fill.
 
 A plane normal to x, y or z divides the nodes. The nodes of one side that the matrix joins to the
-other side are the separator. It is numbered after both sides, and each side is divided again. All
-planes are examined at once: a node of rank r whose farthest neighbour has rank m is in the
-separator of every cut between r and m.
+other side are the separator. The separator is numbered after both sides, and each side is divided
+again. All planes are examined at once: a node of rank r whose farthest neighbour has rank m is in
+the separator of every cut between r and m.
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,7 +39,7 @@ class Dissection:
 
     @cached_property
     def entries(self) -> int:
-        """The number of entries of the Cholesky factor of the graph, close to the best known
+        """Number of entries of the Cholesky factor of the graph, close to that of the best known
         orderings.
         """
         return _entries(self.graph, self.order, self.pieces, self.below)
@@ -55,8 +55,10 @@ class _Cut:
 
 
 def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices]:
-    """Return the graph `(m, m)` of the nodes that the matrix joins, their places `(m, 3)` and each
-    unknown's node `(n,)`.
+    """Return the graph `(m, m)` of the nodes, their places `(m, 3)` and the node `(n,)` of each
+    unknown.
+
+    The graph has an entry for each pair of nodes that the matrix joins.
 
     A node is a place with one or more unknowns.
     """
@@ -93,8 +95,10 @@ def _dissect(
 
 
 def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
-    """Yield two cuts for each axis, with the fewest nodes in the separator: it is taken from either
-    side.
+    """Yield two cuts for each axis, each with the fewest nodes in the separator.
+
+    The nodes of the separator are from one side in the first cut, and from the other side in the
+    second.
     """
     (joined, begins), rank = _neighbours(graph, nodes), np.full(graph.shape[0], OUTSIDE)
     for axis in range(3):
@@ -120,7 +124,8 @@ def _neighbours(graph: csr_matrix, nodes: Indices) -> tuple[Indices, Indices]:
 
 
 def _narrowest(first: Indices, last: Indices, size: int) -> int:
-    """Return the cut with the fewest nodes in its separator; of equal cuts the most balanced one.
+    """Return the cut with the fewest nodes in its separator; among equal cuts, the most balanced
+    one.
 
     Each node is in the separators of the cuts from `first` up to, but not including, `last`.
     """

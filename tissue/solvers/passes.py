@@ -1,7 +1,7 @@
 """Compiled loops of conjugate gradients and of multigrid over fields of several columns, `(n, k)`.
 
 Between two products with a large matrix, the time of a loop is the time of its memory access. Each
-loop therefore passes over memory once and writes its results into fields of the caller; its
+loop therefore passes over memory once and writes its results into fields of the caller. Its
 docstring names these fields. Numba compiles the loops at their first call. Sums are in double
 precision and in the order of the rows.
 """
@@ -117,8 +117,9 @@ def product(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single)
 
 @compiled
 def product_of_one(first: Numbers, at: Numbers, blocks: Single, x: Single, out: Single) -> None:
-    """Write A x into `out` as `product` does, for a single column `(n, 1)`; its sums stay in
-    registers.
+    """Write A x into `out` as `product` does, for a single column `(n, 1)`.
+
+    The sums stay in registers.
     """
     high, wide = blocks.shape[1], blocks.shape[2]
     for i in range(first.size - 1):
@@ -152,8 +153,9 @@ def relax(
 
 @compiled
 def relax_zero(pull: np.float32, scaling: Single, b: Single, d: Single, x: Single) -> None:
-    """Write the result of `relax` for x = 0, pull D⁻¹b, into `d` and `x`; both can be
-    uninitialised.
+    """Write the result of `relax` for x = 0, pull D⁻¹b, into `d` and `x`.
+
+    Both can be uninitialised.
     """
     for i in range(x.shape[0]):
         for k in range(x.shape[1]):

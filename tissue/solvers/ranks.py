@@ -1,5 +1,6 @@
-"""Columns solved by several processes that make the same calls, as MPI starts them; each solves its
-share.
+"""Columns solved by several processes, each of which solves its share.
+
+The processes make the same calls, as processes started by MPI do.
 
 Every process has the matrix and its levels or factor; only the columns are distributed. A
 communicator of mpi4py has the members of `Ranks`, but this module does not need mpi4py.
@@ -26,13 +27,14 @@ class Ranks(Protocol):
         """Return the number of processes."""
 
     def allgather(self, sendobj: Array) -> list[Array]:
-        """Return the data of every process, in order, after all processes have called."""
+        """Return the data of every process, in order, after all processes have made this call."""
 
 
 @dataclass(frozen=True)
 class SharedColumns:
-    """A solver whose columns are distributed among `ranks`: all processes call it together with the
-    same numbers.
+    """A solver whose columns are distributed among `ranks`.
+
+    All processes call it together with the same numbers.
     """
 
     own: Solver
@@ -44,8 +46,10 @@ class SharedColumns:
         return self.own.A
 
     def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
-        """Return A⁻¹ b for b of shape `(n, k)`, the same in every process; every process solves a b
-        of shape `(n,)` itself.
+        """Return A⁻¹ b for b of shape `(n, k)` or `(n,)`, the same in every process.
+
+        Only the columns of `(n, k)` are distributed; every process solves a b of shape `(n,)`
+        itself.
         """
         if b.ndim == 1:
             return self.own.solve(b, guess, rough)
