@@ -18,7 +18,7 @@ class Joints(NamedTuple):
     """The joints of strands in ties (`coupling.ties`).
 
     `strands` (t, 2) are the holds of the active ties. `pairs` (k, 2) are holds that slide as one,
-    with joined equations. The `compliance` [m/N] turns the balance of forces into a length.
+    with joined equations. The `compliance` [m/N] of the thread turns forces into lengths.
     """
 
     strands: Indices
@@ -215,10 +215,10 @@ def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: 
     """Return σ after a solved iterate.
 
     A sticking hold slides if its force exceeds the bound by the margin [N]. A sliding hold sticks
-    if it moved in the direction of its own friction.
+    if it moved in the direction of its own friction, further than the margin stretches the thread.
     """
     if sigma != 0.0:
-        return 0.0 if sigma * (s - law.s_old[k]) < 0.0 else sigma
+        return 0.0 if sigma * (s - law.s_old[k]) < -margin * law.joints.compliance else sigma
     sense = 1.0 if judged[0] > 0.0 else -1.0
     return sense if excess(judged, sense) > margin else 0.0
 

@@ -290,13 +290,12 @@ def corrected(solution: Solution[Body]) -> Solution[Body]:
     """Return a solution with at least one correction.
 
     Without a correction the forces can be just below the tolerance, far above those that Newton's
-    method leaves. Works and branches start from these forces. A correction of round-off is not
-    made, nor one along motions without a change of energy, because round-off determines its size.
-    Raises `StepError`.
+    method leaves. Works and branches start from these forces. A correction along motions without a
+    change of energy is not made, because round-off determines its size. Raises `StepError`.
     """
-    z, left = solution.iterate, np.delete(solution.residual.thread, solution.problem.system.held)
-    if solution.iterations or np.abs(left).max(initial=0.0) <= rounded_force(solution.problem):
+    if solution.iterations:
         return solution
+    z = solution.iterate
     ask_before_correction()
     try:
         _, z = correct(replace(solution.problem, closed=z.pressed, rubbing=z.rubbing), z, solution.residual)
