@@ -42,8 +42,7 @@ def knot_rule(spline: Spline, parameter: Array, w: Array) -> GaussRule:
 
     It does not change if the knots travel.
     """
-    knots = spline.chi if isinstance(spline, Placed) else spline
-    b = knots.basis_on(np.repeat(np.arange(len(w)), w.shape[1]), parameter.ravel())
+    b = spline.chi.basis_on(np.repeat(np.arange(len(w)), w.shape[1]), parameter.ravel())
     return GaussRule(parameter, w, b.reshape(*w.shape, ORDERS, ORDERS))
 
 

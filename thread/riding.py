@@ -18,9 +18,8 @@ from thread.kernels.travel import (
     riding_force_of,
 )
 from thread.placed import Placed
-from thread.quadrature import gauss_rule
 from thread.spline import ORDERS, Spline
-from thread.thread import MASS_POINTS, Points, Thread
+from thread.thread import Points, Thread
 
 LOCAL = np.arange(ORDERS)
 
@@ -51,7 +50,7 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
     if not isinstance(spline, Placed):
         return standing(thread)
     chi, travel = spline.chi, spline.travel
-    bending, stretch, ends, mass = thread.knot_rules
+    (bending, stretch, ends), mass = thread.knot_rules, thread.mass_over_knots
     B, A, M = bending.b, stretch.b, mass.b
     first, at = chi.basis(chi.breaks[travel.at])
     return Ride(
@@ -108,7 +107,7 @@ def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
     weighted with the thread's mass, and preserves the momentum and the moment of momentum of the
     sum.
     """
-    rule = gauss_rule(thread.spline, MASS_POINTS)
+    rule = thread.mass_rule
     where, total = rule.s.ravel(), 0.0
     ends = np.zeros((2, curves[0][1].shape[1]))
     for spline, values in curves:
@@ -120,9 +119,7 @@ def put_on(thread: Thread, curves: Sequence[tuple[Spline, Array]]) -> Array:
     load = np.zeros((thread.n, ends.shape[1]))
     np.add.at(load, thread.points_of_span, local)
     load[[0, -1]] += np.array(thread.point_masses)[:, None] * ends
-    M = thread.mass_matrix
-    band = np.array([np.pad(M.diagonal(k), (k, 0)) for k in range(ORDERS - 1, -1, -1)])
-    return np.asarray(solveh_banded(band, load))
+    return np.asarray(solveh_banded(thread.mass_diagonals[:ORDERS], load))
 
 
 def potential_rates(thread: Thread, gravity: Array, q: Array) -> tuple[Array, Array, Array]:

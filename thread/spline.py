@@ -116,6 +116,11 @@ class Spline:
         return np.searchsorted(self.knots, self.breaks[:-1], side="right") - ORDERS
 
     @property
+    def chi(self) -> "Spline":
+        """The same functions over the knots themselves, here the spline itself."""
+        return self
+
+    @property
     def parameters(self) -> Array:
         """Ends of the spans in the parameter of the knots, here the abscissa, shape `(spans + 1,)`."""
         return self.breaks

@@ -43,6 +43,7 @@ POSITION = 3  # coordinates of a position
 
 MASS_POINTS = 4  # exact for the product of two cubics
 BENDING_POINTS = 2
+OF_KNOTS = "knot_rules", "mass_over_knots"  # cached parts that do not change if the knots travel
 # Cached parts that depend on the memory.
 OF_MEMORY = ("axial", "energies", "_parts", "_memory_of_spans", "_natural", "_placed")
 
@@ -106,8 +107,7 @@ def hole_rule(spline: Spline) -> GaussRule:
     held = np.zeros(len(spline.parameters), dtype=bool)
     if isinstance(spline, Placed):
         held[spline.travel.at[spline.travel.holds]] = True
-    half = 0.5 * (ends[:, 1:] - ends[:, :1])
-    return knot_rule(spline, ends, half * np.stack([held[:-1], held[1:]], axis=1))
+    return knot_rule(spline, ends, 0.5 * np.diff(ends) * np.stack([held[:-1], held[1:]], axis=1))
 
 
 def exact_weights(spline: Spline, s: Array) -> Array:
@@ -201,7 +201,7 @@ class Thread:
         last, thread = self.__dict__.get("_placed", (None, self))  # an iterate asks for the same one several times
         if last is None or not np.array_equal(last, s):
             thread = replace(self, spline=spline.moved(s))
-            thread.__dict__["knot_rules"] = self.knot_rules
+            thread.__dict__.update({name: getattr(self, name) for name in OF_KNOTS})
             self.__dict__["_placed"] = s.copy(), thread
         return thread
 
@@ -247,13 +247,20 @@ class Thread:
         return self.spline.first[:, None] + np.arange(LOCAL)
 
     @cached_property
-    def knot_rules(self) -> tuple[GaussRule, GaussRule, GaussRule, GaussRule]:
-        """The rules of bending, of stretch, of the holes and of the mass over the parameter of the
-        knots.
-        """
-        knots = self.spline.chi if isinstance(self.spline, Placed) else self.spline
+    def knot_rules(self) -> tuple[GaussRule, GaussRule, GaussRule]:
+        """The rules of bending, of stretch and of the holes over the parameter of the knots."""
         stretch = knot_rule(self.spline, *self.axial_parameters)
-        return gauss_rule(knots, BENDING_POINTS), stretch, hole_rule(self.spline), gauss_rule(knots, MASS_POINTS)
+        return gauss_rule(self.spline.chi, BENDING_POINTS), stretch, hole_rule(self.spline)
+
+    @cached_property
+    def mass_over_knots(self) -> GaussRule:
+        """The rule of the mass over the parameter of the knots."""
+        return gauss_rule(self.spline.chi, MASS_POINTS)
+
+    @cached_property
+    def mass_rule(self) -> GaussRule:
+        """Gauss rule of the mass."""
+        return carried(self.spline, self.mass_over_knots)
 
     @cached_property
     def elastic_rule(self) -> GaussRule:
@@ -296,17 +303,14 @@ class Thread:
     @cached_property
     def _line_mass(self) -> Array:
         """∫ρA b_i b_j ds in banded storage with three diagonals on each side, shape `(7, n)`."""
-        points, reach = self.points_of_span, LOCAL - 1
-        travels = isinstance(self.spline, Placed)  # else the rule of stretch, which springs do not have, is not needed
-        rule = carried(self.spline, self.knot_rules[3]) if travels else gauss_rule(self.spline, MASS_POINTS)
-        b = rule.b[:, :, 0]
-        blocks = self.section.rhoA * np.einsum("eg,egi,egj->eij", rule.w, b, b)
+        points, reach, b = self.points_of_span, LOCAL - 1, self.mass_rule.b[:, :, 0]
+        blocks = self.section.rhoA * np.einsum("eg,egi,egj->eij", self.mass_rule.w, b, b)
         at = (points[:, :, None] - points[:, None, :] + reach) * self.n + points[:, None, :]
-        summed = np.bincount(at.ravel(), blocks.ravel(), (2 * reach + 1) * self.n)
-        return summed.astype(np.float64, copy=False).reshape(-1, self.n)
+        return np.bincount(at.ravel(), blocks.ravel(), (2 * reach + 1) * self.n).astype(float).reshape(-1, self.n)
 
     @cached_property
-    def _whole_mass(self) -> Array:
+    def mass_diagonals(self) -> Array:
+        """The mass matrix in banded storage, as `_line_mass`, shape `(7, n)` [kg]."""
         band = self._line_mass.copy()
         band[LOCAL - 1, [0, -1]] += self.point_masses
         return band
@@ -316,12 +320,12 @@ class Thread:
         """Consistent mass ∫ρA b_i b_j ds (eq. 3) plus the end masses, shape `(n, n)` [kg]; the same
         for x, y, z.
         """
-        return csr_matrix(dia_array((self._whole_mass, np.arange(LOCAL - 1, -LOCAL, -1)), shape=(self.n, self.n)))
+        return csr_matrix(dia_array((self.mass_diagonals, np.arange(LOCAL - 1, -LOCAL, -1)), shape=(self.n, self.n)))
 
     @cached_property
     def largest_mass(self) -> float:
         """Largest entry of the mass matrix [kg]."""
-        return float(np.abs(self._whole_mass).max())
+        return float(np.abs(self.mass_diagonals).max())
 
     @cached_property
     def mass_band(self) -> Array:
@@ -336,7 +340,9 @@ class Thread:
         rows = 2 * h + c * np.arange(1 - LOCAL, LOCAL)
         for axis in range(c):
             spins = axis == POSITION
-            band[rows, axis::c] = self.section.rhoJ / self.section.rhoA * self._line_mass if spins else self._whole_mass
+            band[rows, axis::c] = (
+                self.section.rhoJ / self.section.rhoA * self._line_mass if spins else self.mass_diagonals
+            )
         return band
 
     @cached_property

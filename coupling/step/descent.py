@@ -174,8 +174,7 @@ class Descent(Generic[Body]):
                 if plain is None:
                     raise SingularError(SINGULAR_HOLDS)
                 return plain
-            tie = max(FIRMER * tie, least, tie + (0.0 if way is None else way.lacking))
-            tie = min(tie, FIRMEST * whole)
+            tie = min(max(FIRMER * tie, least, tie + (0.0 if way is None else way.lacking)), FIRMEST * whole)
             way = correction(start, tie)
         self.tie = tie
         return way

@@ -51,8 +51,7 @@ class Tables:
     @cached_property
     def knots(self) -> Knots:
         """The spline."""
-        spline, M = self.thread.spline, self.thread.mass_matrix
-        mass = np.array([np.pad(M.diagonal(k), (0, k)) for k in range(REACH + 1)]).T
+        spline, mass = self.thread.spline, self.thread.mass_diagonals[REACH:].T
         return Knots(plain(spline.breaks), self.curve.first, plain(spline.polynomials), plain(mass))
 
 

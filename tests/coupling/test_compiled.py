@@ -91,7 +91,7 @@ SCENES = {
     ),
     "friction at rest": (lambda: load("paper_figure_1", [*AT_REST, f"piercing.exit.{ROUGH}", "solve.load_steps=1"]), 1),
 }
-BESIDE = 1e-4  # of the unknowns: where residuals are compared
+NEAR = 1e-4  # of the unknowns: where residuals are compared
 LONG = 20  # corrections, over which a difference in the last bit may change how many there are
 
 
@@ -168,10 +168,10 @@ def scales(problem: Problem, solution: Solution) -> dict[str, float]:
 def agree_on_residuals(problem: Problem, solution: Solution) -> None:
     """Assert that residuals of the loops, their thread at the holes and its dependence on them are those of numpy.
 
-    They are compared beside the solution, where no residual is zero, without a correction.
+    They are compared near the solution, where no residual is zero, without a correction.
     """
     z = solution.iterate
-    z = replace(z, q=(1.0 + BESIDE) * z.q, lam=(1.0 + BESIDE) * z.lam, y=(1.0 - BESIDE) * z.y)
+    z = replace(z, q=(1.0 + NEAR) * z.q, lam=(1.0 + NEAR) * z.lam, y=(1.0 - NEAR) * z.y)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(newton, "MAX_ITERATIONS", 0)
         ended = tables.run(tables_of(problem.system.thread), problem, z)
