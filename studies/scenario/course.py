@@ -121,12 +121,12 @@ class Timed(ScenarioTable):
             rows = [(rows[0][0] * (1.0 - JUMP), 0.0), *rows]
         return tuple(rows if self.until is None else ended(rows, self.until))
 
-    def hasty(self, step: float) -> tuple[str, float] | None:
-        """Return key and value [s] of a wave that is shorter than STEPS steps [s], or None."""
+    def short_wave(self, shortest: float) -> tuple[str, float] | None:
+        """Return key and length [s] of the wave if it is below the `shortest` length [s], else None."""
         match self.course:
-            case Cycle(period=length) if length < STEPS * step:
+            case Cycle(period=length) if length < shortest:
                 return "course.period", length
-            case Cough(duration=length) if length < STEPS * step:
+            case Cough(duration=length) if length < shortest:
                 return "course.duration", length
         return None
 

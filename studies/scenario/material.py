@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from studies.scenario.refusal import as_key, as_toml
+from studies.scenario.meanings import because
+from studies.scenario.refusal import as_toml, refusal
 from studies.scenario.table import ScenarioTable
 from studies.scenario.values import NotNegative, Positive, Vector
 
@@ -31,30 +32,14 @@ class MaterialKeys(ScenarioTable):
     prestretch: tuple[Positive, Positive, Positive] | None = None
 
 
-def missing_or_idle(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
+def material_fault(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
     """Return the fault in the keys of a material, or None; `stiffening` is its effective value."""
-    given = next((key for key in MaterialKeys.model_fields if getattr(keys, key) is not None), None)
+    given = keys.model_dump(include=set(MaterialKeys.model_fields), exclude_none=True)
     if material == "linear" and given:
-        return (
-            f".{given} = {as_toml(keys.model_dump(exclude_none=True)[given])} is refused: a linear material has none; "
-            'use material = "neo-hookean" or "exponential", or leave it out'
-        )
-    if material == "neo-hookean" and keys.stiffening is not None:
-        return (
-            f".stiffening = {keys.stiffening} is refused: a neo-Hookean material has no stiffening; take "
-            '"exponential", or leave it out'
-        )
+        key, value = next(iter(given.items()))
+        return f"{key} = {as_toml(value)} is refused: {because('material-linear')}"
+    if material == "neo-hookean" and "stiffening" in given:
+        return refusal("stiffening", keys.stiffening, because("material-neo-hookean"))
     if material == "exponential" and stiffening is None:
-        return '.stiffening is missing: material is exponential; soft tissue has about 5.0, or use "neo-hookean"'
+        return f"stiffening is missing: {because('material-exponential')}"
     return None
-
-
-def region_problem(organ: Law, name: str, region: Law | None) -> str | None:
-    """Return the fault in the material of a region in an organ of a material, or None."""
-    if region is None or (region == "linear") == (organ == "linear"):
-        return None
-    remedy = 'give tissue.material, for example "neo-hookean"' if organ == "linear" else 'use "neo-hookean"'
-    return (
-        f".region.{as_key(name)}.material = {as_toml(region)} is refused: the organ's material is {organ}, and small "
-        f"and finite strain cannot be combined; {remedy}"
-    )

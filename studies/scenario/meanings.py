@@ -1,28 +1,19 @@
 """The words of a scenario: meanings of its keys and examples of their values, and reasons for refusals."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from studies.lists import list_of
 
 KEYS, REASONS = list_of(__file__, "keys.toml"), list_of(__file__, "refusals.toml")
 
 
-class Meaning(NamedTuple):
-    """The meaning of a key with its unit in brackets, and examples of its value."""
+def meaning_of(table: type, key: str) -> tuple[str, list[Any]]:
+    """Return the meaning of a key of a table with its unit in brackets, and examples of its value.
 
-    text: str = ""
-    examples: tuple[Any, ...] = ()
-
-    def added_to(self, field: dict[str, Any]) -> dict[str, Any]:
-        """Return the JSON schema of a key with its meaning and its examples."""
-        words = {"description": self.text, "examples": list(self.examples)}
-        return field | {name: value for name, value in words.items() if value}
-
-
-def meaning_of(table: type, key: str) -> Meaning:
-    """Return the meaning of a key of a table, which a base class of the table can have."""
+    A base class of the table can have the meaning. Without a meaning the text is empty.
+    """
     entry = next((KEYS[kind.__name__][key] for kind in table.__mro__ if key in KEYS.get(kind.__name__, ())), "")
-    return Meaning(entry) if isinstance(entry, str) else Meaning(entry[0], tuple(entry[1:]))
+    return (entry, []) if isinstance(entry, str) else (entry[0], entry[1:])
 
 
 def reason_of(table: type, name: str) -> str:

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from studies.scenario.loads import Load
-from studies.scenario.material import Law, MaterialKeys, missing_or_idle, region_problem
+from studies.scenario.material import Law, MaterialKeys, material_fault
+from studies.scenario.meanings import because
 from studies.scenario.refusal import as_key, as_toml, nearest, refusal
-from studies.scenario.table import ScenarioError, ScenarioTable, repetition
+from studies.scenario.table import ScenarioTable, repetition
 from studies.scenario.values import (
     Flag,
     Growth,
@@ -268,33 +269,33 @@ class Tissue(MaterialKeys):
         mesh = data.get("mesh")
         return {"element": "P1"} if isinstance(mesh, Mapping) and mesh.get("accuracy") == "given" else {}
 
+    @property
+    def boundaries(self) -> tuple[str, ...]:
+        """Names of the known boundaries, those of the mesh first; empty if only the file has them."""
+        there = boundaries_of(self.mesh)
+        return (*there, *(boundary.name for boundary in self.boundary)) if there else ()
+
     def _check_boundaries(self) -> None:
         own = [boundary.name for boundary in self.boundary]
-        if problem := repetition("boundary", own):
-            raise ValueError(f".{problem}")
-        there = boundaries_of(self.mesh)
-        if problem := taken_boundary(own, there, self.mesh.kind):
-            raise ValueError(f".{problem}")
-        for key in ("clamp", "roller"):
-            if there and (problem := unknown_clamp(getattr(self, key), [*there, *own], key)):
-                raise ValueError(f".{problem}")
+        self._report(repetition("boundary", own))
+        self._report(taken_boundary(own, boundaries_of(self.mesh), self.mesh.kind))
+        for key in ("clamp", "roller") if self.boundaries else ():
+            self._report(unknown_clamp(getattr(self, key), self.boundaries, key))
 
     def _check_loads(self) -> None:
-        there = boundaries_of(self.mesh)
-        known = [*there, *(boundary.name for boundary in self.boundary)] if there else None
-        if problem := idle_load(self.load, known, self.clamp, self.roller):
-            raise ValueError(f".{problem}")
+        self._report(idle_load(self.load, self.boundaries or None, self.clamp, self.roller))
 
     def _check_material(self) -> None:
-        if problem := missing_or_idle(self.material, self, self.stiffening):
-            raise ValueError(problem)
+        self._report(material_fault(self.material, self, self.stiffening))
+        linear = self.material == "linear"
+        remedy = 'give tissue.material, for example "neo-hookean"' if linear else 'use "neo-hookean"'
         for region in self.region:
-            if problem := region_problem(self.material, region.name, region.material):
-                raise ValueError(problem)
-            own = region.material or self.material
-            if problem := missing_or_idle(own, region, region.stiffening or self.stiffening):
-                raise ValueError(f".region.{as_key(region.name)}{problem}")
-        self._refuse(self.material != "linear" and self.rayleigh[1], "rayleigh.finite")
+            own, key = region.material or self.material, f"region.{as_key(region.name)}"
+            mixed = (own == "linear") != linear
+            self._refuse(mixed, "region.material", (f"{key}.material", own), remedy=remedy)
+            fault = material_fault(own, region, region.stiffening or self.stiffening)
+            self._report(fault and f"{key}.{fault}")
+        self._refuse(not linear and self.rayleigh[1], "rayleigh.finite")
 
     @property
     def relaxes(self) -> bool:
@@ -315,17 +316,16 @@ class Tissue(MaterialKeys):
         self._refuse(self.contact and self.mesh.kind != "wound", "contact.lips")
 
     def _check_regions(self) -> None:
-        if problem := repetition("region", [region.name for region in self.region]):
-            raise ValueError(f".{problem}")
+        self._report(repetition("region", [region.name for region in self.region]))
+        height = self.mesh.size[2] if isinstance(self.mesh, _Block) else 0.0
         for region in self.region:
-            key, placed = f"region.{as_key(region.name)}", region.depth is not None or region.box is not None
-            height = self.mesh.size[2] if isinstance(self.mesh, _Block) else 0.0
+            key = f"region.{as_key(region.name)}"
             if region.depth is not None:
-                self._refuse(not height, "region.depth.top", (f"{key}.depth", None))
-                self._refuse(
-                    region.depth[1] > height, "region.depth.high", (f"{key}.depth", region.depth), height=height
-                )
-            self._refuse(not placed and self.mesh.kind not in ("file", "given"), "region.place", (key, None))
+                shown = f"{key}.depth", region.depth
+                self._refuse(not height, "region.depth.top", shown)
+                self._refuse(region.depth[1] > height, "region.depth.high", shown, height=height)
+            elif region.box is None:
+                self._refuse(self.mesh.kind not in ("file", "given"), "region.place", (key, None))
 
 
 def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
@@ -335,25 +335,17 @@ def boundaries_of(mesh: Mesh) -> tuple[str, ...]:
     return BOUNDARIES.get(mesh.kind, ()) + ((FLOOR,) if floor else ()) + (STUMPS if cut else ())
 
 
-# --- checks that the simulation repeats with more data ------------------------------------------------
-
-
-def check_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> None:
-    """Refuse a clamp, or another `key`, with an unknown boundary of the organ."""
-    if problem := unknown_clamp(clamp, boundaries, key):
-        raise ScenarioError(f"tissue.{problem}")
+# --- faults that the simulation also looks for, with the names of the boundaries of a file ---------------
 
 
 def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str | None:
     """Return the fault in the names of a scenario's additional boundaries, or None."""
-    taken = next((name for name in own if name in there), None)
-    return (
-        None if taken is None else f"boundary.{as_key(taken)} is refused: the {kind} already has a {taken}; rename it"
-    )
+    name = next((name for name in own if name in there), None)
+    return name and f"boundary.{as_key(name)} is refused: the {kind} already has a {name}; rename it"
 
 
-def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str = "clamp") -> str | None:
-    """Return the fault in the boundaries of a clamp, or None."""
+def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str) -> str | None:
+    """Return the fault in the boundaries that a clamp or another `key` names, or None."""
     lost = next((name for name in clamp if name not in boundaries), None)
     return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
 
@@ -364,12 +356,6 @@ def no_boundary(name: str, boundaries: Sequence[str]) -> str:
     hint = f'; the nearest is "{match}"' if match else "; add it as [[tissue.boundary]], or name it in the mesh"
     there = ", ".join(boundaries) or "none"
     return f"there is no such boundary; the boundaries are {there}{hint}"
-
-
-def check_loads(loads: Iterable[Load], boundaries: Sequence[str], clamp: Sequence[str], roller: Sequence[str]) -> None:
-    """Refuse a load on an unknown or held boundary of the organ."""
-    if problem := idle_load(loads, boundaries, clamp, roller):
-        raise ScenarioError(f"tissue.{problem}")
 
 
 def idle_load(
@@ -384,9 +370,9 @@ def idle_load(
         if boundaries is not None and name not in boundaries:
             reason = no_boundary(name, boundaries)
         elif name in clamp:
-            reason = "it is clamped, so a load on it has no effect; name another boundary"
+            reason = because("load-clamped")
         elif name in roller and load.pressure is not None:
-            reason = "a roller holds its normal direction, so a pressure on it has no effect; name another boundary"
+            reason = because("load-on-roller")
         if reason:
             return refusal(f"load.{number}.boundary", name, reason)
     return None

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from studies.scenario.meanings import because
 from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import SUBGRID, ScenarioTable, check_ending, check_rising
+from studies.scenario.table import SUBGRID, ScenarioError, ScenarioTable, check_ending, check_rising, refused
 from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
@@ -33,11 +34,10 @@ class Friction(ScenarioTable):
         one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
     ] = 0.0
 
-    def shared(self, parts: int) -> float | tuple[float, float]:
-        """Return the grip of each of `parts` equal parts [N]."""
-        if isinstance(self.grip, tuple):
-            return self.grip[0] / parts, self.grip[1] / parts
-        return self.grip / parts
+    def shared(self, parts: int) -> "Friction":
+        """Return the friction of each of `parts` equal parts, which share the grip."""
+        grip = tuple(force / parts for force in self.grip) if isinstance(self.grip, tuple) else self.grip / parts
+        return self.model_copy(update={"grip": grip})
 
     def _check_order(self) -> None:
         self._refuse(self.kinetic > self.static, "kinetic.large")
@@ -70,20 +70,52 @@ class Piercing(ScenarioTable):
     from_: From = 0.0
     until: Positive | None = None
 
-    def _check_effect(self) -> None:
+    def _check_directions(self) -> None:
+        """Refuse a direction whose length vanishes or overflows."""
         for key, vector in (("direction", self.direction), ("along", self.along)):
             if vector is not None and not isinstance(vector, str) and not SHORTEST < hypot(*vector) < LONGEST:
                 numbers = ", ".join(f"{x:g}" for x in vector)
                 raise ValueError(f".{key} = [{numbers}] is refused: {OF_NO_LENGTH}")
+
+    def _check_place(self) -> None:
+        """Refuse a place on the surface without `near`, and `along` without `near`."""
         self._refuse(0.0 < self.footprint < SMALLEST, "footprint.small")
-        self._require_place()
+        self._refuse(self.at == "surface" and self.near is None, "near.missing")
+        self._refuse(self.along is not None and self.near is None, "along.near")
         check_ending(self.from_, self.until)
-        self._require_hand()
-        check_rising("draw", self.draw or ())
-        check_rising("pull", self.pull or ())
+
+    def _check_release(self) -> None:
+        """Refuse rows of time alone at an anchored hole, and at times at which no hand holds the thread."""
+        for key, rows in self.hands.items():
+            alone = [number for number, row in enumerate(rows) if len(row) == 1]
+            for number in alone:
+                shown = f"{key}.{number}", rows[number]
+                self._refuse(self.kind == "anchored", "rows.anchored", shown)
+                self._refuse(number == 0 or number - 1 in alone, "rows.idle", shown)
+
+    def _check_hands(self) -> None:
+        """Refuse a hand that prescribes length and force at once, and a hand that draws for no time."""
+        self._refuse(self.kind == "anchored" and None not in (self.draw, self.pull), "pull.anchored")
+        for draw, pull in product(*map(grips, self.hands.values())):
+            at_once = max(draw[0][0], pull[0][0]) < min(draw[-1][0], pull[-1][0])
+            self._refuse(at_once, "pull.draw", begins=draw[0][0], ends=draw[-1][0])
+        for key, rows in self.hands.items():
+            for grip in grips(rows) if self.kind == "sliding" else ():
+                self._refuse(len(grip) < 2, "rows.single", (f"{key}.{rows.index(grip[0])}", grip[0]))
+
+    def _check_times(self) -> None:
+        for key, rows in self.hands.items():
+            check_rising(key, rows)
+
+    def _check_friction(self) -> None:
         self._refuse(self.kind == "anchored" and self.friction is not None, "friction.anchored")
         idle = self.friction is None or self.direction == "free"
         self._refuse(self.channel is not None and idle, "channel.idle")
+
+    @property
+    def hands(self) -> dict[str, tuple[Turn | LetGo, ...]]:
+        """Rows of the hands that draw by a length or pull by a force, by their keys; empty without a hand."""
+        return {"draw": self.draw or (), "pull": self.pull or ()}
 
     @property
     def place(self) -> Vector:
@@ -103,52 +135,21 @@ class Piercing(ScenarioTable):
         """Distance from `near` to the place found on the surface [m], None without `near`."""
         return None if self.near is None else dist(self.near, self.place)
 
-    def _require_place(self) -> None:
-        """Refuse a place on the surface without `near`, and `along` without `near`."""
-        self._refuse(self.at == "surface" and self.near is None, "near.missing")
-        self._refuse(self.along is not None and self.near is None, "along.near")
-
-    def _require_hand(self) -> None:
-        """Refuse a hand that prescribes length and force at once, that draws for no time, or that lets go twice."""
-        draw, pull, slides = self.draw, self.pull, self.kind == "sliding"
-        hands = {"draw": draw or (), "pull": pull or ()}
-        for key, rows in hands.items():
-            self._require_letting_go(key, rows)
-        if draw is not None and pull is not None:
-            self._refuse(not slides, "pull.anchored")
-            for one, other in product(grips(draw), grips(pull)):
-                at_once = max(one[0][0], other[0][0]) < min(one[-1][0], other[-1][0])
-                self._refuse(at_once, "pull.draw", begins=one[0][0], ends=one[-1][0])
-        for key, rows in hands.items():
-            single = next((grip[0] for grip in grips(rows) if len(grip) < 2), None) if slides else None
-            if single is not None:
-                self._refuse(True, "rows.single", (f"{key}.{rows.index(single)}", single))
-
-    def _require_letting_go(self, key: str, rows: Sequence[Turn | LetGo]) -> None:
-        """Refuse rows of time alone at an anchored hole, and at times at which no hand holds the thread."""
-        alone = [number for number, row in enumerate(rows) if len(row) == 1]
-        if alone:
-            shown = f"{key}.{alone[0]}", rows[alone[0]]
-            self._refuse(self.kind != "sliding", "rows.anchored", shown)
-        idle = next((number for number in alone if number == 0 or number - 1 in alone), None)
-        if idle is not None:
-            self._refuse(True, "rows.idle", (f"{key}.{idle}", rows[idle]))
-
 
 def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
     """Return the rows of a hand in parts, one part for each time that the hand takes the thread."""
     parts: list[Grip] = []
-    taken = False
+    held = False
     for row in rows:
         whole = row if len(row) == 2 else (row[0], parts[-1][-1][1])
-        parts = [*parts[:-1], (*parts[-1], whole)] if taken else [*parts, (whole,)]
-        taken = len(row) == 2
+        parts = [*parts[:-1], (*parts[-1], whole)] if held else [*parts, (whole,)]
+        held = len(row) == 2
     return parts
 
 
-def place_refusal(hole: Piercing, reason: str) -> str:
-    """Return the refusal of a hole's place, with the origin of this place."""
-    key = dotted_key(["piercing", hole.name, "at"])
+def place_refused(hole: Piercing, reason: str, /, **values: object) -> ScenarioError:
+    """Return the error for a hole's place, with its origin and the reason of this name."""
     if hole.near is None:
-        return refusal(key, hole.at, reason)
-    return refusal(key, "surface", f"near gives {as_toml(hole.place)} m on the surface, and {reason}")
+        return refused(("piercing", hole.name, "at"), hole.at, reason, **values)
+    origin = f"near gives {as_toml(hole.place)} m on the surface, and {because(reason, **values)}"
+    return ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), "surface", origin))

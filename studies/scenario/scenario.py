@@ -13,16 +13,15 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.course import STEPS, Timed
-from studies.scenario.meanings import because
 from studies.scenario.names import name_faults
-from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, boundaries_of, unknown_clamp
-from studies.scenario.piercing import Piercing, grips, place_refusal
+from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, unknown_clamp
+from studies.scenario.piercing import Piercing, grips, place_refused
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.stitch import Stitch, long_form
-from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, refused, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
-from studies.scenario.tie import Tie, tie_fault
+from studies.scenario.tie import Tie, check_ties
 from studies.scenario.tract import Tract, check_tracts
 
 RAMP = 0.05  # s: the period of 20 Hz, a slow vibration of the organs here
@@ -61,25 +60,23 @@ class Scenario(ScenarioTable):
             table = long_form(table)
         except (ValidationError, TypeError):  # the fields report the fault, and a missing path is no fault
             table = table | {"thread": {"path": ((0, 0, 0), (0, 0, 1))} | thread} if table.get("stitch") else table
-        given = {key: table.get(key, {}) for key in ("thread", "solve")}
-        if "thread" not in table or not isinstance(given["solve"], dict):
+        tables = {key: table.get(key, {}) for key in ("thread", "solve")}
+        if "thread" not in table or not isinstance(tables["solve"], dict):
             return table
-        knots = "travelling" if travels_as_given(given) else "fixed"
-        return table | {"thread": {"knots": knots} | given["thread"]}
+        needed = [(key.split("."), value) for key, value in TRAVELLING.items()]
+        travels = all(tables[part].get(key, value) == value for (part, key), value in needed)
+        return table | {"thread": {"knots": "travelling" if travels else "fixed"} | table["thread"]}
 
     def _check_piercings(self) -> None:
-        if problem := repetition("piercing", [piercing.name for piercing in self.piercing]):
-            raise ValueError(problem)
-        check_order(
-            [(piercing, piercing.s) for piercing in self.piercing if piercing.s is not None], self.thread.length
-        )
+        self._report(repetition("piercing", [hole.name for hole in self.piercing]))
+        check_order([(hole, hole.s) for hole in self.piercing if hole.s is not None], self.thread.length)
         if self.thread.knots == "fixed":
             check_control_points(self.thread.control_points, len(self.piercing) + 2 * len(self.tie))
         remedies = {"at": ("surface", "give [x, y, z]"), "direction": ("normal", 'use "free" or [x, y, z]')}
         for key, (word, remedy) in remedies.items() if self.tissue is None else ():
-            lost = next((hole.name for hole in self.piercing if getattr(hole, key) == word), None)
-            shown = dotted_key(["piercing", lost, key]), word
-            self._refuse(lost is not None, "piercing.surface", shown, remedy=remedy)
+            for hole in self.piercing:
+                shown = dotted_key(["piercing", hole.name, key]), word
+                self._refuse(getattr(hole, key) == word, "piercing.surface", shown, remedy=remedy)
 
     def _check_frames(self) -> None:
         frames, least = self.solve.steps // self.output.every, ceil(self.solve.steps / MOST_FRAMES)
@@ -93,15 +90,14 @@ class Scenario(ScenarioTable):
         check_tracts(self.tract, self.piercing, self.tissue is not None, self.solve.scheme)
 
     def _check_friction(self) -> None:
-        bending, rubbing = self.thread.bending, [k for k, tract in enumerate(self.tract) if tract.friction]
-        if rubbing:
-            shown = f"tract.{rubbing[0]}.friction", self.tract[rubbing[0]].friction
-            self._refuse(not bending, "tract.friction.bending", shown)
-        rough = next((piercing.name for piercing in self.piercing if piercing.friction is not None), None)
-        if rough is not None:
-            key, linear = dotted_key(["piercing", rough, "friction"]), self.solve.scheme == "linear"
-            self._refuse(linear and self.solve.friction == "implicit", "solve.friction.linear", key=key)
-            self._refuse(not bending, "thread.bending.friction", key=key)
+        for k, tract in enumerate(self.tract):
+            shown = f"tract.{k}.friction", tract.friction
+            self._refuse(tract.friction and not self.thread.bending, "tract.friction.bending", shown)
+        linear = self.solve.scheme == "linear" and self.solve.friction == "implicit"
+        for hole in self.piercing:
+            key = dotted_key(["piercing", hole.name, "friction"])
+            self._refuse(hole.friction and linear, "solve.friction.linear", key=key)
+            self._refuse(hole.friction and not self.thread.bending, "thread.bending.friction", key=key)
 
     @property
     def touching(self) -> tuple[tuple[str, str], ...]:
@@ -130,9 +126,9 @@ class Scenario(ScenarioTable):
         shown = "thread.contact", self.thread.model_dump(mode="json")["contact"]
         self._refuse(self.tissue is None, "thread.contact.organ", shown)
         self._refuse(self.tissue and self.tissue.reduction, "thread.contact.reduction", shown)
-        if later := next((hole for hole in self.piercing if hole.from_ > 0.0), None):
-            key = dotted_key(["piercing", later.name, "from"])
-            self._refuse(True, "thread.contact.later", shown, key=key, begins=later.from_)
+        for hole in self.piercing:
+            key = dotted_key(["piercing", hole.name, "from"])
+            self._refuse(hole.from_ > 0.0, "thread.contact.later", shown, key=key, begins=hole.from_)
         why = "in such a run the thread bears on the organ at its holes alone; set it to "
         self._require(ONE_SYSTEM, why, ", or leave out thread.contact")
 
@@ -140,13 +136,14 @@ class Scenario(ScenarioTable):
         linear = self.solve.scheme == "linear" and self.solve.coupling == "monolithic"
         first = ("contact.0.between", self.touching[0]) if self.contact else ("tissue.contact", True)
         self._refuse(self.touching and linear, "contact.linear", first)
-        check_touching(self.touching, len(self.touching) - len(self.contact))
+        lips = len(self.touching) - len(self.contact)
+        for k, pair in enumerate(self.touching):
+            if any(set(pair) == set(other) for other in self.touching[:k]):
+                raise refused(f"contact.{k - lips}.between", pair, "contact-twice")
         self._refuse(self.contact and self.tissue is None, "contact.organ", first)
-        if self.tissue is not None and (there := boundaries_of(self.tissue.mesh)):
-            known = [*there, *(boundary.name for boundary in self.tissue.boundary)]
-            for k, pair in enumerate(self.contact):
-                if problem := unknown_clamp(pair.between, known, f"contact.{k}.between"):
-                    raise ValueError(problem)
+        if self.tissue is not None and (known := self.tissue.boundaries):
+            for k, table in enumerate(self.contact):
+                self._report(unknown_clamp(table.between, known, f"contact.{k}.between"))
 
     @property
     def has_krylov(self) -> bool:
@@ -208,35 +205,34 @@ class Scenario(ScenarioTable):
             self._require(RELAXING, "a thread cannot relax with it; set it to ", ", or leave out thread.relaxation")
 
     def _check_linear(self) -> None:
-        hands = ((hole, key) for hole in self.piercing for key in ("draw", "pull"))
-        drawn = next((("piercing", hole.name, key) for hole, key in hands if getattr(hole, key) is not None), None)
-        key = "thread.cuts" if self.thread.cuts else dotted_key(drawn or ())
-        self._refuse(self.solve.scheme == "linear" and key, "solve.scheme.step", key=key)
+        linear = self.solve.scheme == "linear"
+        self._refuse(linear and self.thread.cuts, "solve.scheme.step", key="thread.cuts")
+        for hole in self.piercing:
+            for key, rows in hole.hands.items():
+                self._refuse(linear and rows, "solve.scheme.step", key=dotted_key(["piercing", hole.name, key]))
 
     def _check_cutting(self) -> None:
         self._refuse(self.cut and self.solve.scheme != "newton", "solve.scheme.cut")
         places = [cut.s for cut in self.cut]
-        twice = next((s for k, s in enumerate(places) if s in (*places[:k], *self.thread.cuts)), None)
-        self._refuse(twice is not None, "cut.s.twice", ("cut.s", twice))
+        for k, s in enumerate(places):
+            self._refuse(s in (*places[:k], *self.thread.cuts), "cut.s.twice", ("cut.s", s))
 
     def _check_ties(self) -> None:
-        if problem := tie_fault(self.tie, self.piercing):
-            raise ValueError(problem)
+        check_ties(self.tie, self.piercing)
         if self.tie:
             self._require(TIED, "a thread cannot be tied with it; set it to ", ", or leave out [[tie]]")
-        hasty = next((t for t in self.tie if self.solve.step_by(t.from_) == self.solve.step_by(t.until)), None)
-        if hasty is not None:
-            self._refuse(True, "tie.until.hasty", (dotted_key(["tie", hasty.name, "until"]), hasty.until))
+        for tie in self.tie:
+            at_once = self.solve.step_by(tie.from_) == self.solve.step_by(tie.until)
+            self._refuse(at_once, "tie.until.hasty", (dotted_key(["tie", tie.name, "until"]), tie.until))
 
     def _check_hands(self) -> None:
         solve = self.solve
         sliding = [hole for hole in self.piercing if hole.kind == "sliding" and solve.kind == "static"]
-        taken = [(hole, rows) for hole in sliding for rows in grips(hole.draw or ())]
-        for hole, rows in taken:
-            (first, length), number = rows[0], solve.step_by(rows[0][0])
-            begins = number * solve.duration / solve.load_steps
+        for hole, rows in [(one, part) for one in sliding for part in grips(one.draw or ())]:
+            first, length = rows[0]
+            begins = solve.step_by(first) * solve.duration / solve.load_steps
             late = begins - first > WHOLE * solve.duration
-            lost = any(time < begins and later != length for (time, _), (_, later) in pairwise(rows))
+            lost = any(time < begins and after != length for (time, _), (_, after) in pairwise(rows))
             shown = dotted_key(["piercing", hole.name, "draw"]), hole.draw
             self._refuse(late and lost, "piercing.draw.late", shown, first=first, begins=begins)
 
@@ -246,39 +242,31 @@ class Scenario(ScenarioTable):
         self._refuse(self.thread.twist and self.solve.kind == "static" and not held, "thread.twist.free")
 
     def _check_courses(self) -> None:
-        ends = [(f"thread.{key}", getattr(self.thread, key)) for key in ("start", "end")]
-        loads = [] if self.tissue is None else [(f"tissue.load.{k}", load) for k, load in enumerate(self.tissue.load)]
-        for key, table in [*ends, *loads]:
-            if isinstance(table, Timed) and (wave := table.hasty(self.solve.step)):
-                shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
+        tables: dict[str, object] = {f"thread.{key}": getattr(self.thread, key) for key in ("start", "end")}
+        tables |= {f"tissue.load.{k}": load for k, load in enumerate(self.tissue.load if self.tissue else ())}
+        shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
+        for key, table in tables.items():
+            if isinstance(table, Timed) and (wave := table.short_wave(STEPS * self.solve.step)):
                 self._refuse(True, "course.short", (f"{key}.{wave[0]}", wave[1]), steps=STEPS, shorter=shorter)
 
     def _check_held(self) -> None:
-        tissue = self.tissue
-        if tissue is None or tissue.clamp or tissue.roller or (tissue.inertia and self.solve.kind == "dynamic"):
-            return
-        why = "solve.kind is static" if self.solve.kind == "static" else "tissue.inertia is false"
-        self._refuse(True, "tissue.clamp.unheld", ("tissue.clamp", []), why=why)
+        tissue, static = self.tissue, self.solve.kind == "static"
+        loose = tissue and not (tissue.clamp or tissue.roller or (tissue.inertia and not static))
+        why = "solve.kind is static" if static else "tissue.inertia is false"
+        self._refuse(loose, "tissue.clamp.unheld", ("tissue.clamp", []), why=why)
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
 
 
-def check_touching(pairs: Sequence[tuple[str, str]], first: int) -> None:
-    """Refuse two surfaces in contact that are named twice; the first of [[contact]] is number `first`."""
-    for k, pair in enumerate(pairs):
-        if any(set(pair) == set(other) for other in pairs[:k]):
-            raise ScenarioError(refusal(f"contact.{k - first}.between", pair, because("contact-twice")))
-
-
 def check_apart(holes: Sequence[Piercing]) -> None:
     """Refuse holes of an organ whose footprints overlap at the same time."""
     for one, other in combinations(holes, 2):
-        apart, reach = dist(one.place, other.place), one.footprint + other.footprint
+        distance, reach = dist(one.place, other.place), one.footprint + other.footprint
         together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
-        if together and apart < reach:
+        if together and distance < reach:
             key = dotted_key(["piercing", one.name])
-            raise ScenarioError(place_refusal(other, because("holes-near", key=key, apart=apart, reach=reach)))
+            raise place_refused(other, "holes-near", key=key, distance=distance, reach=reach)
 
 
 def check_given(scenario: object) -> None:
@@ -296,8 +284,8 @@ def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None =
         check_within(hole, s, length)
     for (before, low), (after, high) in pairwise(placed):
         if high <= low:
-            reason = because("holes-order", key=dotted_key(["piercing", before.name, "s"]), low=low)
-            raise ScenarioError(refusal(dotted_key(["piercing", after.name, "s"]), high, reason))
+            key = dotted_key(["piercing", before.name, "s"])
+            raise refused(("piercing", after.name, "s"), high, "holes-order", key=key, low=low)
 
 
 def check_within(hole: Piercing, s: float, length: float | None) -> None:
@@ -306,20 +294,17 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
     if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
         return
     limit = "the thread's length" if length is None else f"the thread's length of {length:.6g} m"
-    within = f"must lie between 0 and {limit}; move the piercing, or extend the path beyond it"
-    at_end = (s in (0.0, last) and ', or hold the end of the thread there: kind = "anchored"') or ""
-    if hole.s is None and hole.at is not None:
-        reason = f"the nearest point of the path is at s = {s:.6g} m, which {within}{at_end}"
-        raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
-    raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "s"]), s, f"it {within}{at_end}"))
+    at_end = ', or hold the end of the thread there: kind = "anchored"' if s in (0.0, last) else ""
+    if hole.s is None:
+        raise refused(("piercing", hole.name, "at"), hole.at, "at-outside", s=s, limit=limit, at_end=at_end)
+    raise refused(("piercing", hole.name, "s"), s, "s-outside", limit=limit, at_end=at_end)
 
 
 def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
     """Refuse cuts of this `key` that lie outside the thread of this length [m]."""
-    lost = next((s for s in cuts if s >= length), None)
-    if lost is not None:
-        reason = f"it must lie between 0 and the thread's length of {length:.6g} m; move it"
-        raise ScenarioError(refusal(key, lost, reason))
+    for s in cuts:
+        if s >= length:
+            raise refused(key, s, "cut-outside", length=length)
 
 
 def check_spans(
@@ -331,13 +316,7 @@ def check_spans(
     """
     for before, after in pairwise(ends) if cuts else ():
         if sum(before <= s <= after for s in breaks) < 3:
-            raise ScenarioError(refusal(key, cuts, because("piece-short", begins=before, ends=after)))
-
-
-def travels_as_given(tables: Mapping[str, Mapping[str, Any]]) -> bool:
-    """Return whether knots can travel in a scenario with these tables `thread` and `solve`, as given by the user."""
-    keys = [(*key.partition(".")[::2], value) for key, value in TRAVELLING.items()]
-    return all(tables[table].get(key, value) == value for table, key, value in keys)
+            raise refused(key, cuts, "piece-short", begins=before, ends=after)
 
 
 def check_control_points(control_points: int, piercings: int) -> None:
@@ -349,8 +328,7 @@ def check_control_points(control_points: int, piercings: int) -> None:
     """
     least = 4 + 3 * piercings
     if control_points < least:
-        reason = because("points-few", piercings=piercings, least=least)
-        raise ScenarioError(refusal("thread.control_points", control_points, reason))
+        raise refused("thread.control_points", control_points, "points-few", piercings=piercings, least=least)
 
 
 # --- reading and writing ----------------------------------------------------------------------------------
@@ -393,8 +371,7 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
         raise ScenarioError("mesh is refused: the scenario has no organ; add [tissue]")
     table = scenario.tissue.mesh
     if isinstance(table, GivenMesh) and table.sha256 not in (None, sha256):
-        reason = f"the given mesh has {sha256}; give the same mesh, or leave sha256 out"
-        raise ScenarioError(refusal("tissue.mesh.sha256", table.sha256, reason))
+        raise refused("tissue.mesh.sha256", table.sha256, "mesh-other", sha256=sha256)
     mesh = GivenMesh(kind="given", sha256=sha256, accuracy=table.accuracy, bound=table.bound)
     return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
 
@@ -406,14 +383,12 @@ def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float]
     abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the thread's position at
     this time.
     """
-    ends = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
-    thread = scenario.thread.model_copy(update=ends)
-    if length is None:
-        return scenario.model_copy(update={"thread": thread})
-    thread = thread.model_copy(update={"length": length})
-    pairs = zip(scenario.piercing, s, strict=True)
-    piercing = tuple(
-        hole.model_copy(update={"s": float(value)}) if hole.s is None and hole.from_ == 0.0 else hole
-        for hole, value in pairs
-    )
-    return scenario.model_copy(update={"thread": thread, "piercing": piercing})
+    thread: dict[str, object] = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
+    holes = scenario.piercing
+    if length is not None:
+        thread["length"] = length
+        holes = tuple(
+            hole.model_copy(update={"s": float(at)}) if hole.s is None and hole.from_ == 0.0 else hole
+            for hole, at in zip(holes, s, strict=True)
+        )
+    return scenario.model_copy(update={"thread": scenario.thread.model_copy(update=thread), "piercing": holes})

@@ -6,7 +6,6 @@ along half an ellipse, like a curved needle. Strands on the surface join the bit
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import ceil, cos, pi, sin
@@ -30,6 +29,18 @@ UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
+
+
+class Bite(NamedTuple):
+    """A passage through the tissue.
+
+    It has the `names` of its two holes, their places along and across the wound [m], and its depth [m].
+    """
+
+    names: tuple[str, str]
+    first: tuple[float, float]
+    last: tuple[float, float]
+    depth: float
 
 
 class Stitch(ScenarioTable):
@@ -88,17 +99,111 @@ class Stitch(ScenarioTable):
         """Return the time at which the stitch is locked [s], by default at the end of a step."""
         return self.until or min(ceil(UNTIL * solve.steps) * solve.step, solve.duration)
 
+    @cached_property
+    def frame(self) -> Array:
+        """Directions along the wound, across it from left to right, and out of the tissue, unit vectors, `(3, 3)`."""
+        out, along = unit(self.normal), np.array(self.along, dtype=float)
+        along = unit(along - (along @ out) * out)
+        return np.array([along, np.cross(along, out), out])
 
-class Bite(NamedTuple):
-    """A passage through the tissue.
+    def place(self, where: tuple[float, float], height: float = 0.0) -> Array:
+        """Return the point at a place along and across the wound, and a height above the surface [m], `(3,)` [m]."""
+        return np.array(self.at) + np.array([*where, height]) @ self.frame
 
-    It has the `names` of its two holes, their places along and across the wound [m], and its depth [m].
-    """
+    @cached_property
+    def bites(self) -> list[Bite]:
+        """The bites in the order of the thread."""
+        return bites_of(self)
 
-    names: tuple[str, str]
-    first: tuple[float, float]
-    last: tuple[float, float]
-    depth: float
+    @property
+    def ends(self) -> list[str]:
+        """Full names of the first and the last hole."""
+        return [f"{self.name}.{name}" for name in (self.bites[0].names[0], self.bites[-1].names[1])]
+
+    @property
+    def points(self) -> list[Array]:
+        """The points of the stitch's part of the path [m], from tail to tail."""
+        lift, first, last = LIFT * self.mean, self.bites[0].first, self.bites[-1].last
+        inside: list[Array] = []
+        for bite in self.bites:
+            inside += [self.place(bite.first, lift), self.place(bite.first), *self.deep(bite)]
+            inside += [self.place(bite.last), self.place(bite.last, lift)]
+        return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
+
+    def deep(self, bite: Bite) -> list[Array]:
+        """Return the points of a bite below the surface [m]: corners of tangents to half an ellipse, vertical
+        at its holes."""
+        (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
+        turns = [(2 * k + 1) * half for k in range(BENDS)]
+        ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
+        depths = [bite.depth * sin(turn) / cos(half) for turn in turns]
+        return [self.place((x + w * (u - x), y + w * (v - y)), -d) for w, d in zip(ways, depths, strict=True)]
+
+    def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
+        """Return the points of the tail at a hole [m].
+
+        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch is
+        vertical.
+        """
+        height = KNOT * self.mean
+        if self.kind == "running":
+            return [self.place(own, 2.0 * height)]
+        (x, y), (u, v) = own, other
+        size = float(np.hypot(x - u, y - v))
+        ahead = (u - x) / size, (v - y) / size
+        knot = 0.5 * (x + u), 0.5 * (y + v)
+        end = knot[0] + height * (ahead[0] - ahead[1]), knot[1] + height * (ahead[1] + ahead[0])
+        return [self.place(end, 1.2 * height), self.place(knot, height)]
+
+    def piercings(self, at_surface: bool, in_organ: bool, solve: Solve) -> Iterator[dict[str, Any]]:
+        """Yield the tables of the stitch's piercings.
+
+        `at_surface`: their places are found on the surface. `in_organ`: their direction is normal to
+        the surface, else along the thread.
+        """
+        out = self.frame[2]
+        for bite in self.bites:
+            for name, where, down in zip(bite.names, (bite.first, bite.last), (-1.0, 1.0), strict=True):
+                full, at = f"{self.name}.{name}", rounded(self.place(where))
+                place = {"at": "surface", "near": at, "along": rounded(out)} if at_surface else {"at": at}
+                way = {"direction": "normal" if in_organ else rounded(down * out)}
+                table = {"name": full, **place, **way, "footprint": self.footprint}
+                hand = self.hand(full, solve) if self.kind == "running" else {}
+                yield table | hand | ({} if hand.get("kind") == "anchored" else self.friction_key())
+
+    def friction_key(self, *without: str) -> dict[str, Any]:
+        """Return the key of the friction without some of its keys; empty without friction."""
+        if self.friction is None:
+            return {}
+        return {"friction": self.friction.model_dump(exclude_unset=True, exclude=set(without))}
+
+    def hand(self, hole: str, solve: Solve) -> dict[str, Any]:
+        """Return the keys that hold a running stitch at a hole.
+
+        Its first hole is anchored. At its last hole a hand draws the thread and then holds it.
+        """
+        if hole == self.ends[0]:
+            return {"kind": "anchored"}
+        if hole != self.ends[1]:
+            return {}
+        locks = self.locks(solve)
+        held = {"draw": [[locks, 0.0], [solve.duration, 0.0]]} if locks < solve.duration else {}
+        return {"pull": [[self.from_, 0.0], [locks, self.force]]} | held
+
+    def tracts(self) -> list[dict[str, Any]]:
+        """Return the tables of the stitch's tracts."""
+        if self.tract is False:
+            return []
+        own = {"radius": self.tract or self.footprint} | self.friction_key("grip")
+        return [{"between": [f"{self.name}.{name}" for name in bite.names]} | own for bite in self.bites]
+
+    def ties(self, solve: Solve) -> list[dict[str, Any]]:
+        """Return the table of the stitch's tie in a list, empty for a running stitch."""
+        if self.kind == "running":
+            return []
+        hold = {} if self.hold is None else {"hold": self.hold}
+        times = {"from": self.from_, "until": self.locks(solve)}
+        return [{"name": self.name, "between": self.ends, "force": self.force} | times | hold]
 
 
 def bites_of(stitch: Stitch) -> list[Bite]:
@@ -130,116 +235,6 @@ def bites_of(stitch: Stitch) -> list[Bite]:
             ]
 
 
-@dataclass(frozen=True)
-class Laid:
-    """A stitch on its wound, with the thread's path through it."""
-
-    stitch: Stitch
-    along: Array
-
-    @cached_property
-    def frame(self) -> Array:
-        """Directions along the wound, across it from left to right, and out of the tissue, unit vectors, `(3, 3)`."""
-        out = unit(self.stitch.normal)
-        along = unit(self.along - (self.along @ out) * out)
-        return np.array([along, np.cross(along, out), out])
-
-    def place(self, where: tuple[float, float], height: float = 0.0) -> Array:
-        """Return the point at a place along and across the wound, and a height above the surface [m], `(3,)` [m]."""
-        return np.array(self.stitch.at) + np.array([*where, height]) @ self.frame
-
-    @cached_property
-    def bites(self) -> list[Bite]:
-        """The bites of the stitch."""
-        return bites_of(self.stitch)
-
-    @property
-    def points(self) -> list[Array]:
-        """The points of the stitch's part of the path [m], from tail to tail."""
-        lift, first, last = LIFT * self.stitch.mean, self.bites[0].first, self.bites[-1].last
-        inside: list[Array] = []
-        for bite in self.bites:
-            inside += [self.place(bite.first, lift), self.place(bite.first), *self.deep(bite)]
-            inside += [self.place(bite.last), self.place(bite.last, lift)]
-        return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
-
-    def deep(self, bite: Bite) -> list[Array]:
-        """Return the points of a bite below the surface [m]: corners of tangents to half an ellipse, vertical
-        at its holes."""
-        (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
-        turns = [(2 * k + 1) * half for k in range(BENDS)]
-        ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
-        depths = [bite.depth * sin(turn) / cos(half) for turn in turns]
-        return [self.place((x + w * (u - x), y + w * (v - y)), -d) for w, d in zip(ways, depths, strict=True)]
-
-    def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
-        """Return the points of the tail at a hole [m].
-
-        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch is
-        vertical.
-        """
-        height = KNOT * self.stitch.mean
-        if self.stitch.kind == "running":
-            return [self.place(own, 2.0 * height)]
-        (x, y), (u, v) = own, other
-        size = float(np.hypot(x - u, y - v))
-        ahead = (u - x) / size, (v - y) / size
-        knot = 0.5 * (x + u), 0.5 * (y + v)
-        end = knot[0] + height * (ahead[0] - ahead[1]), knot[1] + height * (ahead[1] + ahead[0])
-        return [self.place(end, 1.2 * height), self.place(knot, height)]
-
-    def piercings(self, at_surface: bool, direction: bool, solve: Solve) -> Iterator[dict[str, Any]]:
-        """Yield the tables of the stitch's piercings.
-
-        `at_surface`: their places are found on the surface. `direction`: normal to the surface, else along the
-        thread.
-        """
-        stitch, out, friction = self.stitch, self.frame[2], self.friction()
-        for bite in self.bites:
-            for name, where, down in zip(bite.names, (bite.first, bite.last), (-1.0, 1.0), strict=True):
-                place = rounded(self.place(where))
-                found = {"at": "surface", "near": place, "along": rounded(out)} if at_surface else {"at": place}
-                way = {"direction": "normal" if direction else rounded(down * out)}
-                table = {"name": f"{stitch.name}.{name}", **found, **way, "footprint": stitch.footprint}
-                held = self.hand(name, solve) if stitch.kind == "running" else {}
-                yield table | held | ({} if held.get("kind") == "anchored" else friction)
-
-    def friction(self, *without: str) -> dict[str, Any]:
-        """Return the key of its friction, none if it has none."""
-        given = self.stitch.friction
-        return {} if given is None else {"friction": given.model_dump(exclude_unset=True, exclude=set(without))}
-
-    def hand(self, name: str, solve: Solve) -> dict[str, Any]:
-        """Return the keys that hold a running stitch at a hole.
-
-        Its first hole is anchored. At its last hole a hand draws the thread and then holds it.
-        """
-        stitch, locks = self.stitch, self.stitch.locks(solve)
-        if name == self.bites[0].names[0]:
-            return {"kind": "anchored"}
-        if name != self.bites[-1].names[1]:
-            return {}
-        held = {"draw": [[locks, 0.0], [solve.duration, 0.0]]} if locks < solve.duration else {}
-        return {"pull": [[stitch.from_, 0.0], [locks, stitch.force]]} | held
-
-    def tracts(self) -> list[dict[str, Any]]:
-        """Return the tables of the stitch's tracts."""
-        stitch = self.stitch
-        if stitch.tract is False:
-            return []
-        own = {"radius": stitch.tract or stitch.footprint} | self.friction("grip")
-        return [{"between": [f"{stitch.name}.{name}" for name in bite.names]} | own for bite in self.bites]
-
-    def ties(self, solve: Solve) -> list[dict[str, Any]]:
-        """Return the table of the stitch's tie, in a list."""
-        stitch, names = self.stitch, [self.bites[0].names[0], self.bites[-1].names[1]]
-        if stitch.kind == "running":
-            return []
-        table = {"name": stitch.name, "between": [f"{stitch.name}.{name}" for name in names], "force": stitch.force}
-        table |= {"from": stitch.from_, "until": stitch.locks(solve)}
-        return [table if stitch.hold is None else table | {"hold": stitch.hold}]
-
-
 def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the tables of a scenario with path, piercings, tracts, ties and cuts instead of stitches.
 
@@ -249,30 +244,29 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     stitches = [Stitch.model_validate(table) for table in data.get("stitch", ())]
     if not stitches:
         return dict(data)
-    if problem := repetition("stitch", [stitch.name for stitch in stitches]):
-        raise ValueError(problem)
+    if fault := repetition("stitch", [stitch.name for stitch in stitches]):
+        raise ValueError(fault)
     solve, thread, organ = Solve.model_validate(data.get("solve", {})), data.get("thread", {}), data.get("tissue")
-    owned = [("thread", key) for key in ("path", "cuts", "length") if key in thread]
-    owned += [(key, "") for key in ("piercing", "tract") if data.get(key)]
+    owned = [f"thread.{key}" for key in ("path", "cuts", "length") if key in thread]
+    owned += [key for key in ("piercing", "tract") if data.get(key)]
     if owned:
-        key = ".".join(filter(None, owned[0]))
         reason = "[[stitch]] writes it; leave it out, or use the long form of suture check --write"
-        raise ValueError(f"{key} is refused: {reason}")
+        raise ValueError(f"{owned[0]} is refused: {reason}")
     mesh = organ.get("mesh") if isinstance(organ, Mapping) else None
     mesh = mesh if isinstance(mesh, Mapping) else {}
-    default = [-1.0, 0.0, 0.0] if mesh.get("kind") == "wound" and mesh.get("along") == "x" else [0.0, 1.0, 0.0]
-    laid = [Laid(stitch, np.array(stitch.along or default, dtype=float)) for stitch in stitches]
-    parts = [each.points for each in laid]
+    default = (-1.0, 0.0, 0.0) if mesh.get("kind") == "wound" and mesh.get("along") == "x" else (0.0, 1.0, 0.0)
+    stitches = [stitch.model_copy(update={"along": stitch.along or default}) for stitch in stitches]
+    parts = [stitch.points for stitch in stitches]
     path = [rounded(point) for part in parts for point in part]
     whole = rounded_path(path)
     cuts = [whole.nearest(0.5 * (before[-1] + after[0]))[0] for before, after in pairwise(parts)]
-    sought = organ is not None and mesh.get("kind") not in FLAT
-    thread = {**thread, "path": path, **({"cuts": cuts} if cuts else {})}
-    holes = [hole for each in laid for hole in each.piercings(sought, organ is not None, solve)]
-    tracts = [tract for each in laid for tract in each.tracts()] if organ is not None else []
-    ties = [*data.get("tie", ()), *(tie for each in laid for tie in each.ties(solve))]
-    made = {"thread": thread, "piercing": holes, "tract": tracts, "tie": ties}
-    return {key: value for key, value in data.items() if key != "stitch"} | made
+    in_organ, at_surface = organ is not None, organ is not None and mesh.get("kind") not in FLAT
+    return {key: value for key, value in data.items() if key != "stitch"} | {
+        "thread": {**thread, "path": path, **({"cuts": cuts} if cuts else {})},
+        "piercing": [hole for each in stitches for hole in each.piercings(at_surface, in_organ, solve)],
+        "tract": [tract for each in stitches for tract in each.tracts()] if in_organ else [],
+        "tie": [*data.get("tie", ()), *(tie for each in stitches for tie in each.ties(solve))],
+    }
 
 
 def unit(vector: Sequence[float] | Array) -> Array:

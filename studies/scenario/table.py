@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validato
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from studies.scenario.meanings import meaning_of, reason_of
-from studies.scenario.refusal import as_toml, refusal, shortened
+from studies.scenario.meanings import because, meaning_of, reason_of
+from studies.scenario.refusal import as_toml, dotted_key, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # shown for one scenario, and characters of each
@@ -22,10 +22,19 @@ class ScenarioError(ValueError):
     """A scenario that is refused; ``problems`` holds one sentence for each of the first faults."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
-        told = [problems] if isinstance(problems, str) else list(problems)
-        more = [f"and {len(told) - MOST_PROBLEMS} more"] if len(told) > MOST_PROBLEMS else []
-        self.problems = tuple(shortened(problem, LONGEST_PROBLEM) for problem in [*told[:MOST_PROBLEMS], *more])
+        every = [problems] if isinstance(problems, str) else list(problems)
+        more = [f"and {len(every) - MOST_PROBLEMS} more"] if len(every) > MOST_PROBLEMS else []
+        self.problems = tuple(shortened(problem, LONGEST_PROBLEM) for problem in [*every[:MOST_PROBLEMS], *more])
         super().__init__("\n".join(self.problems))
+
+
+def refused(key: str | Iterable[object], value: object, reason: str, /, **values: object) -> ScenarioError:
+    """Return the error for a refused value, with the reason of this name and its `values`.
+
+    The key is its full name or the parts of this name.
+    """
+    name = key if isinstance(key, str) else dotted_key(key)
+    return ScenarioError(refusal(name, value, because(reason, **values)))
 
 
 def plain_values(value: Any) -> Any:
@@ -47,15 +56,14 @@ SUBGRID = {"subgrid": "cells at holes are refined; leave it out, and give tissue
 class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, without unknown keys.
 
-    The meanings of its keys are in `keys.toml`. Keys of earlier
-    versions, `FORMER`, are refused with their replacement. Methods `_check…` refuse impossible
-    values. They are called after the table is made, in the order of their definition, and first those of base
-    classes.
+    The meanings of its keys are in `keys.toml`. Keys of earlier versions, `FORMER`, are refused with
+    their replacement. Methods `_check…` refuse impossible values. They are called after the table is
+    made, in the order of their definition, and first those of base classes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
     FORMER: ClassVar[Mapping[str, str]] = {}
-    WITHIN: ClassVar[str] = "."  # before the names of its keys in a refusal, whose beginning is the table's name
+    WITHIN: ClassVar[str] = "."  # between the table's name and the names of its keys in a refusal
 
     @model_validator(mode="before")
     @classmethod
@@ -69,31 +77,37 @@ class ScenarioTable(BaseModel):
 
     @classmethod
     def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the defaults that depend on other keys of the table, of which `data` are those given."""
+        """Return the defaults that depend on other keys of the table; `data` are the keys in the file."""
         return {}
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Return the JSON schema of the table, with the meanings of its keys."""
-        made = handler(core)
-        fields = handler.resolve_ref_schema(made)["properties"]
-        fields |= {key: meaning_of(cls, key).added_to(field) for key, field in fields.items()}
-        return made
+        reference = handler(core)
+        for key, field in handler.resolve_ref_schema(reference)["properties"].items():
+            words = zip(("description", "examples"), meaning_of(cls, key), strict=True)
+            field.update({name: value for name, value in words if value})
+        return reference
+
+    def _report(self, fault: str | None) -> None:
+        """Refuse the table if a check found a fault, None without a fault."""
+        if fault:
+            raise ValueError(self.WITHIN + fault)
 
     def _refuse(self, wrong: object, name: str, shown: tuple[str, object] | None = None, **values: object) -> None:
         """Refuse the value of a key if it is wrong, with the reason of this name in `refusals.toml`.
 
-        The name is the key and a word for the reason: "dt.long"; `shown` are another key and its value. The reason can
-        name keys of the table, "{own.dt}", and `values`. A reason that begins with "is" is a sentence about the key and
-        not about its value.
+        The name is the key and a word for the reason: "dt.long". `shown` are another key and its
+        value. The reason can name keys of the table, "{own.dt}", and `values`. A reason that begins
+        with "is" is a sentence about the key and not about its value.
         """
         if not wrong:
             return
         key, reason = name.rpartition(".")[0], reason_of(type(self), name).format(own=self, **values)
         if reason.startswith("is "):
-            raise ValueError(f"{self.WITHIN}{shown[0] if shown else key} {reason}")
+            self._report(f"{shown[0] if shown else key} {reason}")
         key, value = shown or (key, attrgetter(key)(self))
-        raise ValueError(self.WITHIN + refusal(key, value, reason))
+        self._report(refusal(key, value, reason))
 
     @model_validator(mode="after")
     def _judge(self) -> Self:
@@ -126,5 +140,6 @@ def check_rising(key: str, rows: Sequence[Sequence[float]]) -> None:
 
 
 def repetition(table: str, names: Sequence[str]) -> str | None:
+    """Return the refusal of the first repeated name of a table, or None."""
     twice = next((name for index, name in enumerate(names) if name in names[:index]), None)
     return None if twice is None else refusal(f"{table}.name", twice, "names must be unique; rename one")

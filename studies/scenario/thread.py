@@ -6,12 +6,23 @@ from math import dist
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from studies.scenario.course import Timed
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import ALLOWED_START_ERROR, ScenarioTable, check_rising
-from studies.scenario.values import NotNegative, Positive, Series, Text, Turn, Vector, Waypoint, Whole, one_sentence
+from studies.scenario.values import (
+    Flag,
+    NotNegative,
+    Positive,
+    Series,
+    Text,
+    Turn,
+    Vector,
+    Waypoint,
+    Whole,
+    one_sentence,
+)
 from thread.catalogue import suture
 from thread.errors import ThreadError
 
@@ -30,10 +41,10 @@ class _HeldEnd(_End):
     turn: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = None
 
     def _check_turn(self) -> None:
-        rows = self.turn or ()
-        check_rising("turn", rows)
-        start = float(np.interp(0.0, *np.transpose(rows))) if rows else 0.0
-        self._refuse(start, "turn.start", start=start)
+        if self.turn is not None:
+            check_rising("turn", self.turn)
+            start = float(np.interp(0.0, *np.transpose(self.turn)))
+            self._refuse(start, "turn.start", start=start)
 
 
 class FixedEnd(_HeldEnd):
@@ -70,8 +81,8 @@ class DrivenEnd(_HeldEnd):
 
     def position(self, time: float) -> Vector:
         """Return the position (3,) [m] at a time [s]."""
-        table = np.array(self.waypoints)
-        x, y, z = (float(np.interp(time, table[:, 0], column)) for column in table[:, 1:].T)
+        times, *columns = np.transpose(self.waypoints)
+        x, y, z = (float(np.interp(time, times, column)) for column in columns)
         return x, y, z
 
 
@@ -123,24 +134,21 @@ class Thread(ScenarioTable):
     damping: NotNegative = 0.0
     relaxation: Series = ()
     contact: Annotated[
-        Annotated[bool, Field(strict=True)] | OnSurface,
+        Flag | OnSurface,
         one_sentence("true, false, or a table, for example contact = { friction = 0.1 }"),
     ] = False
-    bending: Annotated[bool, Field(strict=True)] = True
+    bending: Flag = True
     energy: Literal["continuous", "springs"] = "continuous"
     springs: Whole | None = None
-    twist: Annotated[bool, Field(strict=True)] = False
+    twist: Flag = False
     coil_radius: Positive | None = None
     coil_towards: Vector | None = None
     start: End = FreeEnd(kind="free")
     end: End = FreeEnd(kind="free")
 
-    @model_validator(mode="before")
     @classmethod
-    def _default_poisson_ratio(cls, data: Any) -> Any:
-        if isinstance(data, Mapping) and "suture" not in data and "poisson_ratio" not in data:
-            return {**data, "poisson_ratio": 0.4}
-        return data
+    def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
+        return {} if "suture" in data else {"poisson_ratio": 0.4}
 
     @property
     def surface(self) -> OnSurface | None:
@@ -152,11 +160,10 @@ class Thread(ScenarioTable):
     def _check_material(self) -> None:
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
         given = [key for key, value in own.items() if value is not None]
-        if self.suture is not None and given:
-            self._refuse(True, "suture.given", (given[0], own[given[0]]), given=", ".join(given))
-        missing = [key for key in ("diameter", "youngs_modulus", "density") if key not in given]
-        if missing:
-            self._refuse(self.suture is None, "suture.missing", (missing[0], None))
+        for key in given:
+            self._refuse(self.suture is not None, "suture.given", (key, own[key]), given=", ".join(given))
+        for key in ("diameter", "youngs_modulus", "density"):
+            self._refuse(self.suture is None and key not in given, "suture.missing", (key, None))
 
     def _check_cuts(self) -> None:
         self._refuse(any(after <= before for before, after in pairwise(self.cuts)), "cuts.order")

@@ -1,10 +1,11 @@
 """The table of a tie, `[[tie]]`: a loop of thread that hands draw tight over the tissue and lock."""
 
 from collections.abc import Sequence
+from math import inf
 
 from studies.scenario.piercing import Piercing
-from studies.scenario.refusal import as_toml, dotted_key, nearest, refusal
-from studies.scenario.table import ScenarioTable, check_ending, repetition
+from studies.scenario.refusal import as_toml, nearest
+from studies.scenario.table import ScenarioError, ScenarioTable, check_ending, refused, repetition
 from studies.scenario.values import From, NotNegative, Positive, Text
 
 
@@ -32,28 +33,24 @@ class Tie(ScenarioTable):
         self._refuse(self.ramp is not None and self.ramp > drawn, "ramp.long", drawn=drawn)
 
 
-def tie_fault(ties: Sequence[Tie], holes: Sequence[Piercing]) -> str | None:
-    """Return the fault of the first tie with a repeated name or impossible holes, or None."""
-    if problem := repetition("tie", [tie.name for tie in ties]):
-        return problem
+def check_ties(ties: Sequence[Tie], holes: Sequence[Piercing]) -> None:
+    """Refuse ties with a repeated name, and a tie of impossible holes.
+
+    Whether the thread has slid out of a hole is not considered.
+    """
+    if fault := repetition("tie", [tie.name for tie in ties]):
+        raise ScenarioError(fault)
     known, pairs = {hole.name: hole for hole in holes}, [set(tie.between) for tie in ties]
     for k, tie in enumerate(ties):
-        key = dotted_key(["tie", tie.name, "between"])
-        lost = next((name for name in tie.between if name not in known), None)
-        if lost is not None:
-            like = nearest(lost, known)
-            guess = f", did you mean {as_toml(like)}" if like else ""
-            return refusal(key, tie.between, f"there is no piercing {as_toml(lost)}{guess}; name existing ones")
+        key = "tie", tie.name, "between"
+        for name in tie.between:
+            if name not in known:
+                match = nearest(name, known)
+                hint = f", did you mean {as_toml(match)}" if match else ""
+                raise refused(key, tie.between, "tie-unknown", name=as_toml(name), hint=hint)
         if pairs[k] in pairs[:k]:
             other = ties[pairs.index(pairs[k])].name
-            return refusal(key, tie.between, f"tie {as_toml(other)} already joins these strands; leave out one of them")
-        late = next((known[name] for name in tie.between if not is_there(known[name], tie.from_)), None)
-        if late is not None:
-            reason = f"the thread is not in piercing {as_toml(late.name)} at this time; begin the tie while it is"
-            return refusal(dotted_key(["tie", tie.name, "from"]), tie.from_, reason)
-    return None
-
-
-def is_there(hole: Piercing, time: float) -> bool:
-    """Return whether a hole exists at a time [s]; a thread that has slid out is not considered."""
-    return hole.from_ <= time and (hole.until is None or time < hole.until)
+            raise refused(key, tie.between, "tie-twice", other=as_toml(other))
+        for hole in map(known.__getitem__, tie.between):
+            if not hole.from_ <= tie.from_ < (hole.until or inf):
+                raise refused(("tie", tie.name, "from"), tie.from_, "tie-early", name=as_toml(hole.name))

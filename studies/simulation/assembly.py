@@ -18,12 +18,11 @@ from coupling.ties import Tie
 from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario
 from studies.scenario.course import Timed
-from studies.scenario.meanings import because
 from studies.scenario.organ import ACCURACY, LIPS
-from studies.scenario.refusal import refusal
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
+from studies.scenario.table import refused
 from studies.scenario.values import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
@@ -48,8 +47,8 @@ from tissue.solvers.direct import LIBRARIES
 
 log = logging.getLogger(__name__)
 
-Moving = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Moving | tissue.FiniteOrgan
+Dynamic = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
+AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Dynamic | tissue.FiniteOrgan
 
 TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.packets.FIRST √(EI/T)
 ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
@@ -116,8 +115,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     scenario = with_places(given.applied_to(scenario), store, given.volume)
     mesh = stored_mesh(scenario, store, given)
     own = abscissae(scenario, path, length)
-    known = [(hole, value) for hole, value in zip(scenario.piercing, own, strict=True) if is_known(hole)]
-    check_order(known, length)
+    check_order([(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)], length)
     holes, s = with_balls(scenario, path, own, length, mesh)
     check_balls(scenario.thread, holes)
     body, fit = stored_body(scenario, holes, mesh, store, given)
@@ -212,10 +210,10 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
     """Return the rest length of the thread [m]. Raises `ScenarioError` if it differs too much from the path."""
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
-        raise ScenarioError(refusal("thread.length", length, because("thread-short", path=path.length)))
+        raise refused("thread.length", length, "thread-short", path=path.length)
     if length > STRETCH * path.length:
-        reason = because("thread-long", path=path.length, share=path.length / length)
-        raise ScenarioError(refusal("thread.length", length, reason))
+        share = path.length / length
+        raise refused("thread.length", length, "thread-long", path=path.length, share=share)
     return length
 
 
@@ -224,7 +222,7 @@ def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[floa
     piercing before."""
     s: list[float] = []
     for hole in scenario.piercing:
-        s.append(hole.s if hole.s is not None else nearest_pass(path, hole.place, after=s[-1:]) * length / path.length)
+        s.append(nearest_pass(path, hole.place, s[-1:]) * length / path.length if hole.s is None else hole.s)
     return s
 
 
@@ -411,8 +409,7 @@ def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet
     """Return the organ's unrefined mesh, from the store if possible; None without an organ."""
     if scenario.tissue is None:
         return None
-    made: skfem.MeshTet = store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
-    return made
+    return store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
 
 
 def stored_body(
@@ -493,20 +490,14 @@ def organ_of(
         return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)
     if not inertia:
         loose = floats(scenario, scenario.tissue, body)
-        return (
-            tissue.FloatingOrgan(*known) if loose else still_organ(tissue.QuasiStaticOrgan(*known, ranks=given.ranks))
-        )
+        organ = tissue.FloatingOrgan(*known) if loose else tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
+        if given.ranks is not None:
+            organ.operator(0.0, 0.0)  # all ranks solve its columns now, because later they can do other work
+        return organ
     full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
     if scenario.tissue.reduction is not None:
         return reduced(full, scenario, store)
     return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
-
-
-def still_organ(organ: tissue.QuasiStaticOrgan) -> tissue.QuasiStaticOrgan:
-    """Return an organ whose columns are already solved by all its ranks, because later the ranks can do other work."""
-    if organ.ranks is not None:
-        organ.operator(0.0, 0.0)
-    return organ
 
 
 def floats(scenario: Scenario, table: model.Tissue, body: tissue.Elasticity) -> bool:
@@ -529,10 +520,10 @@ def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
 def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
     """Return an organ in the small basis of its scenario. Raises `TissueError` if none is possible."""
     assert scenario.tissue is not None and scenario.tissue.reduction is not None
-    asked = scenario.tissue.reduction
-    make = partial(tissue.reduce_organ, full, asked.blocks, asked.modes)
-    if asked.keep is not None:
-        make = partial(kept_reduction, full, asked.blocks, asked.modes, Path(asked.keep))
+    table = scenario.tissue.reduction
+    make = partial(tissue.reduce_organ, full, table.blocks, table.modes)
+    if table.keep is not None:
+        make = partial(kept_reduction, full, table.blocks, table.modes, Path(table.keep))
     return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
 
 

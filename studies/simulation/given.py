@@ -64,6 +64,11 @@ class Given:
         }
         return tuple(name for name, is_there in there.items() if is_there)
 
+    @property
+    def parts(self) -> dict[str, Any]:
+        """The parts by their names in `prepare`, without `ranks`."""
+        return {name: getattr(self, name) for name in ("mesh", "basis", "stiffness", "friction", "energy")}
+
     @cached_property
     def volume(self) -> skfem.MeshTet | None:
         """The organ's mesh from Python, or None for the scenario's own mesh. Raises `MeshError`, `ScenarioError`."""
@@ -76,13 +81,8 @@ class Given:
     def applied_to(self, scenario: Scenario) -> Scenario:
         """Return the scenario with the mesh from Python. Raises `ScenarioError` for parts that do not fit the
         scenario."""
-        if kinds := [*self._faults_of_kind()]:
-            raise ScenarioError(kinds)
-        faults = [
-            *self._faults_of_organ(scenario),
-            *self._faults_of_friction(scenario),
-            *self._faults_of_ranks(scenario),
-        ]
+        of_scenario = (self._faults_of_organ, self._faults_of_friction, self._faults_of_ranks)
+        faults = [*self._faults_of_kind()] or [fault for find in of_scenario for fault in find(scenario)]
         if faults:
             raise ScenarioError(faults)
         return scenario if self.volume is None else with_given_mesh(scenario, mesh_digest(self.volume))
@@ -160,8 +160,7 @@ class Given:
             return body
         own = skfem.Basis(body.mesh, body.basis.elem) if self.basis is None else self.basis
         if not is_numbered_like(own, body.basis):
-            reason = "its unknowns are not numbered by nodes, then (P2) edges"
-            raise ScenarioError(f"basis is refused: {reason}; make it without own dofs or elements")
+            raise ScenarioError(f"basis is refused: {because('basis-numbering')}")
         K: Any = self.stiffness(own) if callable(self.stiffness) else self.stiffness
         return replace(body, K=checked_stiffness(K, body), pressure=None)
 
@@ -220,36 +219,30 @@ def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
     """
     if not hasattr(K, "tocsr") or K.shape != body.K.shape:
         found = f"a {type(K).__name__} of shape {getattr(K, 'shape', '()')}"
-        reason = f"three unknowns at each of the {len(body.nodes)} nodes need {body.K.shape}"
-        raise ScenarioError(f"stiffness is refused: it is {found}; {reason}, in a sparse matrix")
+        needed = because("stiffness-shape", nodes=len(body.nodes), shape=body.K.shape)
+        raise ScenarioError(f"stiffness is refused: it is {found}; {needed}")
     if K.dtype.kind not in "fiu":
         raise ScenarioError(f"stiffness is refused: its numbers are {K.dtype}; give real numbers [N/m]")
-    made = csr_matrix(K.astype(float))
-    largest = float(np.abs(made.data).max(initial=0.0))
+    matrix = csr_matrix(K.astype(float))
+    largest = float(np.abs(matrix.data).max(initial=0.0))
     if not np.isfinite(largest):
         raise ScenarioError("stiffness is refused: it has numbers that are not finite; correct the form")
-    skew = float(np.abs((made - made.T).data).max(initial=0.0))
+    skew = float(np.abs((matrix - matrix.T).data).max(initial=0.0))
     if skew > SYMMETRIC * largest:
-        told = f"it is not symmetric: opposite entries differ by {skew / largest:.1e} of the largest"
-        raise ScenarioError(f"stiffness is refused: {told}; give the second derivative of an energy [N/m]")
-    if float(made.diagonal()[body.free].min(initial=np.inf)) <= 0.0:
-        raise ScenarioError("stiffness is refused: an unknown has no resistance; every diagonal entry must be positive")
-    return made
+        raise ScenarioError(f"stiffness is refused: {because('stiffness-skew', share=skew / largest)}")
+    if float(matrix.diagonal()[body.free].min(initial=np.inf)) <= 0.0:
+        raise ScenarioError(f"stiffness is refused: {because('stiffness-diagonal')}")
+    return matrix
 
 
 def check_density(density: Density, mu: float) -> None:
     """Refuse a density that is stressed at rest or changes under a pure rotation; `mu` [Pa] is the scale of both."""
     at_rest = float(np.abs(density.stress(np.eye(3)[:, :, None])).max())
     if not at_rest <= STRESSLESS * mu:
-        raise ScenarioError(
-            f"energy is refused: the reference shape has a stress of {at_rest:.3g} Pa; use W whose derivative is "
-            "zero at F = I, and tissue.prestretch for stretched tissue"
-        )
+        raise ScenarioError(f"energy is refused: {because('energy-stressed', stress=at_rest)}")
     here, turned = (float(density.energy(F[:, :, None])[0]) for F in (SHEARED, TURN @ SHEARED))
     if not abs(turned - here) <= INDIFFERENT * max(abs(here), mu):
-        raise ScenarioError(
-            f"energy is refused: a pure rotation changes W from {here:.6g} to {turned:.6g} J/m³; make W of C = FᵀF"
-        )
+        raise ScenarioError(f"energy is refused: {because('energy-rotation', here=here, turned=turned)}")
 
 
 def shear_moduli(density: Density) -> tuple[float, float]:

@@ -1,7 +1,5 @@
 """The strain-energy density of a scenario's organ, cell by cell if its regions differ."""
 
-from itertools import permutations
-
 import numpy as np
 
 import tissue
@@ -12,10 +10,6 @@ from studies.simulation.meshing import owned
 from tissue.materials.density import Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
-
-# Directions m and normals n of simple shears F = I + γ m ⊗ n, along and halfway between the axes, in both senses.
-AXES = [(np.eye(3)[i], np.eye(3)[j]) for i, j in permutations(range(3), 2)]
-PLANES = [(s * m, n) for a, b in AXES for m, n in ((a, b), ((a + b) / 2**0.5, (a - b) / 2**0.5)) for s in (1.0, -1.0)]
 
 
 def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:

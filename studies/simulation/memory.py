@@ -43,10 +43,17 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
         system = beginning.system
         if state.spline is None:
             system = replace(system, thread=system.thread.with_spline(Spline(memory["knots"])))
-        system = system.at(state)
-        energies, s_begun = unpack(beginning.energies, memory, "energies"), memory["s_begun"]
-        taut = memory["taut"]
-        tie_works = memory["tie_works"] if system.ties else beginning.tie_works
+        now = replace(
+            beginning,
+            system=system.at(state),
+            state=state,
+            energies=unpack(beginning.energies, memory, "energies"),
+            s_begun=memory["s_begun"],
+            taut=memory["taut"],
+            tie_works=memory["tie_works"] if system.ties else beginning.tie_works,
+            number=number,
+            fresh=number == 0 and beginning.fresh,
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
@@ -57,14 +64,4 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
             f'{beginning.state.organ.U.size}: it was solved in its Krylov space, but "auto" does not choose this '
             f"on this machine; continue where the run began, or {ANEW}"
         )
-    return replace(
-        beginning,
-        system=system,
-        state=state,
-        energies=energies,
-        s_begun=s_begun,
-        taut=taut,
-        tie_works=tie_works,
-        number=number,
-        fresh=number == 0 and beginning.fresh,
-    )
+    return now

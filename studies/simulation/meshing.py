@@ -28,10 +28,9 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.meanings import because
-from studies.scenario.organ import check_clamp, check_loads
-from studies.scenario.piercing import place_refusal
-from studies.scenario.refusal import dotted_key, refusal
+from studies.scenario.organ import idle_load, unknown_clamp
+from studies.scenario.piercing import place_refused
+from studies.scenario.table import refused
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +61,7 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     log.info("making the mesh: a %s", table.mesh.kind)
     mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
-        check_clamp(names, sorted(mesh.boundaries or {}), key)
+        report(unknown_clamp(names, sorted(mesh.boundaries or {}), key))
         check_outer(mesh, names, key)
     if not scenario.floats:
         check_held(mesh, table.clamp, table.roller)
@@ -74,7 +73,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
     """Return the mesh from its generator or file, graded towards the holes if their mesh size is given."""
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
-        raise ScenarioError(refusal("tissue.mesh.kind", shape.kind, because("mesh-given")))
+        raise refused("tissue.mesh.kind", shape.kind, "mesh-given")
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
@@ -101,8 +100,8 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
         mesh = read(shape.path, unit)
-        if problem := too_large(mesh.nelements, table.element):
-            raise ScenarioError(refusal("tissue.mesh.path", shape.path, f"it has {problem}; use a coarser mesh"))
+        if size := too_large(mesh.nelements, table.element):
+            raise refused("tissue.mesh.path", shape.path, "file-large", size=size)
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
@@ -111,13 +110,18 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     return fill(skin, grading, sites)
 
 
+def report(fault: str | None) -> None:
+    """Refuse the organ if a fault was found, None without a fault. Raises `ScenarioError`."""
+    if fault:
+        raise ScenarioError(f"tissue.{fault}")
+
+
 def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
     """Refuse a held boundary with facets inside the organ. Raises `ScenarioError`."""
     for name in names:
         inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
         if inside:
-            reason = because("facets-inside", count=inside, name=name)
-            raise ScenarioError(refusal(f"tissue.{key}", list(names), reason))
+            raise refused(f"tissue.{key}", list(names), "facets-inside", count=inside, name=name)
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:
@@ -186,10 +190,9 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
         tets = structured_tets(shape.size, grading, sites, planes)
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
-    if problem := too_large(tets, table.element):
+    if size := too_large(tets, table.element):
         key = "h" if grading.h_site == grading.h else "h_site"
-        reason = f"with h = {grading.h:g} m it has {problem}; use larger elements, and give sizes in m"
-        raise ScenarioError(refusal(f"tissue.mesh.{key}", getattr(grading, key), reason))
+        raise refused(f"tissue.mesh.{key}", getattr(grading, key), "mesh-large", h=grading.h, size=size)
 
 
 def too_large(tets: float, element: str) -> str | None:
@@ -211,7 +214,7 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
         beside, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
         away = float(np.linalg.norm([across, beside, below]))
         if away <= hole.footprint:
-            raise ScenarioError(place_refusal(hole, because("across-slit", away=away, reach=hole.footprint)))
+            raise place_refused(hole, "across-slit", away=away, reach=hole.footprint)
 
 
 def motions_left(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> tuple[Cells, list[Array]]:
@@ -228,21 +231,20 @@ def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] 
     loose = [k for k, motions in enumerate(left) if motions.size]
     if loose and len(left) > 1:
         centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
-        motions = tissue.motions_in_words(left[loose[0]])
-        reason = because("part-loose", parts=len(left), place=centre.tolist(), motions=motions)
-        raise ScenarioError(refusal("tissue.clamp", list(clamp), reason))
+        words = {"place": centre.tolist(), "motions": tissue.motions_in_words(left[loose[0]])}
+        raise refused("tissue.clamp", list(clamp), "part-loose", parts=len(left), **words)
 
 
 def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
     """Refuse a load on a boundary that is unknown, inside the organ, or with all nodes held."""
-    check_loads(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller)
+    report(idle_load(table.load, sorted(mesh.boundaries or {}), table.clamp, table.roller))
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
-        facets = (mesh.boundaries or {})[load.boundary]
+        facets, key = (mesh.boundaries or {})[load.boundary], f"tissue.load.{number}.boundary"
         if held[mesh.facets[:, facets]].all():
-            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, because("load-held")))
+            raise refused(key, load.boundary, "load-held")
         if np.any(mesh.f2t[1, facets] >= 0):
-            raise ScenarioError(refusal(f"tissue.load.{number}.boundary", load.boundary, because("load-inside")))
+            raise refused(key, load.boundary, "load-inside")
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
@@ -253,7 +255,7 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
         t = np.clip(np.sum((hole.place - p) * along, axis=1) / np.sum(along * along, axis=1), 0.0, 1.0)
         away = float(np.linalg.norm(p + t[:, None] * along - hole.place, axis=1).min())
         if away <= hole.footprint * (1 - ON_EDGE) + slack:
-            raise ScenarioError(place_refusal(hole, because("sharp-edge", away=away, reach=hole.footprint)))
+            raise place_refused(hole, "sharp-edge", away=away, reach=hole.footprint)
 
 
 def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
@@ -267,12 +269,12 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
     surface = mesh.boundary_facets()
     centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
     for box in boxes:
-        key = ["tissue", "boundary", box.name]
+        key = "tissue", "boundary", box.name
         if box.name in named:
-            raise ScenarioError(refusal(dotted_key(key), box.name, "the mesh already has this name; rename it"))
+            raise refused(key, box.name, "boundary-twice")
         named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
-            raise _nothing_in(mesh, dotted_key([*key, "box"]), box.box, "surface facet")
+            raise empty_place(mesh, (*key, "box"), box.box, "surface facet")
     return with_boundaries(mesh, named)
 
 
@@ -285,34 +287,26 @@ def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.
 
 def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
     """Return the cells of a region: named in the mesh file, or with their centre in its box or layer."""
-    key = ["tissue", "region", region.name]
-    centres = mesh.p[:, mesh.t].mean(axis=1)
-    place: object
+    centres, key = mesh.p[:, mesh.t].mean(axis=1), ("tissue", "region", region.name)
     if region.box is not None:
-        key, place = [*key, "box"], region.box
-        cells = np.flatnonzero(is_inside(centres, np.array(region.box)))
+        inside = is_inside(centres, np.array(region.box))
     elif region.depth is not None:
-        key, place = [*key, "depth"], region.depth
-        cells = np.flatnonzero((-centres[2] > region.depth[0]) & (-centres[2] < region.depth[1]))
+        inside = (-centres[2] > region.depth[0]) & (-centres[2] < region.depth[1])
+    elif region.name in (mesh.subdomains or {}):
+        return np.asarray(mesh.subdomains[region.name])
     else:
-        return _named_cells(mesh, region.name)
-    if not cells.size:
-        raise _nothing_in(mesh, dotted_key(key), place, "cell")
-    return cells
+        known = ", ".join(sorted(mesh.subdomains or {})) or "none"
+        raise refused((*key, "name"), region.name, "region-unknown", known=known)
+    if not inside.any():
+        place = "depth" if region.box is None else "box"
+        raise empty_place(mesh, (*key, place), getattr(region, place), "cell")
+    return np.flatnonzero(inside)
 
 
-def _named_cells(mesh: skfem.MeshTet, name: str) -> Cells:
-    there = dict(mesh.subdomains or {})
-    if name not in there:
-        known = ", ".join(sorted(there)) or "none"
-        key = dotted_key(["tissue", "region", name, "name"])
-        raise ScenarioError(refusal(key, name, because("region-unknown", known=known)))
-    return np.asarray(there[name])
-
-
-def _nothing_in(mesh: skfem.MeshTet, key: str, value: object, what: str) -> ScenarioError:
+def empty_place(mesh: skfem.MeshTet, key: Sequence[str], value: object, what: str) -> ScenarioError:
+    """Return the error for a place of this key without the centre of a cell or facet."""
     low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
-    return ScenarioError(refusal(key, value, f"no {what} has its centre in it; the organ spans {low} to {high} m"))
+    return refused(key, value, "place-empty", what=what, low=low, high=high)
 
 
 def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:

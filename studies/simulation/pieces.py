@@ -7,10 +7,9 @@ import numpy as np
 
 from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.meanings import because
-from studies.scenario.refusal import dotted_key, refusal
+from studies.scenario import Scenario
 from studies.scenario.scenario import check_spans
+from studies.scenario.table import refused
 from thread.cutting import SLIVER, cut
 from thread.errors import ThreadError
 from thread.spline import Spline
@@ -22,8 +21,9 @@ AT_CUT = 1e-9  # of the thread: at this distance round-off decides on which side
 def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None:
     """Refuse a hole, among those at `s` [m], at a cut of a thread of `length` [m]."""
     cuts = np.array(scenario.thread.cuts)
-    if at_cut := [value for value in s if np.abs(cuts - value).min(initial=np.inf) <= AT_CUT * length]:
-        raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, because("cut-at-hole", s=at_cut[0])))
+    for at in s:
+        if np.abs(cuts - at).min(initial=np.inf) <= AT_CUT * length:
+            raise refused("thread.cuts", scenario.thread.cuts, "cut-at-hole", s=at)
 
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
@@ -32,15 +32,15 @@ def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None
     if spline.pieces == 1:
         return
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
-    ends = ((0, scenario.thread.start), (spline.pieces - 1, scenario.thread.end))
-    held_by_end = {k for k, end in ends if end.kind != "free"}
+    held_by_end = np.zeros(spline.pieces, dtype=bool)
+    held_by_end[[0, -1]] = [end.kind != "free" for end in (scenario.thread.start, scenario.thread.end)]
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the thread's piece from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
-            reason = because("piece-coarse", where=where, points=points, least=least, holes=holes)
-            raise ScenarioError(refusal("thread.control_points", scenario.thread.control_points, reason))
-        if scenario.solve.kind == "static" and not holes and k not in held_by_end:
-            raise ScenarioError(refusal("thread.cuts", scenario.thread.cuts, because("piece-loose", where=where)))
+            words = {"where": where, "points": points, "least": least, "holes": holes}
+            raise refused("thread.control_points", scenario.thread.control_points, "piece-coarse", **words)
+        if scenario.solve.kind == "static" and not holes and not held_by_end[k]:
+            raise refused("thread.cuts", scenario.thread.cuts, "piece-loose", where=where)
 
 
 def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, key: str) -> None:
@@ -51,7 +51,7 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
     every = list(ends)
     for s in cuts:
         if min(abs(end - s) for end in every) < diameter:
-            raise ScenarioError(refusal(key, s, because("stub", diameter=diameter)))
+            raise refused(key, s, "stub", diameter=diameter)
         every.append(s)
 
 
@@ -65,26 +65,28 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
         try:
             spline, *_ = cut(spline, table.s, [np.zeros((spline.n, 1))])
         except ThreadError:
-            raise ScenarioError(refusal("cut.s", table.s, because("cut-near", spans=SLIVER))) from None
+            raise refused("cut.s", table.s, "cut-near", spans=SLIVER) from None
     check_spans([table.s for table in cuts], spline.piece_ends.tolist(), spline.breaks.tolist(), "cut.s")
 
 
 def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[float]) -> None:
     """Refuse hands that draw a piece of thread out of its hole at `s` [m], or one anchored hole past another."""
     anchored = [
-        (h, at) for h, at in zip(holes, s, strict=True) if h.kind == "anchored" and h.pull is None and h.from_ == 0.0
+        (hole, at)
+        for hole, at in zip(holes, s, strict=True)
+        if hole.kind == "anchored" and hole.pull is None and hole.from_ == 0.0
     ]
     times = sorted({0.0} | {time for hole, _ in anchored for time, *_ in hole.draw or ()})
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:
         piece, way = int(spline.piece_of(at)), at - drawn_length(hole, times)
-        key = dotted_key(["piercing", hole.name, "draw"])
+        key = "piercing", hole.name, "draw"
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
-            raise ScenarioError(refusal(key, hole.draw, because("drawn-out", at=at, begins=start, ends=end)))
+            raise refused(key, hole.draw, "drawn-out", at=at, begins=start, ends=end)
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
         if np.any(way <= last):
-            raise ScenarioError(refusal(key, hole.draw, because("drawn-past", name=name)))
+            raise refused(key, hole.draw, "drawn-past", name=name)
         before[piece] = (hole.name, way)
 
 

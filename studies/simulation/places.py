@@ -8,10 +8,10 @@ import skfem
 
 import tissue
 from studies import scenario as model
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.meanings import because
-from studies.scenario.refusal import as_toml, dotted_key, refusal
+from studies.scenario import Scenario
+from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
+from studies.scenario.table import refused
 from studies.scenario.values import Vector
 from studies.simulation.meshing import check_smooth, mesh_of
 from studies.simulation.sharing import Store, places_key
@@ -28,8 +28,8 @@ def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = 
     if scenario.tissue is None or all(hole.at != "surface" for hole in scenario.piercing):
         return scenario
     find = partial(holes_on_surface, scenario.tissue, scenario.piercing, given)
-    places = [hole.place for hole in store.take("places", places_key(scenario), find)]
-    holes = moved(scenario.piercing, places)
+    found = store.take("places", places_key(scenario), find)
+    holes = moved(scenario.piercing, [hole.place for hole in found])
     check_apart(holes)
     return scenario.model_copy(update={"piercing": holes})
 
@@ -58,8 +58,8 @@ def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
         place = np.array(hole.place) if hole.at != "surface" else find(hole.place, hole.line)
         if place is None:
             low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
-            reason = because("line-missing", near=as_toml(hole.near), line=as_toml(hole.line), low=low, high=high)
-            raise ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), hole.at, reason))
+            words = {"near": as_toml(hole.near), "line": as_toml(hole.line), "low": low, "high": high}
+            raise refused(("piercing", hole.name, "at"), hole.at, "line-missing", **words)
         x, y, z = (place + 0.0).tolist()  # no −0.0
         places.append((x, y, z))
     return moved(holes, places)

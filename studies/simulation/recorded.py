@@ -12,9 +12,8 @@ from studies.output.lock import folder_of, locked
 from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import check_given
-from studies.simulation.given import Given
 from studies.simulation.remedies import try_remedies
-from studies.simulation.sharing import Shared, Store
+from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Moments, OnStep, Simulation, prepare
 
 
@@ -53,23 +52,10 @@ def run(
                         recorder.record(step, frame)
             except CouplingError as failure:
                 if remedies:
-                    copy = partial(prepare_copy, simulation.assembly.given, Shared())
-                    recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, copy))
+                    make = partial(prepare, store=Shared(), **simulation.assembly.given.parts)
+                    recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, make))
                 raise
     return open_run(folder)
-
-
-def prepare_copy(given: Given, store: Store, scenario: Scenario) -> Simulation:
-    """Return a simulation with the parts `given` for another scenario; only the solution method can differ."""
-    return prepare(
-        scenario,
-        store,
-        given.mesh,
-        basis=given.basis,
-        stiffness=given.stiffness,
-        friction=given.friction,
-        energy=given.energy,
-    )
 
 
 def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:

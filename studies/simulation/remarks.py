@@ -4,7 +4,7 @@ Each function judges one quantity by plain numbers and returns its remarks. The 
 `studies.output.remarks`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 from math import dist
 from typing import Any
@@ -33,44 +33,47 @@ from thread.vectors import curvature
 
 MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
-# What organs and sutures have, with room to spare, in its unit, and others in which it may have been given.
+# For each key the least and largest value of organs and sutures, its unit, and other units.
 PLAUSIBLE = list_of(__file__, "plausible.toml")
 
 
 def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
     """Return the remarks before the first step, for a thread with control points `q` (n, c) [m]."""
-    scenario, system = assembly.scenario, assembly.system
-    thread = system.thread
-    straight = thread.bending and not thread.coil
-    bends = bent_sharply(*sharpest_bend(thread, q), thread.section.diameter) if straight else []
-    out = [*unlike_units(values_of(assembly)), *off_path(assembly), *bends, *handed_over(assembly.given, assembly.body)]
+    scenario, system, body = assembly.scenario, assembly.system, assembly.body
+    thread, holes = system.thread, scenario.piercing
+    out = [*unlike_units(values_of(assembly)), *off_path(assembly)]
+    if thread.bending and not thread.coil:
+        out += bent_sharply(*sharpest_bend(thread, q), thread.section.diameter)
+    out += handed_over(assembly.given, body)
     out += after_end(times_of(scenario), scenario.solve.duration)
-    out += [remark("rest-unloaded", key, ramp=ramp) for key, ramp in ramps_of(scenario).items() if ramp]
+    out += rest_unloaded(scenario)
     free = scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0])
     out += judged(free, "slides-freely", "piercing")
-    strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
-    E = moduli_at(assembly.body, scenario.piercing)
-    at = np.array(of_piercings(assembly.holes, assembly.at.tolist()))
-    body = assembly.body
-    sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in scenario.piercing]
-    radii = radii_at(scenario.piercing, sizes, body.element if body else "P1")
-    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength)
-    if body is None:
-        return out
-    return [
-        *out,
-        *(
-            said
-            for hole, size in zip(scenario.piercing, sizes, strict=True)
-            for said in coarse_cells(hole, size, body.element, assembly.fit is not None)
-        ),
-        *inaccurate_cells(assembly),
-        *near_holes(scenario.piercing),
-        *moved_holes(scenario.piercing),
-        *steep_friction(scenario.contact),
-        *unheld(scenario),
-        *along_path(assembly),
-    ]
+    at, E = np.array(of_piercings(assembly.holes, assembly.at.tolist())), moduli_at(body, holes)
+    sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in holes]
+    radii = radii_at(holes, sizes, body.element if body else "P1")
+    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength_of(scenario))
+    return out if body is None else [*out, *foreseen_in_organ(assembly, body, sizes)]
+
+
+def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequence[float]) -> list[Remark]:
+    """Return the remarks on the organ before the first step; its cells at the holes have `sizes` (p,) [m]."""
+    scenario, fit, out = assembly.scenario, assembly.fit, list[Remark]()
+    for hole, size in zip(scenario.piercing, sizes, strict=True):
+        out += coarse_cells(hole, size, body.element, fit is not None)
+    accuracy = scenario.tissue.mesh.accuracy if scenario.tissue else "given"
+    if fit is not None and accuracy != "given":
+        named = zip(assembly.holes, fit.errors.tolist(), strict=True)
+        errors = {hole.name: error for hole, error in named}
+        out += inaccurate(accuracy, errors, fit.rounds[-1].unknowns)
+    out += near_holes(scenario.piercing) + moved_holes(scenario.piercing)
+    out += steep_friction(scenario.contact) + unheld(scenario)
+    return out + along_path(assembly)
+
+
+def strength_of(scenario: Scenario) -> float | None:
+    """Return the knot-pull strength of the suture [N], None if unknown."""
+    return knot_pull(scenario.thread.suture) if scenario.thread.suture else None
 
 
 def times_of(scenario: Scenario) -> dict[str, float]:
@@ -80,13 +83,13 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 
 
-def ramps_of(scenario: Scenario) -> dict[str, float]:
-    """Return the ramps of dead loads on a thread that starts at rest [s], by the key of the end; empty for a
-    start on the path."""
-    if scenario.solve.start != "rest":
-        return {}
-    ends = {"thread.start": scenario.thread.start, "thread.end": scenario.thread.end}
-    return {key: end.ramp for key, end in ends.items() if isinstance(end, model.PulledEnd) and end.ramp is not None}
+def rest_unloaded(scenario: Scenario) -> list[Remark]:
+    """Return remarks on ramps of dead loads on a thread that starts at rest."""
+    out = []
+    for key, end in (("thread.start", scenario.thread.start), ("thread.end", scenario.thread.end)):
+        if scenario.solve.start == "rest" and isinstance(end, model.PulledEnd) and end.ramp:
+            out.append(remark("rest-unloaded", key, ramp=end.ramp))
+    return out
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
@@ -112,39 +115,29 @@ def met(assembly: Assembly, ending: records.Ending) -> list[Remark]:
     scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
-    strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     dynamic, diameter = scenario.solve.kind == "dynamic", assembly.system.thread.section.diameter
-    return [
-        *(
-            []
-            if isinstance(assembly.organ, tissue.FiniteOrgan)
-            else [*beyond_at_holes(names, extremes), *beyond_in_tissue(extremes)]
-        ),
-        *missed_by_basis(names, extremes),
-        *torn(names, extremes, strengths),
-        *turned_pressure(extremes),
-        *crossed_lips(extremes),
-        *overloaded(extremes, strength),
-        *(said for tract in step.tracts for said in stiff_in_tract(scenario, tract)),
-        *assumed_channels(scenario.piercing, step.piercings),
-        *coarse_spans(step.span_ratio),
-        *few_spans(step.spans_between),
-        *([] if dynamic and moves(step.energy) else unstable(step.would_stay)),
-        *followed(extremes.branches),
-        *past_limit(extremes.fallen / scenario.solve.duration),
-        *(audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step)) if dynamic else []),
-        *(
-            unsettled(step.energy, step.slide_speed * step.time, section_of(scenario.thread).diameter)
-            if dynamic
-            else []
-        ),
-        *sunk(step.strands, [hole.s for hole in step.piercings], names, diameter, assembly.system.bears),
-        *left_holes(scenario.piercing, step),
-        *undone(scenario, step),
-        *(locked_slack(scenario.tie, extremes.locked) if dynamic else []),
-        *(swinging(extremes.swing) if dynamic else []),
-        *(chattering(names, extremes.chattered) if dynamic else []),
-    ]
+    out = []
+    if not isinstance(assembly.organ, tissue.FiniteOrgan):
+        out += beyond_at_holes(names, extremes) + beyond_in_tissue(extremes)
+    out += missed_by_basis(names, extremes) + torn(names, extremes, strengths)
+    out += on_surfaces(extremes) + overloaded(extremes, strength_of(scenario))
+    for tract in step.tracts:
+        out += stiff_in_tract(scenario, tract)
+    out += assumed_channels(scenario.piercing, step.piercings)
+    out += coarse_spans(step.span_ratio) + few_spans(step.spans_between)
+    if not (dynamic and moves(step.energy)):
+        out += judged(not step.would_stay, "would-not-stay", "solve")
+    out += along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
+    if dynamic:
+        out += audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step))
+        out += unsettled(step.energy, step.slide_speed * step.time, diameter)
+    abscissae = [hole.s for hole in step.piercings]
+    out += sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
+    out += left_holes(scenario.piercing, step) + undone(scenario, step)
+    if dynamic:
+        out += locked_slack(scenario.tie, extremes.locked) + swinging(extremes.swing)
+        out += chattering(names, extremes.chattered)
+    return out
 
 
 def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> list[Remark]:
@@ -179,27 +172,24 @@ def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> list[Re
 
 def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> list[Remark]:
     """Return remarks on the pressure at holes above the tissue's strength [Pa], which is infinite if unknown."""
-    numbers = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
-    return [
-        remark("tears", name, pressure=pressure, strength=strength)
-        for name, pressure, strength in numbers
-        if pressure > strength
-    ]
+    out = []
+    for name, pressure, strength in zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True):
+        out += judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
+    return out
 
 
-def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[records.PiercingRecord]) -> list[Remark]:
+def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> list[Remark]:
     """Return a remark on the hole whose friction depends most on the length of its assumed channel."""
     losses: list[tuple[list[float], float, str]] = []
-    for hole, seen in zip(holes, found, strict=True):
-        if hole.channel is not None or seen.channel is None or hole.friction is None:
+    for hole, found in zip(holes, observed, strict=True):
+        if hole.channel is not None or found.channel is None or hole.friction is None:
             continue
-        across = float(np.linalg.norm(seen.force - seen.tangential_force * seen.tangent))
-        half, twice = 2.0 * seen.normal_force, max(across, 0.5 * seen.normal_force)
-        taken = hole.friction.kinetic * np.array([half, seen.normal_force, twice])
-        if seen.normal_force > bounds.RULES * across and taken[0] - taken[2] > bounds.UNSURE * max(
-            seen.tension_before, 0.0
-        ):
-            losses.append((taken.tolist(), seen.channel, seen.name))
+        across = float(np.linalg.norm(found.force - found.tangential_force * found.tangent))
+        half, twice = 2.0 * found.normal_force, max(across, 0.5 * found.normal_force)
+        friction = hole.friction.kinetic * np.array([half, found.normal_force, twice])
+        unsure = friction[0] - friction[2] > bounds.UNSURE * max(found.tension_before, 0.0)
+        if unsure and found.normal_force > bounds.RULES * across:
+            losses.append((friction.tolist(), found.channel, found.name))
     if not losses:
         return []
     (half, now, twice), channel, name = max(losses)
@@ -207,15 +197,13 @@ def assumed_channels(holes: Sequence[model.Piercing], found: Sequence[records.Pi
     return [remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)]
 
 
-def turned_pressure(extremes: records.Extremes) -> list[Remark]:
-    """Return a remark on the turn of pressed surfaces."""
-    turn = extremes.pressed_turn
-    return judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn)
-
-
-def crossed_lips(extremes: records.Extremes) -> list[Remark]:
-    """Return a remark on the overlap of lips without contact."""
-    return judged(extremes.crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=extremes.crossed)
+def on_surfaces(extremes: records.Extremes) -> list[Remark]:
+    """Return remarks on the turn of pressed surfaces and on the overlap of lips without contact."""
+    turn, crossed = extremes.pressed_turn, extremes.crossed
+    return [
+        *judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn),
+        *judged(crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=crossed),
+    ]
 
 
 def overloaded(extremes: records.Extremes, strength: float | None) -> list[Remark]:
@@ -238,19 +226,15 @@ def few_spans(number: float | None) -> list[Remark]:
     return judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
 
 
-def followed(branches: float) -> list[Remark]:
-    """Return a remark on the number of load steps that followed a branch by arc length."""
-    return judged(branches >= 1.0, "branch", "solve", branches=branches)
+def along_branch(branches: float, fallen: float) -> list[Remark]:
+    """Return remarks on load steps that followed a branch by arc length, and on loads that decreased along the branch.
 
-
-def past_limit(fallen: float) -> list[Remark]:
-    """Return a remark if the loads have `fallen` along a branch, as a share of the full loads."""
-    return judged(fallen > bounds.FALLEN, "limit-point", "solve", fallen=fallen)
-
-
-def unstable(would_stay: bool) -> list[Remark]:
-    """Return a remark on an unstable equilibrium of the thread."""
-    return judged(not would_stay, "would-not-stay", "solve")
+    `branches` is the number of these steps, `fallen` the decrease as a share of the full loads.
+    """
+    return [
+        *judged(branches >= 1.0, "branch", "solve", branches=branches),
+        *judged(fallen > bounds.FALLEN, "limit-point", "solve", fallen=fallen),
+    ]
 
 
 def rubs(assembly: Assembly) -> bool:
@@ -260,9 +244,8 @@ def rubs(assembly: Assembly) -> bool:
 
 def has_slid(assembly: Assembly, step: records.StepRecord) -> bool:
     """Return whether a thread with friction was drawn through a hole by more than its diameter."""
-    diameter = section_of(assembly.scenario.thread).diameter
-    drawn = (abs(hole.slip) for hole in step.piercings)
-    return bool(assembly.system.rough.any()) and max(drawn, default=0.0) > bounds.SLID * diameter
+    limit = bounds.SLID * assembly.system.thread.section.diameter
+    return bool(assembly.system.rough.any()) and any(abs(hole.slip) > limit for hole in step.piercings)
 
 
 def audited(energy: records.EnergyRecord, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
@@ -306,11 +289,10 @@ def unsettled(energy: records.EnergyRecord, slide: float, diameter: float) -> li
 
 def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> list[Remark]:
     """Return a remark on holes without the thread at the end of a run, though they have begun and not ended."""
-    times = [(hole.from_, np.inf if hole.until is None else hole.until) for hole in holes]
     left = [
         found.name
-        for found, (begins, ends) in zip(step.piercings, times, strict=True)
-        if found.state == "left" and begins < step.time < ends
+        for hole, found in zip(holes, step.piercings, strict=True)
+        if found.state == "left" and hole.from_ < step.time < (hole.until or np.inf)
     ]
     words = f"hole{'s' * (len(left) > 1)} {', '.join(map(repr, left))}"
     return judged(bool(left), "hole-left", left[0] if left else "", holes=words, time=step.time)
@@ -355,22 +337,13 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
     return [remark("chatter", names[first], time=times[first], also=also)]
 
 
-def inaccurate_cells(assembly: Assembly) -> list[Remark]:
-    """Return remarks on the cells at the holes of a refined mesh."""
-    table, fit = assembly.scenario.tissue, assembly.fit
-    if fit is None or table is None or table.mesh.accuracy == "given":
-        return []
-    named = zip(assembly.holes, fit.errors.tolist(), strict=True)
-    return inaccurate(table.mesh.accuracy, {hole.name: error for hole, error in named}, fit.rounds[-1].unknowns)
-
-
 def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> list[Remark]:
     """Return remarks on errors of the holes' compliance above the requested `accuracy`."""
-    percent = {name: 100.0 * error for name, error in errors.items() if error > accuracy}
-    return [
-        remark("accuracy", name, error=error, accuracy=100.0 * accuracy, unknowns=unknowns)
-        for name, error in percent.items()
-    ]
+    out = []
+    for name, error in errors.items():
+        percent = {"error": 100.0 * error, "accuracy": 100.0 * accuracy}
+        out += judged(error > accuracy, "accuracy", name, **percent, unknowns=unknowns)
+    return out
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
@@ -384,11 +357,12 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
 
 def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
     """Return remarks on holes that were moved far to the surface."""
-    return [
-        remark("moved", hole.name, moved=hole.moved / MILLI, footprint=hole.footprint / MILLI)
-        for hole in holes
-        if hole.moved is not None and hole.moved > bounds.MOVED * hole.footprint
-    ]
+    out = []
+    for hole in holes:
+        sizes = {"moved": (hole.moved or 0.0) / MILLI, "footprint": hole.footprint / MILLI}
+        far = hole.moved is not None and hole.moved > bounds.MOVED * hole.footprint
+        out += judged(far, "moved", hole.name, **sizes)
+    return out
 
 
 def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
@@ -403,8 +377,10 @@ def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
 
 def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
     """Return remarks on contacts with a large coefficient of friction."""
-    steep = [pair for pair in contacts if pair.friction > bounds.STEEP]
-    return [remark("contact-rough", " - ".join(pair.between), pair=pair) for pair in steep]
+    out = []
+    for pair in contacts:
+        out += judged(pair.friction > bounds.STEEP, "contact-rough", " - ".join(pair.between), pair=pair)
+    return out
 
 
 def unheld(scenario: Scenario) -> list[Remark]:
@@ -571,24 +547,16 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
 
 
 def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
-    """Return remarks on values [SI] outside the range of organs and sutures, by their key."""
-    return [
-        remark("units", key, **in_other_units(key, odd))
-        for key, found in values.items()
-        for odd in odd_values(found, *PLAUSIBLE[key][:2])
-    ]
+    """Return remarks on values [SI] outside the range of organs and sutures, by their key.
 
-
-def odd_values(values: Array, low: float, high: float) -> Iterable[float]:
-    """Return the first value outside two bounds, in a list; empty if there is none."""
-    return values[(values < low) | (values > high)][:1].tolist()
-
-
-def in_other_units(key: str, value: float) -> dict[str, object]:
-    """Return what to say of a value that is unlike an organ or a suture, with other units in which it would be like
-    one."""
-    low, high, unit, others = PLAUSIBLE[key]
-    likely = [other for other, factor in others.items() if low <= factor * value <= high]
-    which = f"is it in {' or '.join(likely)}?" if likely else "is it in another unit than SI?"
-    named = "the organ is" if key == "size" else f"{key} ="
-    return {"named": named, "value": value, "unit": unit, "low": low, "high": high, "which": which}
+    A remark shows the first such value of a key and the units in which this value would be plausible.
+    """
+    out = []
+    for key, numbers in values.items():
+        low, high, unit, others = PLAUSIBLE[key]
+        for value in numbers[(numbers < low) | (numbers > high)][:1].tolist():
+            likely = [other for other, factor in others.items() if low <= factor * value <= high]
+            which = f"is it in {' or '.join(likely)}?" if likely else "is it in another unit than SI?"
+            words = {"named": "the organ is" if key == "size" else f"{key} =", "unit": unit, "which": which}
+            out.append(remark("units", key, value=value, low=low, high=high, **words))
+    return out

@@ -42,7 +42,7 @@ from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Store, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
 from studies.simulation.timing import timed
-from studies.simulation.tracts import Ball
+from studies.simulation.tracts import of_piercings
 
 OnStep = Callable[[StepRecord], None]
 Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # steps, each with a function that makes its frame
@@ -100,19 +100,18 @@ class Simulation:
         Empty without refinement. With `tissue.mesh.bound` also the `bounds` of the exact compliance over the
         compliance of the mesh, lower and upper [-].
         """
-        fit, out = self.assembly.fit, {}
+        fit, out = self.assembly.fit, dict[str, Any]()
         if fit is not None:
-            errors = {name: error for name, error in self._by_piercing(fit.errors) if np.isfinite(error)}
-            out = {"rounds": [one.record() for one in fit.rounds], "errors": errors}
-        if (known := bounds_of(self.scenario, self.assembly.body, self.assembly.holes)) is not None:
-            out["bounds"] = {name: pair for name, pair in self._by_piercing(known) if np.isfinite(pair).all()}
+            out = {"rounds": [one.record() for one in fit.rounds], "errors": self._by_piercing(fit.errors)}
+        if (bounds := bounds_of(self.scenario, self.assembly.body, self.assembly.holes)) is not None:
+            out["bounds"] = self._by_piercing(bounds)
         return out
 
-    def _by_piercing(self, values: Array) -> Iterator[tuple[str, Any]]:
-        """Yield the piercings' names and values, from `(p,)` or `(p, k)` values of all sites."""
-        for hole, value in zip(self.assembly.holes, values.tolist(), strict=True):
-            if not isinstance(hole, Ball):
-                yield hole.name, value
+    def _by_piercing(self, values: Array) -> dict[str, Any]:
+        """Return the finite values by their piercing, from `(p,)` or `(p, k)` values of all holes."""
+        own = of_piercings(self.assembly.holes, values.tolist())
+        named = zip((hole.name for hole in self.scenario.piercing), own, strict=True)
+        return {name: value for name, value in named if np.isfinite(value).all()}
 
     @cached_property
     def foreseen(self) -> list[Remark]:
@@ -175,9 +174,10 @@ class Simulation:
         With the `memory` of a step's record: this step again, then the steps after it. Raises `ScenarioError`
         for a memory of another simulation.
         """
+        at_rest = self.scenario.solve.start == "rest"
         if memory is None:
-            return self._from(self.laid(), self._starts_at_rest)
-        return self._from(recall(replace(self.laid(), fresh=not self._starts_at_rest), memory), False)
+            return self._from(self.laid(), at_rest)
+        return self._from(recall(replace(self.laid(), fresh=not at_rest), memory), False)
 
     def _from(self, now: OrganRun, rests: bool) -> Moments:
         """Yield the steps from the present state, or from its state of rest.
@@ -186,15 +186,15 @@ class Simulation:
         """
         with threadpool_limits(limits=1, user_api="blas"):
             now = now.rested() if rests else now
-            yield from self._told(self.record(now), now)
+            yield from self._reported(self.record(now), now)
             while now.number < self.steps:
                 runs, seconds = timed(partial(self.onward, now), self._newton == "compiled")
                 for run in runs:
                     record = self.record(run, seconds / len(runs))
-                    yield from self._told(record if self.is_on_grid(run) else replace(record, kept=None), run)
+                    yield from self._reported(record if self.is_on_grid(run) else replace(record, kept=None), run)
                 now = runs[-1]
 
-    def _told(self, record: StepRecord, now: OrganRun) -> Moments:
+    def _reported(self, record: StepRecord, now: OrganRun) -> Moments:
         """Yield a step, and call `on_step` after the caller has used the step, so that it is recorded first."""
         yield record, partial(self.snapshot, now)
         if self.on_step is not None:
@@ -213,30 +213,23 @@ class Simulation:
         """
         return Stepper(self, end, deadline)
 
-    @property
-    def _starts_at_rest(self) -> bool:
-        """Whether the run starts from an equilibrium without slack."""
-        return self.scenario.solve.start == "rest"
-
     def beginning(self) -> OrganRun:
         """Return the run before the first step. Raises `RestError` for a start at rest without equilibrium."""
-        if not self._starts_at_rest:
+        if self.scenario.solve.start == "path":
             return self.laid()
         with threadpool_limits(limits=1, user_api="blas"):
             return self.laid().rested()
 
     def laid(self) -> OrganRun:
         """Return the run with the thread as laid."""
-        made, solve = self.assembly, self.scenario.solve
-        one_system = (solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit")
-        cuts = tuple(Cut(table.s, table.time) for table in self.scenario.cut)
+        solve, cuts = self.scenario.solve, [Cut(table.s, table.time) for table in self.scenario.cut]
         return begin(
-            made.system,
+            self.assembly.system,
             self.start,
             method(solve),
-            given=made.begin_abscissae,
-            downhill=one_system,
-            cuts=cuts,
+            given=self.assembly.begin_abscissae,
+            downhill=(solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit"),
+            cuts=tuple(cuts),
             tolerance=np.inf if solve.tolerance is None else solve.tolerance,
         )
 
@@ -245,13 +238,12 @@ class Simulation:
         solve, number = self.scenario.solve, now.number + 1
         if solve.kind == "static":
             return now.load(number / self.steps, solve.duration)
-        dt = self.length_of(number)
-        return now.step(solve.dt if self.is_whole(dt) else dt, self.time_of(number))
+        return now.step(self.length_of(number), self.time_of(number))
 
     def onward(self, now: OrganRun) -> list[OrganRun]:
         """Return the runs after the next steps: of all steps that are made in one call, else of one step."""
         solve, numbers = self.scenario.solve, range(now.number + 1, min(now.number + AT_ONCE, self.steps) + 1)
-        whole = [number for number in numbers if self.is_whole(self.length_of(number))]
+        whole = [number for number in numbers if self.length_of(number) == solve.dt]
         if solve.kind == "static" or not whole:
             return [self.next(now)]
         return now.each_of_steps(solve.dt, [self.time_of(number) for number in whole])
@@ -262,13 +254,11 @@ class Simulation:
         return solve.duration if number == self.steps else number * solve.dt
 
     def length_of(self, number: int) -> float:
-        """Return the length of a step [s]."""
+        """Return the length of a step [s]; only the last step can be shorter, by more than round-off."""
         solve = self.scenario.solve
-        return solve.duration - (number - 1) * solve.dt if number == self.steps else solve.dt
-
-    def is_whole(self, dt: float) -> bool:
-        """Return whether a step of `dt` seconds has full length, up to round-off."""
-        return abs(dt - self.scenario.solve.dt) < WHOLE * self.scenario.solve.dt
+        rest = solve.duration - (number - 1) * solve.dt
+        whole = number < self.steps or abs(rest - solve.dt) < WHOLE * solve.dt
+        return solve.dt if whole else rest
 
     def snapshot(self, now: OrganRun) -> Snapshot:
         """Return the snapshot of a state."""
@@ -279,8 +269,7 @@ class Simulation:
     def _cells_at_holes(self) -> tuple[NDArray[np.intp], ...]:
         """The cells on which each hole bears, without the balls of tracts."""
         organ: Any = self.assembly.organ
-        each = zip(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites), strict=True)
-        return tuple(cells for hole, cells in each if not isinstance(hole, Ball))
+        return tuple(of_piercings(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites)))
 
     def organ_record(self, state: State) -> OrganRecord | None:
         """Return the displacement, stress and strain of the organ, None without one."""
@@ -449,6 +438,6 @@ def sound_start(assembly: Assembly, store: Store) -> State:
             refuse_unbalanced(assembly.system, state, solve.duration if solve.kind == "static" else 0.0)
         except UnbalancedError as error:
             otherwise = ', or set solve.start = "path"' if solve.start == "rest" else ""
-            told = f"{error.cause}, so there is no equilibrium; {error.remedy}{otherwise}"
-            raise ScenarioError(f"thread.start.force and thread.end.force are refused: {told}") from error
+            reason = f"{error.cause}, so there is no equilibrium; {error.remedy}{otherwise}"
+            raise ScenarioError(f"thread.start.force and thread.end.force are refused: {reason}") from error
     return state

@@ -17,9 +17,8 @@ from threadpoolctl import ThreadpoolController
 
 from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.meanings import because
-from studies.scenario.refusal import refusal
+from studies.scenario import Scenario
+from studies.scenario.table import refused
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
 
@@ -95,16 +94,15 @@ class Stepper:
     def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
         scenario = simulation.scenario
         if end not in ENDS:
-            raise ScenarioError(refusal("end", end, 'allowed are "start" and "end", of the thread'))
+            raise refused("end", end, "end-unknown")
         if deadline is not None and not deadline >= 0.0:
-            raise ScenarioError(refusal("deadline", deadline, because("deadline")))
+            raise refused("deadline", deadline, "deadline")
         if scenario.solve.kind == "static":
-            raise ScenarioError(refusal("solve.kind", "static", "a stepper needs time steps; use dynamic"))
+            raise refused("solve.kind", "static", "stepper-static")
         self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
         self._now = simulation.beginning()
         if not is_led(self._now.system.ends[self._side]):
-            kind = getattr(scenario.thread, end).kind
-            raise ScenarioError(refusal(f"thread.{end}.kind", kind, because("end-free")))
+            raise refused(f"thread.{end}.kind", getattr(scenario.thread, end).kind, "end-free")
         self._seconds, self._missed = array("d"), 0
         self._threads = ThreadpoolController()
 

@@ -1,8 +1,8 @@
 """Tracts: the tissue balls on which the thread bears between two holes, in a row along its path."""
 
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
 import skfem
@@ -10,12 +10,12 @@ import skfem
 import tissue
 from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Friction, Piercing, Scenario, ScenarioError, Tract
-from studies.scenario.meanings import because
-from studies.scenario.refusal import refusal
+from studies.scenario import Piercing, Scenario, Tract
+from studies.scenario.table import refused
 from thread.path import RoundedPath
 
 Distances = Callable[[Array], Array]
+Value = TypeVar("Value")
 
 LOOKS = 8  # per radius: number of places along a path at which its depth is computed
 MOST_LOOKS = 2000
@@ -38,18 +38,6 @@ class Ball(Piercing):
     part: int
 
 
-@dataclass(frozen=True)
-class Way:
-    """The part of a path between two holes, from abscissa `first` to `last` [m].
-
-    `deep` are its parts at least a radius deep in the tissue, `(k, 2)` [m].
-    """
-
-    first: float
-    last: float
-    deep: Array
-
-
 def with_balls(
     scenario: Scenario, path: RoundedPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
 ) -> tuple[tuple[Piercing, ...], list[float]]:
@@ -62,19 +50,19 @@ def with_balls(
         return tuple(holes), places
     depths = tissue.depths(mesh)
     for number, tract in enumerate(scenario.tract):
-        ends = [next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between]
-        cut = next((cut for cut in scenario.thread.cuts if places[ends[0]] < cut < places[ends[1]]), None)
-        if cut is not None:
-            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, because("tract-cut", cut=cut)))
-        way = way_of(path, [places[k] * path.length / length for k in ends], radius_of(tract, holes), depths)
-        if not len(way.deep):
-            reason = because("tract-shallow", radius=radius_of(tract, holes), number=number)
-            raise ScenarioError(refusal(f"tract.{number}.between", tract.between, reason))
-        balls = balls_of(tract, path, way, radius_of(tract, holes))
-        share = [(float(path_at) - way.first) / (way.last - way.first) for path_at, _ in balls]
-        low, high = places[ends[0]], places[ends[1]]
-        holes[ends[1] : ends[1]] = [ball for _, ball in balls]
-        places[ends[1] : ends[1]] = [low + part * (high - low) for part in share]
+        first, last = (next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between)
+        low, high = places[first], places[last]
+        for cut in scenario.thread.cuts:
+            if low < cut < high:
+                raise refused(f"tract.{number}.between", tract.between, "tract-cut", cut=cut)
+        radius, ends = radius_of(tract, holes), (low * path.length / length, high * path.length / length)
+        deep = deep_parts(path, *ends, radius, depths)
+        if not len(deep):
+            raise refused(f"tract.{number}.between", tract.between, "tract-shallow", radius=radius, number=number)
+        balls = balls_of(tract, path, deep, radius)
+        shares = [(at - ends[0]) / (ends[1] - ends[0]) for at, _ in balls]
+        holes[last:last] = [ball for _, ball in balls]
+        places[last:last] = [low + share * (high - low) for share in shares]
     return tuple(holes), places
 
 
@@ -83,9 +71,11 @@ def radius_of(tract: Tract, holes: Sequence[Piercing]) -> float:
     return tract.radius or min(hole.footprint for hole in holes if hole.name in tract.between)
 
 
-def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Callable[[Array], Array]) -> Way:
-    """Return the part of a path between two abscissae; `depths` returns the depth of points `(k, 3)` [m]."""
-    first, last = ends
+def deep_parts(path: RoundedPath, first: float, last: float, radius: float, depths: Distances) -> Array:
+    """Return the parts of a path between two abscissae that are at least a `radius` deep in the tissue.
+
+    The result has shape `(k, 2)` [m]. `depths` returns the depth of points `(k, 3)` [m].
+    """
     number = int(np.clip(np.ceil(LOOKS * (last - first) / radius), LOOKS, MOST_LOOKS))
     at = np.linspace(first, last, number + 1)
     below = depths(path.position(at)) - radius
@@ -104,35 +94,31 @@ def way_of(path: RoundedPath, ends: Sequence[float], radius: float, depths: Call
         return float(low)
 
     parts = [(border(b, b - 1), border(e, e + 1)) for b, e in zip(begins.tolist(), stops.tolist(), strict=True)]
-    return Way(first, last, np.reshape([part for part in parts if part[1] > part[0]], (-1, 2)))
+    return np.reshape([part for part in parts if part[1] > part[0]], (-1, 2))
 
 
-def of_piercings(holes: Sequence[Piercing], values: Sequence[float]) -> list[float]:
+def of_piercings(holes: Sequence[Piercing], values: Sequence[Value]) -> list[Value]:
     """Return the values of holes that belong to piercings, without balls."""
     return [value for hole, value in zip(holes, values, strict=True) if not isinstance(hole, Ball)]
 
 
-def balls_of(tract: Tract, path: RoundedPath, way: Way, radius: float) -> list[tuple[float, Ball]]:
-    """Return the balls of a tract and their abscissae on the path [m], evenly spaced from end to end of each
-    deep part.
+def balls_of(tract: Tract, path: RoundedPath, deep: Array, radius: float) -> list[tuple[float, Ball]]:
+    """Return the balls of a tract and their abscissae on the path [m].
 
-    Balls at both ends make this converge fast, because the thread presses hardest there.
+    They are evenly spaced from end to end of each `deep` part (k, 2) [m]. Balls at both ends make
+    this converge fast, because the thread presses hardest there.
     """
     balls: list[tuple[float, float, int]] = []
-    for part, (low, high) in enumerate(way.deep.tolist()):
+    for part, (low, high) in enumerate(deep.tolist()):
         count = int(np.ceil((high - low) / (tract.spacing or radius) * (1.0 - ROUND_OFF)))
         step = (high - low) / count
         balls += [(low + k * step, step * (0.5 if k in (0, count) else 1.0), part) for k in range(count + 1)]
-    given, out = tract.friction, []
-    for k, (at, length, part) in enumerate(balls, start=1):
-        x, y, z = path.position(at).tolist()
-        friction = given and Friction(static=given.static, kinetic=given.kinetic, grip=given.shared(len(balls)))
-        name = f"{tract.name}.{k}"
-        ball = Ball(
-            name=name, at=(x, y, z), footprint=radius, friction=friction, tract=tract.name, length=length, part=part
-        )
-        out.append((at, ball))
-    return out
+    friction = tract.friction and tract.friction.shared(len(balls))
+    same: dict[str, Any] = {"footprint": radius, "friction": friction, "tract": tract.name}
+    return [
+        (at, Ball(name=f"{tract.name}.{k}", at=tuple(path.position(at).tolist()), length=length, part=part, **same))
+        for k, (at, length, part) in enumerate(balls, start=1)
+    ]
 
 
 def bites_of(
@@ -195,5 +181,5 @@ def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls
     if balls and thread.knots == "fixed" and thread.control_points < least:
-        reason = because("balls-many", holes=len(holes) - balls, balls=balls, least=least)
-        raise ScenarioError(refusal("thread.control_points", thread.control_points, reason))
+        words = {"holes": len(holes) - balls, "balls": balls, "least": least}
+        raise refused("thread.control_points", thread.control_points, "balls-many", **words)

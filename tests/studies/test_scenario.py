@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
 from studies.scenario.meanings import KEYS, REASONS
-from studies.scenario.organ import check_clamp
+from studies.scenario.organ import unknown_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
 from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS, ScenarioTable
@@ -581,11 +581,13 @@ def test_every_refusal_has_a_reason() -> None:
     sources = [path for room in ("scenario", "simulation") for path in (SCENES.parents[1] / room).glob("*.py")]
     calls = [call for path in sources for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
     named = {"_refuse": set[str](), "because": set[str]()}
+    places = {"_refuse": 1, "because": 0, "refused": 2, "place_refused": 1}  # of the name among the arguments
     for call in (call for call in calls if isinstance(call, ast.Call)):
         called = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
-        if called in named:
-            name = ast.unparse(call.args[called == "_refuse"])
-            named[called].add(re.sub(r"\{\w+\}", r"[a-z_.]+", name.lstrip("f")[1:-1]))
+        if called in places and not isinstance(call.args[places[called]], ast.Name):  # which passes a name on
+            name = ast.unparse(call.args[places[called]])
+            reasons = named["_refuse" if called == "_refuse" else "because"]
+            reasons.add(re.sub(r"\{\w+\}", r"[a-z_.]+", name.lstrip("f")[1:-1]))
     told = {name for table, own in REASONS.items() if table != "functions" for name in own}
     assert all(any(re.fullmatch(name, known) for known in told) for name in named["_refuse"])
     assert all(any(re.fullmatch(name, known) for name in named["_refuse"]) for known in told)
@@ -634,9 +636,9 @@ def test_control_points_and_clamps() -> None:
     check_control_points(10, 2)
     with pytest.raises(ScenarioError, match=r"thread\.control_points = 9 is refused: .*at least 10"):
         check_control_points(9, 2)
-    check_clamp(["bed"], ["bed"])
-    with pytest.raises(ScenarioError, match=r"tissue\.clamp = \[\"bad\"\] .* boundaries are bed, side"):
-        check_clamp(["bad"], ["bed", "side"])
+    assert unknown_clamp(["bed"], ["bed"], "clamp") is None
+    fault = unknown_clamp(["bad"], ["bed", "side"], "clamp")
+    assert fault and re.match(r"clamp = \[\"bad\"\] .* boundaries are bed, side", fault)
 
 
 def test_a_driven_end_rests_before_and_after() -> None:
