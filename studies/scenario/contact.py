@@ -10,13 +10,7 @@ class Contact(ScenarioTable):
     """Contact between two boundaries of the organ: nodes of one boundary, facets of the other."""
 
     between: tuple[Text, Text]
-    friction: Annotated[
-        NotNegative,
-        one_sentence(
-            "one number, zero or more: one coefficient for sticking and slipping, without grip, for "
-            "example friction = 0.2"
-        ),
-    ] = 0.0
+    friction: Annotated[NotNegative, one_sentence("allowed-contact")] = 0.0
 
     def _check(self) -> None:
         self._refuse(self.between[0] == self.between[1], "between.one")

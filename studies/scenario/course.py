@@ -1,7 +1,7 @@
-"""The course of a load over time: keys `course`, `from` and `until` of a load on the organ or on a thread's end.
+"""The course of a load over time: keys `course`, `from` and `until` of a load.
 
-A course is rows of time [s] and factor [-], linear in between. A named course is converted into rows; a wave
-has WAVE rows in each period.
+The load is on the organ or on an end of the thread. A course is rows of time [s] and factor [-],
+linear in between. A named course is converted into rows; a wave has WAVE rows in each period.
 """
 
 from math import ceil, cos, inf, pi
@@ -77,13 +77,7 @@ def rise(share: float) -> float:
 
 NamedCourse = Annotated[Ramp | Hold | Cycle | Cough, Field(discriminator="kind")]
 Rows = Annotated[tuple[Turn, ...], Field(min_length=1)]
-Course = Annotated[
-    Rows | NamedCourse,
-    one_sentence(
-        'rows [t, factor] or a table of kind "ramp" (over), "hold" (rise, hold, fall), "cycle" (period, low) or '
-        '"cough" (at, duration), for example course = { kind = "cycle", period = 0.8 }'
-    ),
-]
+Course = Annotated[Rows | NamedCourse, one_sentence("allowed-course")]
 
 
 class Timed(ScenarioTable):
@@ -101,10 +95,10 @@ class Timed(ScenarioTable):
             raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; begin there")
 
     def rows(self, end: float, ramp: float = 0.0) -> tuple[Turn, ...] | None:
-        """Return rows of time [s] and factor [-] of the load until `end` [s], or None for the whole load at all
-        times.
+        """Return rows of time [s] and factor [-] of the load until `end` [s].
 
-        Without a course the load grows over `ramp` [s].
+        They are None if the whole load acts at all times. Without a course the load grows over
+        `ramp` [s].
         """
         end = min(end, self.until or inf)
         if self.course is None:
@@ -122,7 +116,10 @@ class Timed(ScenarioTable):
         return tuple(rows if self.until is None else ended(rows, self.until))
 
     def short_wave(self, shortest: float) -> tuple[str, float] | None:
-        """Return key and length [s] of the wave if it is below the `shortest` length [s], else None."""
+        """Return key and length [s] of a wave below the `shortest` length [s].
+
+        It is None if there is no such wave.
+        """
         match self.course:
             case Cycle(period=length) if length < shortest:
                 return "course.period", length

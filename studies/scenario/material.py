@@ -34,11 +34,11 @@ class MaterialKeys(ScenarioTable):
 
 def material_fault(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
     """Return the fault in the keys of a material, or None; `stiffening` is its effective value."""
-    given = keys.model_dump(include=set(MaterialKeys.model_fields), exclude_none=True)
-    if material == "linear" and given:
-        key, value = next(iter(given.items()))
+    values = keys.model_dump(include=set(MaterialKeys.model_fields), exclude_none=True)
+    if material == "linear" and values:
+        key, value = next(iter(values.items()))
         return f"{key} = {as_toml(value)} is refused: {because('material-linear')}"
-    if material == "neo-hookean" and "stiffening" in given:
+    if material == "neo-hookean" and "stiffening" in values:
         return refusal("stiffening", keys.stiffening, because("material-neo-hookean"))
     if material == "exponential" and stiffening is None:
         return f"stiffening is missing: {because('material-exponential')}"

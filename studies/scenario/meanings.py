@@ -1,4 +1,4 @@
-"""The words of a scenario: meanings of its keys and examples of their values, and reasons for refusals."""
+"""The words of a scenario: meanings of its keys, and reasons for refusals."""
 
 from typing import Any
 
@@ -22,5 +22,5 @@ def reason_of(table: type, name: str) -> str:
 
 
 def because(name: str, /, **values: object) -> str:
-    """Return the reason of this name for a refusal by a function, with the values that the reason names."""
+    """Return the reason of this name for a refusal by a function, with its values."""
     return str(REASONS["functions"][name].format(**values))

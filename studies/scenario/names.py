@@ -1,7 +1,7 @@
 """Faults in the names of a scenario that is not yet valid.
 
-Whether a name is known does not depend on refused numbers. So unknown and repeated names are reported together
-with refused values, and not only after these are corrected.
+Whether a name is known does not depend on refused numbers. So unknown and repeated names are
+reported together with refused values, and not only after these are corrected.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,10 @@ def name_faults(data: Mapping[str, Any]) -> list[str]:
 
 
 def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
-    """Describe boundaries that a generated mesh lacks or already has; boundaries of a file are not known here."""
+    """Describe boundaries that a generated mesh lacks or already has.
+
+    Boundaries of a file are not known here.
+    """
     mesh = _table(tissue.get("mesh"))
     there = BOUNDARIES.get(str(mesh.get("kind")), ())
     if not there:
@@ -33,9 +36,9 @@ def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
     there = (*there, FLOOR) if mesh.get("shape") == "ellipse" else there
     there = (*there, *STUMPS) if mesh["kind"] == "tube" and "gap" in mesh else there
     own = _names(tissue.get("boundary"))
-    taken = taken_boundary(own, there, str(mesh["kind"]))
-    lost = [unknown_clamp(_words(tissue.get(key)), [*there, *own], key) for key in ("clamp", "roller")]
-    return [fault and f"tissue.{fault}" for fault in (taken, *lost)]
+    repeated = taken_boundary(own, there, str(mesh["kind"]))
+    unknown = [unknown_clamp(_words(tissue.get(key)), [*there, *own], key) for key in ("clamp", "roller")]
+    return [fault and f"tissue.{fault}" for fault in (repeated, *unknown)]
 
 
 def _table(value: Any) -> Mapping[str, Any]:

@@ -36,6 +36,8 @@ STUMPS = ("stump_left", "stump_right")  # of a tube that is cut
 FLOOR = "wound_floor"  # of an ellipse that does not cut through
 SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files with a closed surface to be filled; some .vtk files too
 ACCURACY = 0.03  # of a hole's compliance: tissue data are less accurate, and half of this takes 1.2 times the cells
+Accuracy = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)]
+Unit = Literal["m", "dm", "cm", "mm", "um"]
 HEAD = 1024  # bytes of a .vtk file that name its content
 
 
@@ -45,15 +47,15 @@ HEAD = 1024  # bytes of a .vtk file that name its content
 class _Mesh(ScenarioTable):
     """A mesh whose cells at the piercings can be refined."""
 
-    accuracy: Annotated[
-        Literal["given"] | Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)],
-        one_sentence('"given" or a number from 0.001 to 0.5, for example accuracy = 0.03'),
-    ] = ACCURACY
+    accuracy: Annotated[Literal["given"] | Accuracy, one_sentence("allowed-accuracy")] = ACCURACY
     bound: Flag = False
 
 
 class _Sized(_Mesh):
-    """A generated mesh, with a size far from the piercings and optionally another size at the piercings."""
+    """A generated mesh.
+
+    It has a size far from the piercings and optionally another size at the piercings.
+    """
 
     h: Positive
     h_site: Positive | None = None
@@ -94,8 +96,8 @@ class BlockMesh(_Block):
 class WoundMesh(_Block):
     """Block with a wound cut down from the middle of its top.
 
-    Boundaries: all boundaries of the block, lip_left, lip_right, and wound_floor for an ellipse that does not cut
-    through.
+    Boundaries: all boundaries of the block, lip_left, lip_right, and wound_floor for an ellipse
+    that does not cut through.
     """
 
     kind: Literal["wound"]
@@ -134,7 +136,8 @@ class CylinderMesh(_Sized):
 class TubeMesh(_Sized):
     """Tube about the x axis, centred at the origin; boundaries left, right, inner, outer.
 
-    A tube cut in the middle is two stumps, two separate bodies; the cut faces are stump_left and stump_right.
+    A tube cut in the middle is two stumps, two separate bodies; the cut faces are stump_left and
+    stump_right.
     """
 
     kind: Literal["tube"]
@@ -157,10 +160,7 @@ class FileMesh(_Mesh):
 
     kind: Literal["file"]
     path: Text
-    unit: Annotated[
-        Literal["m", "dm", "cm", "mm", "um"] | Positive,
-        one_sentence('"m", "dm", "cm", "mm", "um" or the number of metres per file unit, for example unit = "mm"'),
-    ] = "m"
+    unit: Annotated[Unit | Positive, one_sentence("allowed-unit")] = "m"
     h: Positive | None = None
     h_site: Positive | None = None
     growth: Growth = 1.3
@@ -233,8 +233,10 @@ class Region(MaterialKeys):
 
 
 class Reduction(ScenarioTable):
-    """Small basis for the motion of the organ: static responses to the piercings, weight and loads, Krylov
-    blocks and modes."""
+    """Small basis for the motion of the organ.
+
+    It contains static responses to the piercings, weight and loads, Krylov blocks and modes.
+    """
 
     blocks: Annotated[int, Field(strict=True, ge=0, le=20)] = 2
     modes: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
@@ -242,7 +244,7 @@ class Reduction(ScenarioTable):
 
 
 class Tissue(MaterialKeys):
-    """Organ of linear elasticity at small strain, or of a hyperelastic material at finite strain."""
+    """Organ of a linear material at small strain, or of a hyperelastic material."""
 
     youngs_modulus: Positive
     poisson_ratio: PoissonRatio
@@ -271,7 +273,10 @@ class Tissue(MaterialKeys):
 
     @property
     def boundaries(self) -> tuple[str, ...]:
-        """Names of the known boundaries, those of the mesh first; empty if only the file has them."""
+        """Names of the known boundaries, those of the mesh first.
+
+        They are empty if only the file has them.
+        """
         there = boundaries_of(self.mesh)
         return (*there, *(boundary.name for boundary in self.boundary)) if there else ()
 
@@ -346,8 +351,8 @@ def taken_boundary(own: Iterable[str], there: Sequence[str], kind: str) -> str |
 
 def unknown_clamp(clamp: Iterable[str], boundaries: Sequence[str], key: str) -> str | None:
     """Return the fault in the boundaries that a clamp or another `key` names, or None."""
-    lost = next((name for name in clamp if name not in boundaries), None)
-    return None if lost is None else refusal(key, [lost], no_boundary(lost, boundaries))
+    unknown = next((name for name in clamp if name not in boundaries), None)
+    return None if unknown is None else refusal(key, [unknown], no_boundary(unknown, boundaries))
 
 
 def no_boundary(name: str, boundaries: Sequence[str]) -> str:

@@ -13,15 +13,12 @@ from studies.scenario.table import SUBGRID, ScenarioError, ScenarioTable, check_
 from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
-HandRow = Annotated[
-    Turn | LetGo, one_sentence("rows [t, length] or [t, force], and [t] alone to let go, for example [0.2]")
-]
+HandRow = Annotated[Turn | LetGo, one_sentence("allowed-hand")]
 Hand = Annotated[tuple[HandRow, ...], Field(min_length=1)]
 Grip = tuple[Turn, ...]  # from the time at which a hand takes the thread to the time at which it lets go
 
 SMALLEST = 1e-6  # m, of a footprint: a tenth of the finest suture's diameter
 SHORTEST, LONGEST = 1e-100, 1e100  # of a direction: the squares of its components neither overflow nor vanish
-OF_NO_LENGTH = "it must not be zero, or too short or long to compute its length; give numbers near one"
 
 
 class Friction(ScenarioTable):
@@ -29,10 +26,7 @@ class Friction(ScenarioTable):
 
     static: NotNegative
     kinetic: NotNegative
-    grip: Annotated[
-        NotNegative | tuple[NotNegative, NotNegative],
-        one_sentence("a force of zero or more, or two of them, [rising, falling], for example grip = [0.1, 2.0]"),
-    ] = 0.0
+    grip: Annotated[NotNegative | tuple[NotNegative, NotNegative], one_sentence("allowed-grip")] = 0.0
 
     def shared(self, parts: int) -> "Friction":
         """Return the friction of each of `parts` equal parts, which share the grip."""
@@ -49,17 +43,11 @@ class Piercing(ScenarioTable):
     FORMER = SUBGRID
 
     name: Text
-    at: Annotated[
-        Literal["surface"] | Vector,
-        one_sentence('three numbers [x, y, z] [m] or "surface", for example at = [-0.01, 0.0, 0.0]'),
-    ]
+    at: Annotated[Literal["surface"] | Vector, one_sentence("allowed-place")]
     near: Vector | None = None
     along: Vector | None = None
     kind: Literal["sliding", "anchored"] = "sliding"
-    direction: Annotated[
-        Literal["free", "normal"] | Vector,
-        one_sentence('"free", "normal" or three numbers [x, y, z], for example direction = "normal"'),
-    ] = "free"
+    direction: Annotated[Literal["free", "normal"] | Vector, one_sentence("allowed-direction")] = "free"
     footprint: NotNegative = 1.0e-3
     weight: Literal["uniform", "parabolic"] = "parabolic"
     s: NotNegative | None = None
@@ -75,7 +63,7 @@ class Piercing(ScenarioTable):
         for key, vector in (("direction", self.direction), ("along", self.along)):
             if vector is not None and not isinstance(vector, str) and not SHORTEST < hypot(*vector) < LONGEST:
                 numbers = ", ".join(f"{x:g}" for x in vector)
-                raise ValueError(f".{key} = [{numbers}] is refused: {OF_NO_LENGTH}")
+                raise ValueError(f".{key} = [{numbers}] is refused: {because('no-length')}")
 
     def _check_place(self) -> None:
         """Refuse a place on the surface without `near`, and `along` without `near`."""
@@ -85,7 +73,11 @@ class Piercing(ScenarioTable):
         check_ending(self.from_, self.until)
 
     def _check_release(self) -> None:
-        """Refuse rows of time alone at an anchored hole, and at times at which no hand holds the thread."""
+        """Refuse impossible rows of time alone.
+
+        A hand never releases an anchored thread. At a sliding hole a hand must hold the thread
+        before.
+        """
         for key, rows in self.hands.items():
             alone = [number for number, row in enumerate(rows) if len(row) == 1]
             for number in alone:
@@ -94,7 +86,7 @@ class Piercing(ScenarioTable):
                 self._refuse(number == 0 or number - 1 in alone, "rows.idle", shown)
 
     def _check_hands(self) -> None:
-        """Refuse a hand that prescribes length and force at once, and a hand that draws for no time."""
+        """Refuse a hand that prescribes length and force at once, or that draws for no time."""
         self._refuse(self.kind == "anchored" and None not in (self.draw, self.pull), "pull.anchored")
         for draw, pull in product(*map(grips, self.hands.values())):
             at_once = max(draw[0][0], pull[0][0]) < min(draw[-1][0], pull[-1][0])
@@ -114,8 +106,15 @@ class Piercing(ScenarioTable):
 
     @property
     def hands(self) -> dict[str, tuple[Turn | LetGo, ...]]:
-        """Rows of the hands that draw by a length or pull by a force, by their keys; empty without a hand."""
+        """Rows of the hands that draw by a length or pull by a force, by their keys.
+
+        They are empty without a hand.
+        """
         return {"draw": self.draw or (), "pull": self.pull or ()}
+
+    def key(self, *parts: str) -> str:
+        """Return the full name of the table, or of one of its keys."""
+        return dotted_key(["piercing", self.name, *parts])
 
     @property
     def place(self) -> Vector:
@@ -127,7 +126,10 @@ class Piercing(ScenarioTable):
 
     @property
     def line(self) -> Vector | None:
-        """Direction of the line that finds a place on the surface, None for the nearest surface point."""
+        """Direction of the line on which the place is searched.
+
+        It is None if the nearest point of the surface is searched.
+        """
         return self.along or (None if isinstance(self.direction, str) else self.direction)
 
     @property
@@ -150,6 +152,6 @@ def grips(rows: Sequence[Turn | LetGo]) -> list[Grip]:
 def place_refused(hole: Piercing, reason: str, /, **values: object) -> ScenarioError:
     """Return the error for a hole's place, with its origin and the reason of this name."""
     if hole.near is None:
-        return refused(("piercing", hole.name, "at"), hole.at, reason, **values)
+        return refused(hole.key("at"), hole.at, reason, **values)
     origin = f"near gives {as_toml(hole.place)} m on the surface, and {because(reason, **values)}"
-    return ScenarioError(refusal(dotted_key(["piercing", hole.name, "at"]), "surface", origin))
+    return ScenarioError(refusal(hole.key("at"), "surface", origin))

@@ -1,7 +1,8 @@
-"""The reference of the scenario file, made from its schema: a list of keys for each table of the file.
+"""The reference of the scenario file: a list of keys for each table, from the schema.
 
-``python -m studies.scenario.reference`` updates the lists of keys and of scenes in ``README.md``. To add a key,
-add its field, and its meaning with its unit in `keys.toml`; this file needs no change.
+``python -m studies.scenario.reference`` updates the lists of keys and of scenes in ``README.md``.
+To add a key, add its field, and its meaning with its unit in `keys.toml`. This file needs no
+change.
 """
 
 import re
@@ -28,8 +29,10 @@ BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "m
 
 @dataclass(frozen=True)
 class Key:
-    """A key of the scenario file in the words of the manual; `kinds` are the kinds of table with this key,
-    empty for all."""
+    """A key of the scenario file in the words of the manual.
+
+    `kinds` are the kinds of table with this key, empty if all kinds have it.
+    """
 
     name: str
     type: str
@@ -53,9 +56,9 @@ class Key:
 
 
 def reference() -> dict[str, str]:
-    """Return the lists of keys in Markdown, by the name of the file's table; "scenario" is the top of the file.
+    """Return the lists of keys in Markdown, by the name of the file's table.
 
-    Equal tables appear once, under the first of their names.
+    "scenario" is the top of the file. Equal tables appear once, under the first of their names.
     """
     whole, equal = schema(), dict[tuple[Key, ...], list[str]]()
     for name, tables in key_tables(whole):
@@ -88,7 +91,10 @@ def known_keys() -> tuple[Key, ...]:
 
 
 def _is_within(some: list[str], parts: list[str]) -> bool:
-    """Return whether all words occur in `parts` in the same order, and both begin with the same word."""
+    """Return whether `parts` contain all words of `some` in the same order.
+
+    The first words must be equal.
+    """
     rest = iter(parts)
     return some[0] == parts[0] and all(part in rest for part in some)
 
@@ -99,7 +105,10 @@ def markdown(keys: Iterable[Key]) -> str:
 
 
 def key_tables(whole: Node) -> list[tuple[str, list[Node]]]:
-    """List the tables of the file with their schemas, one schema per kind; a table comes before its inner tables."""
+    """List the tables of the file with their schemas, one schema per kind.
+
+    A table comes before its inner tables.
+    """
     return [("scenario", [whole]), *tables_below("", whole, whole)]
 
 
@@ -130,35 +139,35 @@ def table_keys(name: str, tables: list[Node], whole: Node) -> list[Key]:
             full = key if name == "scenario" else f"{name}.{key}"
             owners.setdefault(key_of(full, field, key in table.get("required", ()), whole), []).append(kind)
     kinds = [key for key in owners if key.name.endswith(".kind") and len(tables) > 1]
+    allowed = ", ".join(key.allowed for key in kinds)
+    merged = [replace(key, allowed=allowed, meaning="kind of the table") for key in kinds[:1]]
     rest = [
         replace(key, kinds=() if len(owner) == len(tables) else tuple(owner))
         for key, owner in owners.items()
         if key not in kinds
     ]
-    return [*([merged_kind(kinds)] if kinds else []), *rest]
-
-
-def merged_kind(kinds: list[Key]) -> Key:
-    """Return the key that chooses between the kinds of a table."""
-    return replace(kinds[0], allowed=", ".join(key.allowed for key in kinds), meaning="kind of the table")
+    return [*merged, *rest]
 
 
 def key_of(name: str, field: Node, required: bool, whole: Node) -> Key:
-    """Return a key from its schema: its description has the unit, and the default if this is computed later."""
+    """Return a key from its schema.
+
+    The description in the schema has the unit, and the default if it is computed later.
+    """
     text = field.get("description", "")
-    units, told = UNIT.findall(text), DEFAULT.search(text)
-    if told and field.get("default") is None:
-        text = text.replace(told[0], "")
-    default = "required" if required else default_of(field, told[1] if told else "none", whole)
+    units, found = UNIT.findall(text), DEFAULT.search(text)
+    if found and field.get("default") is None:
+        text = text.replace(found[0], "")
+    default = "required" if required else default_of(field, found[1] if found else "none")
     meaning = UNIT.sub("", text) if len(units) == 1 else text
     return Key(name, type_of(field, whole), ", ".join(units), default, allowed_in(field), meaning)
 
 
-def default_of(field: Node, told: str, whole: Node) -> str:
-    """Return the default of a key in TOML, or the words `told` if the schema has no default."""
+def default_of(field: Node, words: str) -> str:
+    """Return the default of a key in TOML, or these `words` if the schema has no default."""
     value = field.get("default")
     if value is None:
-        return UNIT.sub("", told)
+        return UNIT.sub("", words)
     if isinstance(value, Mapping):
         return f"`{as_toml({'kind': value['kind']})}`" if "kind" in value and len(value) <= 3 else "that of its keys"
     return f"`{as_toml(value)}`"
@@ -168,7 +177,7 @@ def type_of(field: Node, whole: Node) -> str:
     """Return the name of the type of a key's value."""
     if "anyOf" in field:
         return " or ".join(dict.fromkeys(type_of(part, whole) for part in field["anyOf"] if part.get("type") != "null"))
-    if any(True for _ in inner_tables(field, whole)):
+    if any(inner_tables(field, whole)):
         return "tables" if field.get("type") == "array" else "table"
     if "const" in field or "enum" in field:
         return "text"
@@ -207,7 +216,10 @@ def title_of(name: str) -> str:
 
 
 def cost_of(name: str) -> str:
-    """Return the time and memory of a run of a shipped scene on one processor, from its second line."""
+    """Return the time and memory of a run of a shipped scene on one processor.
+
+    They stand in the second line of the scene.
+    """
     return scene_text(name).splitlines()[1].removeprefix("# about ")
 
 

@@ -1,7 +1,7 @@
 """Sentences for refused input: the key's full name, its value, the allowed values and the remedy.
 
-pydantic finds the faults; this module describes them in plain words. A key's full name is the name in
-``--set``: table names joined by dots; an entry of a list of tables has its ``name``
+pydantic finds the faults; this module describes them in plain words. A key's full name is the name
+in ``--set``: table names joined by dots; an entry of a list of tables has its ``name``
 (``piercing.entry.footprint``).
 """
 
@@ -110,7 +110,10 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str
         case "union_tag_not_found":
             return f"{place.key}.kind is missing: allowed are {_tags(place.kind)}"
         case "union_tag_invalid":
-            return _unknown_kind(place, detail["ctx"]["tag"])
+            tag = detail["ctx"]["tag"]
+            match = nearest(tag, _models(place.kind))
+            hint = f'; the nearest is "{match}"' if match else ""
+            return refusal(f"{place.key}.kind", tag, f"allowed are {_tags(place.kind)}{hint}")
         case "value_error":  # our own errors continue the key's name
             return f"{place.key}{detail['ctx']['error']}"
         case _:
@@ -125,19 +128,12 @@ def _unknown_key(place: Place, value: object) -> str:
     return refusal(place.key, value, f"there is no such key; {hint} {names}")
 
 
-def _unknown_kind(place: Place, tag: str) -> str:
-    key = f"{place.key}.kind"
-    match = nearest(tag, _models(place.kind))
-    hint = f'; the nearest is "{match}"' if match else ""
-    return refusal(key, tag, f"allowed are {_tags(place.kind)}{hint}")
-
-
 def _allowed(detail: ErrorDetails) -> str:
     """Return the allowed values, from pydantic's message."""
     text = re.sub(r"^Input should be|^Value error,", "it must be", detail["msg"])
     text = re.sub(r"^(Tuple|List|String) should have", "it must have", text)
-    given = detail["input"]
-    match = nearest(given, re.findall(r"'([^']*)'", text)) if isinstance(given, str) else None
+    value = detail["input"]
+    match = nearest(value, re.findall(r"'([^']*)'", text)) if isinstance(value, str) else None
     text = text.replace("'", '"').replace(" after validation", "")
     text = text.replace("a valid tuple", "a list").replace("a valid dictionary or instance of", "a table:")
     return f'{text}; the nearest is "{match}"' if match and detail["type"] == "literal_error" else text
@@ -158,7 +154,10 @@ def _remedy(place: Place) -> str:
 
 
 def _in_short(description: str) -> str:
-    """Return a key's meaning, shortened to the first clause if it is long; the manual has the rest."""
+    """Return a key's meaning, shortened to the first clause if it is long.
+
+    The manual has the rest.
+    """
     for mark in "; ", ": ":
         if len(description) > LONGEST_MEANING:
             description = re.split(mark + r"(?![^(]*\))", description)[0]  # but not within parentheses
@@ -182,23 +181,22 @@ def _place(loc: Sequence[int | str], model: type[BaseModel], data: object) -> Pl
         parts.append(name)
         if isinstance(step, str) and models:
             table = next(iter(models.values()))
-            field = _field_of(table, step)
+            field = next((name for name, info in table.model_fields.items() if (info.alias or name) == step), None)
             kind = table.model_fields[field].annotation if field else None
     return Place(parts, table, field, kind)
 
 
 def _item(data: object, step: int | str) -> tuple[object, str]:
-    """Return the entry of ``data`` at ``step`` and its name: the ``name`` of a table in a list, else ``step``."""
+    """Return the entry of ``data`` at ``step`` and its name.
+
+    A table in a list has its ``name``, any other entry has the ``step``.
+    """
     try:
         item = data[step]  # type: ignore[index]
     except (KeyError, IndexError, TypeError):
         return None, str(step)
     named = isinstance(step, int) and isinstance(item, Mapping) and isinstance(item.get("name"), str)
     return item, str(item["name"]) if named else str(step)
-
-
-def _field_of(table: type[BaseModel], key: str) -> str | None:
-    return next((name for name, info in table.model_fields.items() if (info.alias or name) == key), None)
 
 
 def _keys(table: type[BaseModel]) -> list[str]:

@@ -1,7 +1,7 @@
 """The scenario: one TOML file, validated completely before the computation.
 
-The models of this package define the file; `keys.toml` has the meaning of each key with its unit in brackets. All
-units are SI units, except in a mesh file. ``schema`` gives the JSON schema.
+The models of this package define the file; `keys.toml` has the meaning of each key with its unit in
+brackets. All units are SI units, except in a mesh file. ``schema`` gives the JSON schema.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from studies.scenario.contact import Contact
 from studies.scenario.course import STEPS, Timed
+from studies.scenario.meanings import because
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, unknown_clamp
 from studies.scenario.piercing import Piercing, grips, place_refused
@@ -35,7 +36,7 @@ MOST_FRAMES = 20_000  # of three files each; results.pvd lists all of them and i
 
 
 class Scenario(ScenarioTable):
-    """A scenario: a suture thread, the organ that it pierces, their loads and the solution method."""
+    """A scenario: suture thread, pierced organ, their loads and the solution method."""
 
     WITHIN = ""
 
@@ -75,8 +76,8 @@ class Scenario(ScenarioTable):
         remedies = {"at": ("surface", "give [x, y, z]"), "direction": ("normal", 'use "free" or [x, y, z]')}
         for key, (word, remedy) in remedies.items() if self.tissue is None else ():
             for hole in self.piercing:
-                shown = dotted_key(["piercing", hole.name, key]), word
-                self._refuse(getattr(hole, key) == word, "piercing.surface", shown, remedy=remedy)
+                on_surface = getattr(hole, key) == word
+                self._refuse(on_surface, "piercing.surface", (hole.key(key), word), remedy=remedy)
 
     def _check_frames(self) -> None:
         frames, least = self.solve.steps // self.output.every, ceil(self.solve.steps / MOST_FRAMES)
@@ -95,7 +96,7 @@ class Scenario(ScenarioTable):
             self._refuse(tract.friction and not self.thread.bending, "tract.friction.bending", shown)
         linear = self.solve.scheme == "linear" and self.solve.friction == "implicit"
         for hole in self.piercing:
-            key = dotted_key(["piercing", hole.name, "friction"])
+            key = hole.key("friction")
             self._refuse(hole.friction and linear, "solve.friction.linear", key=key)
             self._refuse(hole.friction and not self.thread.bending, "thread.bending.friction", key=key)
 
@@ -107,7 +108,7 @@ class Scenario(ScenarioTable):
 
     @property
     def wounds(self) -> tuple[tuple[str, str], ...]:
-        """Names of the surfaces of wounds, by pairs: surfaces in contact, and lips without contact."""
+        """Names of the surfaces of wounds, by pairs, with or without contact."""
         cut = self.tissue is not None and isinstance(self.tissue.mesh, WoundMesh)
         lips = (LIPS,) if cut and not any(set(pair) == set(LIPS) for pair in self.touching) else ()
         return (*lips, *self.touching)
@@ -127,8 +128,8 @@ class Scenario(ScenarioTable):
         self._refuse(self.tissue is None, "thread.contact.organ", shown)
         self._refuse(self.tissue and self.tissue.reduction, "thread.contact.reduction", shown)
         for hole in self.piercing:
-            key = dotted_key(["piercing", hole.name, "from"])
-            self._refuse(hole.from_ > 0.0, "thread.contact.later", shown, key=key, begins=hole.from_)
+            begins = hole.from_
+            self._refuse(begins > 0.0, "thread.contact.later", shown, key=hole.key("from"), begins=begins)
         why = "in such a run the thread bears on the organ at its holes alone; set it to "
         self._require(ONE_SYSTEM, why, ", or leave out thread.contact")
 
@@ -149,8 +150,8 @@ class Scenario(ScenarioTable):
     def has_krylov(self) -> bool:
         """Whether steps of the organ can use its Krylov space.
 
-        False if `solve.organ` is "whole". With "auto" also false if a hole begins later, because the hole then
-        strikes the tissue.
+        It is false if `solve.organ` is "whole". With "auto" it is also false if a hole begins
+        later, because the hole then strikes the tissue.
         """
         later = any(hole.from_ for hole in self.piercing)
         return self.solve.organ != "whole" and not self.without_krylov and (self.solve.organ == "krylov" or not later)
@@ -186,7 +187,10 @@ class Scenario(ScenarioTable):
         self._require(ONE_SYSTEM, why, ', or material = "linear"')
 
     def _require(self, needed: Mapping[str, Any], why: str, otherwise: str) -> None:
-        """Refuse the first key that has not the value that is `needed`, which the reason names in the middle."""
+        """Refuse the first key whose value is not the `needed` value.
+
+        The sentence has the needed value between `why` and `otherwise`.
+        """
         for key, value in needed.items():
             table, name = key.split(".")
             if (found := getattr(getattr(self, table), name)) != value:
@@ -194,8 +198,8 @@ class Scenario(ScenarioTable):
 
     def _check_knots(self) -> None:
         if self.thread.knots == "fixed":
-            given = self.thread.tolerance != type(self.thread).model_fields["tolerance"].default
-            self._refuse(given, "thread.tolerance.fixed")
+            changed = self.thread.tolerance != type(self.thread).model_fields["tolerance"].default
+            self._refuse(changed, "thread.tolerance.fixed")
             return
         why = "thread.knots is travelling, which needs another value; set it to "
         self._require(TRAVELLING, why, ', or knots = "fixed"')
@@ -209,7 +213,7 @@ class Scenario(ScenarioTable):
         self._refuse(linear and self.thread.cuts, "solve.scheme.step", key="thread.cuts")
         for hole in self.piercing:
             for key, rows in hole.hands.items():
-                self._refuse(linear and rows, "solve.scheme.step", key=dotted_key(["piercing", hole.name, key]))
+                self._refuse(linear and rows, "solve.scheme.step", key=hole.key(key))
 
     def _check_cutting(self) -> None:
         self._refuse(self.cut and self.solve.scheme != "newton", "solve.scheme.cut")
@@ -232,13 +236,12 @@ class Scenario(ScenarioTable):
             first, length = rows[0]
             begins = solve.step_by(first) * solve.duration / solve.load_steps
             late = begins - first > WHOLE * solve.duration
-            lost = any(time < begins and after != length for (time, _), (_, after) in pairwise(rows))
-            shown = dotted_key(["piercing", hole.name, "draw"]), hole.draw
-            self._refuse(late and lost, "piercing.draw.late", shown, first=first, begins=begins)
+            shortened = any(time < begins and after != length for (time, _), (_, after) in pairwise(rows))
+            shown = hole.key("draw"), hole.draw
+            self._refuse(late and shortened, "piercing.draw.late", shown, first=first, begins=begins)
 
     def _check_turning(self) -> None:
-        ends = (self.thread.start, self.thread.end)
-        held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in ends)
+        held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in self.thread.ends)
         self._refuse(self.thread.twist and self.solve.kind == "static" and not held, "thread.twist.free")
 
     def _check_courses(self) -> None:
@@ -251,9 +254,9 @@ class Scenario(ScenarioTable):
 
     def _check_held(self) -> None:
         tissue, static = self.tissue, self.solve.kind == "static"
-        loose = tissue and not (tissue.clamp or tissue.roller or (tissue.inertia and not static))
+        unheld = tissue and not (tissue.clamp or tissue.roller or (tissue.inertia and not static))
         why = "solve.kind is static" if static else "tissue.inertia is false"
-        self._refuse(loose, "tissue.clamp.unheld", ("tissue.clamp", []), why=why)
+        self._refuse(unheld, "tissue.clamp.unheld", ("tissue.clamp", []), why=why)
 
 
 # --- checks that the simulation repeats once it knows more ------------------------------------------------
@@ -265,8 +268,7 @@ def check_apart(holes: Sequence[Piercing]) -> None:
         distance, reach = dist(one.place, other.place), one.footprint + other.footprint
         together = max(one.from_, other.from_) < min(hole.until or inf for hole in (one, other))
         if together and distance < reach:
-            key = dotted_key(["piercing", one.name])
-            raise place_refused(other, "holes-near", key=key, distance=distance, reach=reach)
+            raise place_refused(other, "holes-near", key=one.key(), distance=distance, reach=reach)
 
 
 def check_given(scenario: object) -> None:
@@ -276,28 +278,31 @@ def check_given(scenario: object) -> None:
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
-    """Refuse piercings whose abscissas [m] do not increase along the list or are outside the thread.
+    """Refuse piercings whose abscissas [m] do not increase along the list.
 
-    Also refuse piercings at an end of the thread without anchor.
+    Also refuse a piercing outside the thread, and a piercing at an end of the thread without
+    anchor.
     """
     for hole, s in placed:
         check_within(hole, s, length)
     for (before, low), (after, high) in pairwise(placed):
         if high <= low:
-            key = dotted_key(["piercing", before.name, "s"])
-            raise refused(("piercing", after.name, "s"), high, "holes-order", key=key, low=low)
+            raise refused(after.key("s"), high, "holes-order", key=before.key("s"), low=low)
 
 
 def check_within(hole: Piercing, s: float, length: float | None) -> None:
-    """Refuse a piercing whose abscissa [m] is outside the thread, or at an end of the thread without anchor."""
+    """Refuse a piercing outside the thread, or at an end of the thread without anchor.
+
+    `s` is its abscissa [m], and `length` the thread's length [m], None if unknown.
+    """
     last = inf if length is None else length
     if (hole.kind == "anchored" and 0.0 <= s <= last) or 0.0 < s < last:
         return
     limit = "the thread's length" if length is None else f"the thread's length of {length:.6g} m"
     at_end = ', or hold the end of the thread there: kind = "anchored"' if s in (0.0, last) else ""
     if hole.s is None:
-        raise refused(("piercing", hole.name, "at"), hole.at, "at-outside", s=s, limit=limit, at_end=at_end)
-    raise refused(("piercing", hole.name, "s"), s, "s-outside", limit=limit, at_end=at_end)
+        raise refused(hole.key("at"), hole.at, "at-outside", s=s, limit=limit, at_end=at_end)
+    raise refused(hole.key("s"), s, "s-outside", limit=limit, at_end=at_end)
 
 
 def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
@@ -322,9 +327,9 @@ def check_spans(
 def check_control_points(control_points: int, piercings: int) -> None:
     """Refuse a spline too coarse for its holes.
 
-    A hole, or a strand of a tie, has up to 5 constraints. Its unknowns are 3 per control point and its own
-    abscissa. The thread bends at the hole, so the spline needs a span at the hole and one on each side: 3
-    control points for each hole, in addition to the 4 of a single cubic.
+    A hole, or a strand of a tie, has up to 5 constraints. Its unknowns are 3 per control point and
+    its own abscissa. The thread bends at the hole, so the spline needs a span at the hole and one
+    on each side: 3 control points for each hole, in addition to the 4 of a single cubic.
     """
     least = 4 + 3 * piercings
     if control_points < least:
@@ -335,11 +340,12 @@ def check_control_points(control_points: int, piercings: int) -> None:
 
 
 def parse(data: Mapping[str, Any]) -> Scenario:
-    """Validate a scenario given as tables, which can contain numpy's numbers. Raises `ScenarioError`."""
+    """Validate a scenario given as tables, which can contain numpy's numbers.
+
+    Raises `ScenarioError`.
+    """
     if not isinstance(data, Mapping):
-        raise ScenarioError(
-            f"{data!r} is refused: it is no scenario; give its tables, a dict, or load a file or a scene"
-        )
+        raise ScenarioError(f"{data!r} is refused: {because('tables')}")
     data = plain_values(data)
     try:
         return Scenario.model_validate(data)
@@ -356,8 +362,8 @@ def schema() -> dict[str, Any]:
 def ramped(end: End, solve: Solve) -> End:
     """Return an end with the ramp of its dead load, if there is a dead load.
 
-    A sudden dead load accelerates a thread of a few milligrams through its holes to several metres per second.
-    At a start at rest the load has already acted.
+    A sudden dead load accelerates a thread of a few milligrams through its holes to several metres
+    per second. At a start at rest the load has already acted.
     """
     if not isinstance(end, PulledEnd) or end.ramp is not None:
         return end
@@ -366,7 +372,10 @@ def ramped(end: End, solve: Solve) -> End:
 
 
 def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
-    """Return the scenario with an organ on a given mesh with this digest. Raises `ScenarioError`."""
+    """Return the scenario with an organ on a given mesh with this digest.
+
+    Raises `ScenarioError`.
+    """
     if scenario.tissue is None:
         raise ScenarioError("mesh is refused: the scenario has no organ; add [tissue]")
     table = scenario.tissue.mesh
@@ -379,9 +388,9 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
 def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float] = ()) -> Scenario:
     """Return the scenario with the defaults that depend on several tables.
 
-    These are the ramps of dead loads [s] and, unless the resting organ moves the thread, rest length and
-    abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the thread's position at
-    this time.
+    These are the ramps of dead loads [s] and, unless the resting organ moves the thread, rest
+    length and abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the
+    thread's position at this time.
     """
     thread: dict[str, object] = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
     holes = scenario.piercing

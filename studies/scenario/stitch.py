@@ -1,8 +1,9 @@
-"""The table of a stitch, `[[stitch]]`: it writes path, piercings, tracts, ties and cuts of a thread.
+"""The table of a stitch, `[[stitch]]`.
 
-A stitch is a row of bites. A bite goes down into the tissue through one hole and up through the next hole,
-along half an ellipse, like a curved needle. Strands on the surface join the bites. Each kind is a list of bites
-(`bites_of`) with coordinates along the wound and across it from left to right.
+It writes path, piercings, tracts, ties and cuts of a thread. A stitch is a row of bites. A bite
+goes down into the tissue through one hole and up through the next hole, along half an ellipse, like
+a curved needle. Strands on the surface join the bites. Each kind is a list of bites (`bites_of`)
+with coordinates along the wound and across it from left to right.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from studies.arrays import Array
+from studies.scenario.meanings import because
 from studies.scenario.piercing import Friction
 from studies.scenario.solve import Solve
 from studies.scenario.table import ScenarioTable, check_ending, repetition
@@ -34,7 +36,8 @@ Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", 
 class Bite(NamedTuple):
     """A passage through the tissue.
 
-    It has the `names` of its two holes, their places along and across the wound [m], and its depth [m].
+    It has the `names` of its two holes, their places along and across the wound [m], and its depth
+    [m].
     """
 
     names: tuple[str, str]
@@ -51,10 +54,7 @@ class Stitch(ScenarioTable):
     at: Vector
     along: Vector | None = None
     normal: Vector = (0.0, 0.0, 1.0)
-    bite: Annotated[
-        Positive | tuple[Positive, Positive],
-        one_sentence("a distance [m], or those to the left and to the right, for example bite = 5e-3"),
-    ]
+    bite: Annotated[Positive | tuple[Positive, Positive], one_sentence("allowed-bite")]
     depth: Positive
     pitch: Positive | None = None
     count: Annotated[int, Field(strict=True, ge=2, le=200)] = 6
@@ -63,9 +63,7 @@ class Stitch(ScenarioTable):
     until: Positive | None = None
     hold: Positive | None = None
     footprint: Positive = 1.0e-3
-    tract: (
-        Annotated[Positive | Literal[False], one_sentence("a radius [m], or false, for example tract = 1e-3")] | None
-    ) = None
+    tract: Annotated[Positive | Literal[False], one_sentence("allowed-tract")] | None = None
     friction: Friction | None = None
 
     def _check(self) -> None:
@@ -101,13 +99,19 @@ class Stitch(ScenarioTable):
 
     @cached_property
     def frame(self) -> Array:
-        """Directions along the wound, across it from left to right, and out of the tissue, unit vectors, `(3, 3)`."""
+        """Unit vectors along the wound, across it, and out of the tissue, shape `(3, 3)`.
+
+        The second vector points from left to right.
+        """
         out, along = unit(self.normal), np.array(self.along, dtype=float)
         along = unit(along - (along @ out) * out)
         return np.array([along, np.cross(along, out), out])
 
     def place(self, where: tuple[float, float], height: float = 0.0) -> Array:
-        """Return the point at a place along and across the wound, and a height above the surface [m], `(3,)` [m]."""
+        """Return the point at a place along and across the wound, shape `(3,)` [m].
+
+        It lies at a `height` above the surface [m].
+        """
         return np.array(self.at) + np.array([*where, height]) @ self.frame
 
     @cached_property
@@ -131,8 +135,10 @@ class Stitch(ScenarioTable):
         return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
 
     def deep(self, bite: Bite) -> list[Array]:
-        """Return the points of a bite below the surface [m]: corners of tangents to half an ellipse, vertical
-        at its holes."""
+        """Return the points of a bite below the surface [m].
+
+        They are the corners of tangents to half an ellipse, which is vertical at both holes.
+        """
         (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
         turns = [(2 * k + 1) * half for k in range(BENDS)]
         ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
@@ -142,8 +148,8 @@ class Stitch(ScenarioTable):
     def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
         """Return the points of the tail at a hole [m].
 
-        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch is
-        vertical.
+        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch
+        is vertical.
         """
         height = KNOT * self.mean
         if self.kind == "running":
@@ -158,8 +164,8 @@ class Stitch(ScenarioTable):
     def piercings(self, at_surface: bool, in_organ: bool, solve: Solve) -> Iterator[dict[str, Any]]:
         """Yield the tables of the stitch's piercings.
 
-        `at_surface`: their places are found on the surface. `in_organ`: their direction is normal to
-        the surface, else along the thread.
+        `at_surface`: their places are found on the surface. `in_organ`: their direction is normal
+        to the surface, else along the thread.
         """
         out = self.frame[2]
         for bite in self.bites:
@@ -236,10 +242,11 @@ def bites_of(stitch: Stitch) -> list[Bite]:
 
 
 def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables of a scenario with path, piercings, tracts, ties and cuts instead of stitches.
+    """Return the tables of a scenario in the long form of its stitches.
 
-    One thread runs through all stitches and is cut between two stitches. Raises `ValidationError` if a stitch
-    or `[solve]` is refused, and `ValueError` if the scenario also has tables that its stitches write.
+    Path, piercings, tracts, ties and cuts replace the stitches. One thread runs through all
+    stitches and is cut between two stitches. Raises `ValidationError` if a stitch or `[solve]` is
+    refused, and `ValueError` if the scenario also has tables that its stitches write.
     """
     stitches = [Stitch.model_validate(table) for table in data.get("stitch", ())]
     if not stitches:
@@ -250,8 +257,7 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     owned = [f"thread.{key}" for key in ("path", "cuts", "length") if key in thread]
     owned += [key for key in ("piercing", "tract") if data.get(key)]
     if owned:
-        reason = "[[stitch]] writes it; leave it out, or use the long form of suture check --write"
-        raise ValueError(f"{owned[0]} is refused: {reason}")
+        raise ValueError(f"{owned[0]} is refused: {because('stitch-writes')}")
     mesh = organ.get("mesh") if isinstance(organ, Mapping) else None
     mesh = mesh if isinstance(mesh, Mapping) else {}
     default = (-1.0, 0.0, 0.0) if mesh.get("kind") == "wound" and mesh.get("along") == "x" else (0.0, 1.0, 0.0)
@@ -275,5 +281,8 @@ def unit(vector: Sequence[float] | Array) -> Array:
 
 
 def rounded(point: Array) -> list[float]:
-    """Return the coordinates of a point rounded to a picometre, without the round-off of the frame."""
+    """Return the coordinates of a point rounded to a picometre.
+
+    This removes the round-off of the frame.
+    """
     return [round(value, 12) + 0.0 for value in point.tolist()]

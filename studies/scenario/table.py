@@ -56,9 +56,9 @@ SUBGRID = {"subgrid": "cells at holes are refined; leave it out, and give tissue
 class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, without unknown keys.
 
-    The meanings of its keys are in `keys.toml`. Keys of earlier versions, `FORMER`, are refused with
-    their replacement. Methods `_check…` refuse impossible values. They are called after the table is
-    made, in the order of their definition, and first those of base classes.
+    The meanings of its keys are in `keys.toml`. Keys of earlier versions, `FORMER`, are refused
+    with their replacement. Methods `_check…` refuse impossible values. They are called after the
+    table is made, in the order of their definition, and first those of base classes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
@@ -77,7 +77,10 @@ class ScenarioTable(BaseModel):
 
     @classmethod
     def chosen(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the defaults that depend on other keys of the table; `data` are the keys in the file."""
+        """Return the defaults that depend on other keys of the table.
+
+        `data` are the keys in the file.
+        """
         return {}
 
     @classmethod
@@ -95,9 +98,9 @@ class ScenarioTable(BaseModel):
             raise ValueError(self.WITHIN + fault)
 
     def _refuse(self, wrong: object, name: str, shown: tuple[str, object] | None = None, **values: object) -> None:
-        """Refuse the value of a key if it is wrong, with the reason of this name in `refusals.toml`.
+        """Refuse the value of a key if it is wrong, with a reason from `refusals.toml`.
 
-        The name is the key and a word for the reason: "dt.long". `shown` are another key and its
+        The `name` of the reason is the key and a word: "dt.long". `shown` are another key and its
         value. The reason can name keys of the table, "{own.dt}", and `values`. A reason that begins
         with "is" is a sentence about the key and not about its value.
         """

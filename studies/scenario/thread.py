@@ -11,20 +11,11 @@ from pydantic import AfterValidator, Field
 from studies.scenario.course import Timed
 from studies.scenario.refusal import as_toml
 from studies.scenario.table import ALLOWED_START_ERROR, ScenarioTable, check_rising
-from studies.scenario.values import (
-    Flag,
-    NotNegative,
-    Positive,
-    Series,
-    Text,
-    Turn,
-    Vector,
-    Waypoint,
-    Whole,
-    one_sentence,
-)
+from studies.scenario.values import Flag, NotNegative, Number, Positive, Series, Text, Turn, Vector, Whole, one_sentence
 from thread.catalogue import suture
 from thread.errors import ThreadError
+
+Waypoint = tuple[Number, Number, Number, Number]  # time [s] and place [m]
 
 
 class _End(ScenarioTable):
@@ -71,7 +62,10 @@ class PulledEnd(_End, Timed):
 
 
 class DrivenEnd(_HeldEnd):
-    """End that follows waypoints, linearly in between; it is at rest before the first and after the last."""
+    """End that follows waypoints, linearly in between.
+
+    It is at rest before the first and after the last.
+    """
 
     kind: Literal["driven"]
     waypoints: Annotated[tuple[Waypoint, ...], Field(min_length=1)]
@@ -133,10 +127,7 @@ class Thread(ScenarioTable):
     length: Positive | None = None
     damping: NotNegative = 0.0
     relaxation: Series = ()
-    contact: Annotated[
-        Flag | OnSurface,
-        one_sentence("true, false, or a table, for example contact = { friction = 0.1 }"),
-    ] = False
+    contact: Annotated[Flag | OnSurface, one_sentence("allowed-thread-contact")] = False
     bending: Flag = True
     energy: Literal["continuous", "springs"] = "continuous"
     springs: Whole | None = None
@@ -151,6 +142,11 @@ class Thread(ScenarioTable):
         return {} if "suture" in data else {"poisson_ratio": 0.4}
 
     @property
+    def ends(self) -> tuple[End, End]:
+        """Start and end."""
+        return self.start, self.end
+
+    @property
     def surface(self) -> OnSurface | None:
         """Contact of the thread with the organ's surface, None without contact."""
         if isinstance(self.contact, OnSurface):
@@ -159,11 +155,11 @@ class Thread(ScenarioTable):
 
     def _check_material(self) -> None:
         own = {key: getattr(self, key) for key in ("diameter", "youngs_modulus", "density", "poisson_ratio")}
-        given = [key for key, value in own.items() if value is not None]
-        for key in given:
-            self._refuse(self.suture is not None, "suture.given", (key, own[key]), given=", ".join(given))
+        present = [key for key, value in own.items() if value is not None]
+        for key in present:
+            self._refuse(self.suture is not None, "suture.given", (key, own[key]), given=", ".join(present))
         for key in ("diameter", "youngs_modulus", "density"):
-            self._refuse(self.suture is None and key not in given, "suture.missing", (key, None))
+            self._refuse(self.suture is None and key not in present, "suture.missing", (key, None))
 
     def _check_cuts(self) -> None:
         self._refuse(any(after <= before for before, after in pairwise(self.cuts)), "cuts.order")

@@ -1,4 +1,7 @@
-"""The table of a tie, `[[tie]]`: a loop of thread that hands draw tight over the tissue and lock."""
+"""The table of a tie, `[[tie]]`.
+
+A tie is a loop of thread that hands draw tight over the tissue and lock.
+"""
 
 from collections.abc import Sequence
 from math import inf

@@ -14,6 +14,7 @@ from typing import Any, get_args
 
 import tomli_w
 
+from studies.scenario.meanings import because
 from studies.scenario.organ import FileMesh
 from studies.scenario.refusal import BARE, as_toml, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
@@ -33,15 +34,17 @@ def load(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) 
 
 
 def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the tables of a scenario like `load`, without validation, and with full paths of a mesh file and a
-    folder of bases."""
+    """Return the tables of a scenario like `load`, without validation.
+
+    The paths of a mesh file and of a folder of bases are absolute.
+    """
     if isinstance(source, Mapping):
         data, folder = deepcopy(dict(source)), Path()
     else:
         path = scenario_file(source)
         data, folder = _read(path), path.parent
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
-        raise ScenarioError(f'overrides = {overrides!r} is refused: give a list of texts, ["solve.dt=5e-4"]')
+        raise ScenarioError(f"overrides = {overrides!r} is refused: {because('overrides')}")
     for override in overrides:
         _set(data, override_key(override), _override_value(override), f"--set {override}")
     _make_paths_absolute(data, folder)
@@ -49,14 +52,20 @@ def read(source: Path | str | Mapping[str, Any], overrides: Sequence[str] = ()) 
 
 
 def written(path: Path | str, overrides: Sequence[str] = ()) -> str:
-    """Return the scenario of a file in TOML, with the long form of its stitches and without defaults."""
+    """Return the scenario of a file in TOML, in the long form of its stitches.
+
+    Defaults are left out.
+    """
     data = read(path, overrides)
     parsed(data)
     return compact(tomli_w.dumps(long_form(data)))
 
 
 def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a scenario's tables with keys set by their dotted names. Raises `ScenarioError`."""
+    """Return a copy of a scenario's tables with keys set by their dotted names.
+
+    Raises `ScenarioError`.
+    """
     copy = deepcopy(dict(data))
     for key, value in plain_values(values).items():
         text = f"{key}={as_toml(value)}"
@@ -65,16 +74,19 @@ def changed(data: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any
 
 
 def parsed(data: Mapping[str, Any]) -> Scenario:
-    """Validate a scenario given as tables, and the existence of its mesh file. Raises `ScenarioError`."""
+    """Validate a scenario given as tables, and the existence of its mesh file.
+
+    Raises `ScenarioError`.
+    """
     tissue = data.get("tissue")
     mesh = tissue.get("mesh") if isinstance(tissue, dict) else None
-    lost = file_faults(mesh.get("path")) if isinstance(mesh, dict) and mesh.get("kind") == "file" else []
+    faults = file_faults(mesh.get("path")) if isinstance(mesh, dict) and mesh.get("kind") == "file" else []
     try:
         scenario = parse(data)
     except ScenarioError as error:
-        raise ScenarioError([*error.problems, *lost]) from None
-    if lost:
-        raise ScenarioError(lost)
+        raise ScenarioError([*error.problems, *faults]) from None
+    if faults:
+        raise ScenarioError(faults)
     return scenario
 
 
@@ -143,14 +155,12 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # Windows editors can write a byte-order mark
     except FileNotFoundError:
-        near = nearest(path.name, scenes())
-        meant = f"the scene with the nearest name is {near}; " if near else ""
-        remedy = f"give the path of a scenario file (.toml), or a shipped scene: {', '.join(scenes())}"
-        raise ScenarioError(f"{path} does not exist; {meant}{remedy}") from None
+        match = nearest(path.name, scenes())
+        hint = f"the scene with the nearest name is {match}; " if match else ""
+        remedy = because("file-missing", hint=hint, scenes=", ".join(scenes()))
+        raise ScenarioError(f"{path} does not exist; {remedy}") from None
     except UnicodeDecodeError as error:
-        raise ScenarioError(
-            f"{path} is not UTF-8 text (byte {error.start}); give a scenario file (.toml) saved as UTF-8"
-        ) from None
+        raise ScenarioError(f"{path} is not UTF-8 text {because('file-bytes', at=error.start)}") from None
     except OSError as error:
         raise ScenarioError(f"{path} cannot be read ({error.strerror}); give a readable scenario file") from None
     except tomllib.TOMLDecodeError as error:
@@ -220,11 +230,8 @@ def _override_value(text: str) -> Any:
     except tomllib.TOMLDecodeError as error:
         if all(BARE.fullmatch(word) for word in value.strip().split(" ")):
             return value.strip()
-        reason = str(error).partition(" (at")[0]
-        raise ScenarioError(
-            f"--set {key}={value} is refused: the value is not TOML ({reason}); write for example 5e-4, "
-            'true, [0, 0, 1] or "text"'
-        ) from None
+        reason = because("override-value", reason=str(error).partition(" (at")[0])
+        raise ScenarioError(f"--set {key}={value} is refused: {reason}") from None
 
 
 def _index(entries: list[Any], part: str, parent: str, text: str) -> int:
@@ -250,11 +257,12 @@ def file_faults(path: Any) -> list[str]:
     """Return the reasons why a path has no readable mesh."""
     if not isinstance(path, str) or not path:
         return []
+    reason, file = "", Path(path)
     try:
-        size = Path(path).stat().st_size if Path(path).is_file() else None
+        if not file.is_file():
+            reason = because("mesh-missing")
+        elif not file.stat().st_size:
+            reason = because("mesh-empty")
     except (OSError, ValueError) as error:  # a name that is too long, or contains a null
-        return [refusal("tissue.mesh.path", path, f"it cannot be read ({error}); give another path")]
-    if size is None:
-        problem = "there is no such file; give the path relative to the scenario file"
-        return [refusal("tissue.mesh.path", path, problem)]
-    return [] if size else [refusal("tissue.mesh.path", path, "the file is empty; give a volume mesh")]
+        reason = because("mesh-unreadable", error=error)
+    return [refusal("tissue.mesh.path", path, reason)] if reason else []

@@ -3,13 +3,15 @@
 from collections.abc import Sequence
 
 from studies.scenario.piercing import Friction, Piercing
-from studies.scenario.refusal import dotted_key
 from studies.scenario.table import SUBGRID, ScenarioTable, refused
 from studies.scenario.values import Positive, Text
 
 
 class Tract(ScenarioTable):
-    """Tissue along the thread's path between two neighbouring holes: the thread slides along it, not across it."""
+    """Tissue along the thread's path between two neighbouring holes.
+
+    The thread slides along the path, and not across it.
+    """
 
     FORMER = SUBGRID
 
@@ -50,6 +52,6 @@ def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: b
         ends = holes[first : last + 1]
         for hole in ends:
             if hole.from_ > 0.0 or hole.until is not None:
-                raise refused(key, value, "tract-passing", hole=dotted_key(["piercing", hole.name]))
+                raise refused(key, value, "tract-passing", hole=hole.key())
         if tract.radius is None and not min(hole.footprint for hole in ends):
             raise refused(key, value, "tract-radius", number=k)

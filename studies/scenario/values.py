@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, ValidationError, WrapValidator
 
+from studies.scenario.meanings import because
 from studies.scenario.refusal import as_toml
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -17,18 +18,21 @@ Flag = Annotated[bool, Field(strict=True)]
 PoissonRatio = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
-Waypoint = tuple[Number, Number, Number, Number]
 Turn = tuple[Number, Number]
 
 
 def one_sentence(allowed: str) -> WrapValidator:
-    """Return a validator that refuses a value by one sentence instead of one for each member of a union."""
+    """Return a validator that refuses a value by one sentence.
+
+    pydantic has one sentence for each member of a union. `allowed` is the name of the sentence in
+    `refusals.toml`.
+    """
 
     def validate(value: Any, handler: Callable[[Any], Any]) -> Any:
         try:
             return handler(value)
         except ValidationError:
-            raise ValueError(f" = {as_toml(value)} is refused: allowed are {allowed}") from None
+            raise ValueError(f" = {as_toml(value)} is refused: {because(allowed)}") from None
 
     return WrapValidator(validate)
 
@@ -43,5 +47,5 @@ def _check_shares(series: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
 Series = Annotated[
     tuple[tuple[Positive, Positive], ...],
     AfterValidator(_check_shares),
-    one_sentence("rows [share, time in s] with positive numbers and a sum of shares below 1, for example [[0.3, 5.0]]"),
+    one_sentence("allowed-series"),
 ]

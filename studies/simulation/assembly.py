@@ -20,7 +20,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario
 from studies.scenario.course import Timed
-from studies.scenario.organ import ACCURACY, LIPS
+from studies.scenario.organ import ACCURACY, LIPS, Reduction
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.scenario.table import refused
 from studies.scenario.values import Turn
@@ -65,10 +65,11 @@ BEARING_DIAMETERS = 10.0  # bearing length in thread diameters, without a footpr
 class Assembly:
     """A prepared scenario: all defaults, the coupled system, and functions for the output.
 
-    `holes` are the piercings with the balls of tracts in between, at the abscissae `s` (p,) [m] on the thread
-    and `at` (p,) [m] on its path. The resting organ moves this path to `laid`. `recovery` returns stress from
-    displacement, None without an organ. `depths` returns the depth of points in the organ (k,) [m]. `given` are
-    the parts from Python. `fit` is the refinement of cells, None without refinement.
+    `holes` are the piercings with the balls of tracts in between. Their abscissae are `s` (p,) [m]
+    on the thread and `at` (p,) [m] on its path. The resting organ moves this path to `laid`.
+    `recovery` returns stress from displacement, None without an organ. `depths` returns the depth
+    of points in the organ (k,) [m]. `given` are the parts from Python. `fit` is the refinement of
+    cells, None without refinement.
     """
 
     scenario: Scenario
@@ -91,9 +92,11 @@ class Assembly:
 
     @property
     def begin_abscissae(self) -> Array:
-        """Abscissa at which each piercing begins, `(p,)` [m]; NaN for the nearest point of the thread."""
-        known = [is_known(hole) for hole in self.holes]
-        return np.where(known, self.s, np.nan)
+        """Abscissa at which each piercing begins, `(p,)` [m].
+
+        It is NaN if a piercing begins at the nearest point of the thread.
+        """
+        return np.where([is_known(hole) for hole in self.holes], self.s, np.nan)
 
     def start(self) -> State[tissue.OrganState]:
         """Return the consistent start: Φ = 0, with the thread as near to its path as possible."""
@@ -106,14 +109,15 @@ class Assembly:
 def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTHING) -> Assembly:
     """Return the assembly of a scenario, built before the first step.
 
-    Mesh, organ and factor come from the `store` if possible. Parts in `given` replace parts of the scenario.
-    Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for refused input.
+    Mesh, organ and factor come from the `store` if possible. Parts in `given` replace parts of the
+    scenario. Raises `ScenarioError`, `MeshError`, `TissueError`, `ThreadError` for refused input.
     """
     path = rounded_path(scenario.thread.path)
     length = length_of(scenario, path)
     store = shareable(store, given)
     scenario = with_places(given.applied_to(scenario), store, given.volume)
-    mesh = stored_mesh(scenario, store, given)
+    make_mesh = partial(organ_mesh, scenario, given.volume)
+    mesh = None if scenario.tissue is None else store.take("mesh", mesh_key(scenario), make_mesh)
     own = abscissae(scenario, path, length)
     check_order([(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)], length)
     holes, s = with_balls(scenario, path, own, length, mesh)
@@ -155,7 +159,10 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
 
 
 def moves_at_rest(organ: AnyOrgan) -> Array:
-    """Return the displacements of the holes while the organ comes to rest without the thread, `(p, 3)` [m]."""
+    """Return the displacements of the holes when the organ comes to rest, `(p, 3)` [m].
+
+    The thread does not act on the organ.
+    """
     moved = organ.site_variables(organ.start()) - organ.y0
     return np.asarray(moved.reshape(-1, 9)[:, :3])
 
@@ -163,11 +170,11 @@ def moves_at_rest(organ: AnyOrgan) -> Array:
 def carried(
     scenario: Scenario, holes: Sequence[model.Piercing], laid: LaidPath, at: Array, s: Sequence[float]
 ) -> tuple[Scenario, float, list[float]]:
-    """Return the scenario of a thread laid on the resting organ, its rest length [m], and the abscissae of its
-    holes [m].
+    """Return the scenario of a thread laid on the resting organ, with its length and holes.
 
-    `s` (p,) [m] are the abscissae for the original path, and `at` (p,) [m] the places on it. A given length or
-    abscissa is kept. Cuts keep their places on a path with the length of the thread.
+    The second value is the rest length of the thread [m], the third are the abscissae of its holes
+    [m]. `s` (p,) [m] are the abscissae for the original path, and `at` (p,) [m] the places on it. A
+    given length or abscissa is kept. Without a given length, cuts keep their places on the path.
     """
     length = length_of(scenario, laid)
     if not laid.moves.any():
@@ -183,10 +190,11 @@ def carried(
 
 
 def is_compiled(solve: model.Solve) -> bool:
-    """Return whether steps are taken by compiled loops: if requested, or by default in dynamic runs.
+    """Return whether steps are taken by compiled loops.
 
-    A dynamic run has hundreds of steps. A static run has few steps, which take less time than the loading of
-    the loops. Loops that cannot be cached would be compiled for every run.
+    They are compiled if requested, or by default in dynamic runs. A dynamic run has hundreds of
+    steps. A static run has few steps, which take less time than the loading of the loops. Loops
+    that cannot be cached would be compiled for every run.
     """
     if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
         return solve.newton == "compiled"
@@ -198,7 +206,7 @@ def is_compiled(solve: model.Solve) -> bool:
 
 def shareable(store: Store | None, given: Given) -> Store:
     """Return the store, or a store that shares nothing if parts came from Python."""
-    return Unshared() if store is None or given.unsaid else store
+    return Unshared() if store is None or given.unrecorded else store
 
 
 def is_known(hole: model.Piercing) -> bool:
@@ -207,7 +215,10 @@ def is_known(hole: model.Piercing) -> bool:
 
 
 def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
-    """Return the rest length of the thread [m]. Raises `ScenarioError` if it differs too much from the path."""
+    """Return the rest length of the thread [m].
+
+    Raises `ScenarioError` if it differs too much from the path.
+    """
     length = scenario.thread.length or path.length
     if path.length > STRETCH * length:
         raise refused("thread.length", length, "thread-short", path=path.length)
@@ -218,8 +229,10 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
 
 
 def abscissae(scenario: Scenario, path: RoundedPath, length: float) -> list[float]:
-    """Return the abscissa of every piercing at the start [m]: given, or the nearest pass of the path after the
-    piercing before."""
+    """Return the abscissa of every piercing at the start [m].
+
+    It is given, or the nearest pass of the path after the piercing before.
+    """
     s: list[float] = []
     for hole in scenario.piercing:
         s.append(nearest_pass(path, hole.place, s[-1:]) * length / path.length if hole.s is None else hole.s)
@@ -232,9 +245,9 @@ def nearest_pass(path: RoundedPath, point: Sequence[float], after: Sequence[floa
     If several passes are equally near, it is the first one `after` an abscissa.
     """
     places, distances = path.passes(point)
-    near = places[distances <= distances.min() + 1e-9 * path.length]
-    later = near[near > after[0]] if after else near
-    return float(later[0] if later.size else near[0])
+    nearest = places[distances <= distances.min() + 1e-9 * path.length]
+    later = nearest[nearest > after[0]] if after else nearest
+    return float(later[0] if later.size else nearest[0])
 
 
 def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], length: float, s: Sequence[float]) -> Placed:
@@ -320,7 +333,7 @@ def turn_of(table: model.FixedEnd | model.ClampedEnd | model.DrivenEnd) -> Array
 
 
 def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: float) -> Friction | None:
-    """Return the friction of a hole, including a law from Python, or None for a hole without friction.
+    """Return the friction of a hole, including a law from Python; None without friction.
 
     Without a given channel, a rough hole guides the thread over its part of its `bite` [m].
     """
@@ -329,8 +342,8 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: fl
         return None
     diameter = section_of(scenario.thread).diameter
     default = bite if bite > diameter else BEARING_DIAMETERS * diameter
-    said = (0.0, 0.0, 0.0) if table is None else (table.static, table.kinetic, table.grip)
-    return Friction(*said, None if hole.direction == "free" else hole.channel or default, own)
+    numbers = (0.0, 0.0, 0.0) if table is None else (table.static, table.kinetic, table.grip)
+    return Friction(*numbers, None if hole.direction == "free" else hole.channel or default, own)
 
 
 def contact_of(
@@ -338,7 +351,8 @@ def contact_of(
 ) -> ThreadContact:
     """Return how the thread meets the organ's surface.
 
-    A strand is inside if more than half of its path lies in tissue; `at` (p,) [m] are the holes on the path.
+    A strand is inside if more than half of its path lies in tissue; `at` (p,) [m] are the holes on
+    the path.
     """
     own = [k for k, hole in enumerate(holes) if is_known(hole) and not isinstance(hole, Ball)]
     ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, path.length)]
@@ -354,9 +368,9 @@ def contact_of(
 def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
     """Return the length over which the thread bears on the tissue at a hole [m].
 
-    It is the length of a ball of a tract, or of a given channel. Otherwise it is BEARING_FOOTPRINTS footprints
-    in an organ: the force is spread over this length, and no other length is known. For a bare point, or
-    without an organ, it is BEARING_DIAMETERS diameters of the thread.
+    It is the length of a ball of a tract, or of a given channel. Otherwise it is BEARING_FOOTPRINTS
+    footprints in an organ: the force is spread over this length, and no other length is known. For
+    a bare point, or without an organ, it is BEARING_DIAMETERS diameters of the thread.
     """
     if isinstance(hole, Ball):
         return hole.length
@@ -366,7 +380,7 @@ def bearing_of(hole: model.Piercing, scenario: Scenario) -> float:
 
 
 def piercing_of(
-    hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given, bite: float = 0.0
+    hole: model.Piercing, scenario: Scenario, body: tissue.Elasticity | None, given: Given, bite: float
 ) -> Piercing:
     """Return the constraint of a hole; `bite` is the length of its own half of the bite [m]."""
     organ = scenario.tissue
@@ -405,31 +419,25 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
     return tissue.Site(hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', line)
 
 
-def stored_mesh(scenario: Scenario, store: Store, given: Given) -> skfem.MeshTet | None:
-    """Return the organ's unrefined mesh, from the store if possible; None without an organ."""
-    if scenario.tissue is None:
-        return None
-    return store.take("mesh", mesh_key(scenario), partial(organ_mesh, scenario, given.volume))
-
-
 def stored_body(
     scenario: Scenario, holes: Sequence[model.Piercing], mesh: skfem.MeshTet | None, store: Store, given: Given
 ) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
-    """Return the organ's discrete elasticity, from the store if possible, and the refinement of its cells.
+    """Return the organ's discrete elasticity, and the refinement of its cells.
 
-    Both are None without an organ; the second is None without refinement.
+    Both come from the store if possible. Both are None without an organ; the second is None without
+    refinement.
     """
     if mesh is None:
         return None, None
     sites = [site_of(hole, scenario) for hole in holes]
-    made = store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
-    return (made.body, made) if isinstance(made, tissue.Fitted) else (made, None)
+    return store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
 
 
 def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequence[model.Piercing]) -> Array | None:
-    """Return the bounds of the exact compliance of holes over the compliance of an organ, `(p, 2)` [-].
+    """Return bounds of the exact compliance of holes, over the compliance of an organ.
 
-    None if they are not requested. Raises `TissueError`.
+    The result has shape `(p, 2)` [-], lower and upper. It is None if bounds are not requested.
+    Raises `TissueError`.
     """
     table = scenario.tissue
     if table is None or body is None or not table.mesh.bound:
@@ -440,16 +448,19 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
 
 
 def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
-    """Return the recovery of stress from displacement, from the store if possible; None without an organ."""
+    """Return the recovery of stress from displacement, from the store if possible.
+
+    It is None without an organ.
+    """
     if body is None:
         return None
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
 
 
 def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Store, points: Array) -> Array:
-    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m], from the store if possible.
+    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m].
 
-    It is negative outside, and −∞ without an organ.
+    It is negative outside, and −∞ without an organ. The function comes from the store if possible.
     """
     if body is None:
         return np.full(len(points), -np.inf)
@@ -468,8 +479,9 @@ def organ_of(
 ) -> AnyOrgan:
     """Return the organ with its holes for the coupling.
 
-    It is linear or at finite strain, with or without inertia, in its Krylov space or in a small basis, or
-    consists of points fixed in space. A small basis comes from the `store` if possible.
+    The organ is linear or at finite strain, with or without inertia. A linear organ can be in its
+    Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. A
+    small basis comes from the `store` if possible.
     """
     sites = [site_of(hole, scenario) for hole in holes]
     if body is None or scenario.tissue is None:
@@ -489,26 +501,23 @@ def organ_of(
         damped = scenario.tissue.rayleigh
         return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)
     if not inertia:
-        loose = floats(scenario, scenario.tissue, body)
-        organ = tissue.FloatingOrgan(*known) if loose else tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
+        held = scenario.tissue.clamp, scenario.tissue.roller
+        floating = scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1])
+        organ = tissue.FloatingOrgan(*known) if floating else tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
         if given.ranks is not None:
             organ.operator(0.0, 0.0)  # all ranks solve its columns now, because later they can do other work
         return organ
     full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
     if scenario.tissue.reduction is not None:
-        return reduced(full, scenario, store)
+        return reduced(full, scenario.tissue.reduction, reduction_key(scenario), store)
     return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
 
 
-def floats(scenario: Scenario, table: model.Tissue, body: tissue.Elasticity) -> bool:
-    """Return whether a body of the organ can be held only by thread and contact."""
-    return scenario.floats and any(motions.size for motions in motions_left(body.mesh, table.clamp, table.roller)[1])
-
-
 def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
-    """Return whether steps of an organ use its Krylov space: if requested, or by default if it is faster.
+    """Return whether steps of an organ use its Krylov space.
 
-    The duration of the run is not considered, so that a longer run continues with the same method.
+    They use it if requested, or by default if it is faster. The duration of the run is not
+    considered, so that a longer run continues with the same method.
     """
     if not scenario.has_krylov or scenario.solve.organ == "krylov":
         return scenario.has_krylov
@@ -517,14 +526,12 @@ def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
     return pays and tissue.has_space(full)
 
 
-def reduced(full: tissue.DynamicOrgan, scenario: Scenario, store: Store) -> tissue.ReducedOrgan:
-    """Return an organ in the small basis of its scenario. Raises `TissueError` if none is possible."""
-    assert scenario.tissue is not None and scenario.tissue.reduction is not None
-    table = scenario.tissue.reduction
+def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Store) -> tissue.ReducedOrgan:
+    """Return an organ in a small basis, which has this `key` in the store. Raises `TissueError`."""
     make = partial(tissue.reduce_organ, full, table.blocks, table.modes)
     if table.keep is not None:
         make = partial(kept_reduction, full, table.blocks, table.modes, Path(table.keep))
-    return tissue.ReducedOrgan(full, store.take("reduction", reduction_key(scenario), make))
+    return tissue.ReducedOrgan(full, store.take("reduction", key, make))
 
 
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:

@@ -1,10 +1,10 @@
 """Estimates of the displacement and turn of a scenario's holes, before the first step.
 
-Each strand is either taut between holes, without friction, or slack in an arc. Each hole is a footprint on a
-half-space, larger if its cells are coarse. The estimate was made on 138 random scenarios
-(`studies.campaign.generator`, seeds 21 and 22). It finds 99 % of the runs that left the linear range or
-exceeded the suture's strength, and 89 % of the found runs did so. For a thread in pieces only the loops of ties
-are judged, because its strands end at cuts.
+Each strand is either taut between holes, without friction, or slack in an arc. Each hole is a
+footprint on a half-space, larger if its cells are coarse. The estimate was made on 138 random
+scenarios (`studies.campaign.generator`, seeds 21 and 22). Of the runs that left the linear range or
+exceeded the suture's strength it finds 99 %. Of the runs that it finds, 89 % did so. For a thread
+in pieces only the loops of ties are judged, because its strands end at cuts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,10 +34,11 @@ MILLI = 1e-3
 def demanding(
     scenario: Scenario, section: Section, path: RoundedPath, s: Array, E: Array, radii: Array, strength: float | None
 ) -> list[Remark]:
-    """Return remarks on the predicted displacement and turn of holes, and on loads above the thread's strength.
+    """Return remarks on predicted motions of holes and on loads above the thread's strength.
 
-    The holes are at the abscissae `s` (p,) of the `path` [m]. They bear within `radii` (p,) [m] on tissue of
-    modulus E (p,) [Pa], infinite without an organ. `strength` is the thread's strength [N], None if unknown.
+    The motions are displacements and turns. The holes are at the abscissae `s` (p,) of the `path`
+    [m]. They bear within `radii` (p,) [m] on tissue of modulus E (p,) [Pa], infinite without an
+    organ. `strength` is the thread's strength [N], None if unknown.
     """
     holes, length = scenario.piercing, scenario.thread.length or path.length
     nu = scenario.tissue.poisson_ratio if scenario.tissue else 0.5
@@ -70,8 +71,8 @@ def borne(scenario: Scenario) -> Array:
 def ways_at_holes(ways: Array, through: Array, borne: Array) -> Array:
     """Return the directions of the thread before and after holes, shape `(2, p, 3)` [-].
 
-    These are the directions `ways` (p + 1, 3) of its strands. Along a tract they are the directions `through`
-    the holes (p, 3), because the tract turns the thread there.
+    These are the directions `ways` (p + 1, 3) of its strands. Along a tract they are the directions
+    `through` the holes (p, 3), because the tract turns the thread there.
     """
     out = np.stack([ways[:-1], ways[1:]])
     out[1, :-1][borne], out[0, 1:][borne] = through[:-1][borne], through[1:][borne]
@@ -79,12 +80,11 @@ def ways_at_holes(ways: Array, through: Array, borne: Array) -> Array:
 
 
 def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, Array]]:
-    """Yield for each tie its m holes, and the tensions [N], directions [-] and lengths [m] of the strands of
-    its loop.
+    """Yield for each tie its m holes, and tensions, directions and lengths of its strands.
 
-    Shapes are `(m + 1,)`, `(m + 1, 3)` and `(m + 1,)`. Two hands draw the loop straight from hole to hole, with
-    the knot midway, at a speed proportional to their force. A loop stays slack if its length between the holes
-    at `s` (p,) [m] exceeds the length that they draw.
+    Shapes are `(m + 1,)` [N], `(m + 1, 3)` [-] and `(m + 1,)` [m]. Two hands draw the loop straight
+    from hole to hole, with the knot midway, at a speed proportional to their force. A loop stays
+    slack if its length between the holes at `s` (p,) [m] exceeds the length that they draw.
     """
     holes, names = scenario.piercing, [hole.name for hole in scenario.piercing]
     for tie in (tie for tie in scenario.tie if tie.from_ < scenario.solve.duration):
@@ -105,7 +105,10 @@ def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, A
 
 
 def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:
-    """Return the modulus of the cell nearest to each hole, infinite without an organ, shape `(p,)` [Pa]."""
+    """Return the modulus of the cell nearest to each hole, shape `(p,)` [Pa].
+
+    It is infinite without an organ.
+    """
     if body is None:
         return np.full(len(holes), np.inf)
     middles = body.mesh.p[:, body.mesh.t].mean(axis=1).T
@@ -116,8 +119,9 @@ def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Arra
 def radii_at(holes: Sequence[Piercing], sizes: Sequence[float], element: str) -> Array:
     """Return the radius within which each hole bears on tissue, shape `(p,)` [m].
 
-    It is √(a² + h²), with the footprint a and the reach h of a node's force in cells of `sizes` (p,) [m],
-    because squared widths add in repeated averages. It is infinite for a bare point, which is not judged.
+    It is √(a² + h²), because squared widths add in repeated averages. Here a is the footprint, and
+    h the reach of a node's force in cells of `sizes` (p,) [m]. The radius is infinite for a bare
+    point, which is not judged.
     """
     each = zip(holes, sizes, strict=True)
     return np.array([hypot(hole.footprint, HAT[element] * size) if hole.footprint else np.inf for hole, size in each])
@@ -126,16 +130,18 @@ def radii_at(holes: Sequence[Piercing], sizes: Sequence[float], element: str) ->
 def corners(scenario: Scenario) -> Array:
     """Return both final ends of the thread, with the holes in between, shape `(p + 2, 3)` [m]."""
     ends = [scenario.thread.path[0], scenario.thread.path[-1]]
-    for k, end in enumerate((scenario.thread.start, scenario.thread.end)):
+    for k, end in enumerate(scenario.thread.ends):
         ends[k] = end.position(scenario.solve.duration) if isinstance(end, model.DrivenEnd) else ends[k]
     return np.array([ends[0], *(hole.place for hole in scenario.piercing), ends[1]])
 
 
 def directions(scenario: Scenario) -> Array:
-    """Return the directions of the strands along the thread, shape `(p + 1, 3)` [-]; a pulled end has the
-    direction of its load."""
+    """Return the directions of the strands along the thread, shape `(p + 1, 3)` [-].
+
+    A strand with a pulled end has the direction of the load.
+    """
     ways = np.diff(corners(scenario), axis=0)
-    for k, sign, end in ((0, -1.0, scenario.thread.start), (-1, 1.0, scenario.thread.end)):
+    for k, sign, end in zip((0, -1), (-1.0, 1.0), scenario.thread.ends, strict=True):
         if isinstance(end, model.PulledEnd):
             ways[k] = sign * np.array(end.force)
     return np.asarray(ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), np.finfo(float).tiny))
@@ -144,14 +150,14 @@ def directions(scenario: Scenario) -> Array:
 def strand_tensions(scenario: Scenario, s: Array, length: float, EA: float, springs: Array) -> Array:
     """Return the tension of each strand, shape `(p + 1,)` [N].
 
-    Loads on the ends act up to the first anchored hole. A thread of `length` [m] held at both ends can be too
-    short: it then stretches, and the `springs` (p,) [N/m] of its holes yield. It runs straight from hole to
-    hole, or in a tract along its path between the holes at `s` (p,) [m].
+    Loads on the ends act up to the first anchored hole. A thread of `length` [m] held at both ends
+    can be too short: it then stretches, and the `springs` (p,) [N/m] of its holes yield. It runs
+    straight from hole to hole, or in a tract along its path between the holes at `s` (p,) [m].
     """
     holes, out = scenario.piercing, np.zeros(len(scenario.piercing) + 1)
     anchors = [k for k, hole in enumerate(holes) if hole.kind == "anchored"]
     first, last = (anchors[0], anchors[-1]) if anchors else (len(holes), -1)
-    ends = (scenario.thread.start, scenario.thread.end)
+    ends = scenario.thread.ends
     for end, reached in zip(ends, (slice(0, first + 1), slice(last + 1, None)), strict=True):
         if isinstance(end, model.PulledEnd):
             out[reached] = np.maximum(out[reached], np.linalg.norm(end.force))
@@ -170,14 +176,19 @@ def strand_tensions(scenario: Scenario, s: Array, length: float, EA: float, spri
 
 
 def hole_forces(tensions: Array, at: Array) -> Array:
-    """Return the force of the thread on each hole, shape `(p,)` [N], for its directions `at` (2, p, 3) before
-    and after holes."""
+    """Return the force of the thread on each hole, shape `(p,)` [N].
+
+    `at` (2, p, 3) are the directions of the thread before and after the holes.
+    """
     return np.asarray(np.linalg.norm(tensions[1:, None] * at[1] - tensions[:-1, None] * at[0], axis=1))
 
 
 def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark]:
-    """Return a remark on a tension [N] above the strength of the suture [N] or above the linear range of a
-    thread of EA [N]."""
+    """Return a remark on a tension [N] that the suture or its linear law does not bear.
+
+    The bounds are the `strength` of the suture [N], None if unknown, and the linear range of a
+    thread of EA [N].
+    """
     if strength is not None and tension > strength:
         what = f"its knot-pull strength is {strength:.3g} N (minimum average)"
     elif tension > THREAD_STRAIN * EA:
@@ -193,23 +204,23 @@ def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Arra
     The holes bear within `radii` (p,) [m]; the worst hole is named.
     """
     demands = (ways / radii).tolist()
-    beyond = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
-    if not beyond:
+    strained = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
+    if not strained:
         return []
-    worst = max(beyond, key=demands.__getitem__)
-    also = f", and {len(beyond) - 1} other holes too much" if len(beyond) > 1 else ""
-    given = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
-    return [remark("demand", holes[worst].name, **given)]
+    worst = max(strained, key=demands.__getitem__)
+    also = f", and {len(strained) - 1} other holes too much" if len(strained) > 1 else ""
+    words = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
+    return [remark("demand", holes[worst].name, **words)]
 
 
 def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
     """Return the bending length of each slack strand, shape `(p + 1,)` [m].
 
-    The thread of `length` [m] passes holes at `s` (p,) [m]. The result is infinite for a strand with an unheld
-    end, and for a strand of no length.
+    The thread of `length` [m] passes holes at `s` (p,) [m]. The result is infinite for a strand
+    with an unheld end, and for a strand of no length.
     """
     out = np.diff(np.concatenate([[0.0], s, [length]]))
-    for k, end in ((0, scenario.thread.start), (-1, scenario.thread.end)):
+    for k, end in zip((0, -1), scenario.thread.ends, strict=True):
         out[k] = np.inf if isinstance(end, model.FreeEnd | model.PulledEnd) else out[k]
     return np.where(out > 0.0, out, np.inf)
 
@@ -217,8 +228,9 @@ def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
 def couples(EI: float, tensions: Array, at: Array, lengths: Array, through: Array) -> Array:
     """Return the couple of a thread of stiffness EI [N m²] on its holes, shape `(p,)` [N m].
 
-    The couple turns the directions `through` the holes (p, 3) to the directions before and after them, `at` (2,
-    p, 3). The strands have `tensions` (p + 1,) [N]; slack strands bend within `lengths` (p + 1,) [m].
+    The couple turns the directions `through` the holes (p, 3) to the directions before and after
+    them, `at` (2, p, 3). The strands have `tensions` (p + 1,) [N]; slack strands bend within
+    `lengths` (p + 1,) [m].
     """
     out = np.zeros((len(through), 3))
     for ways, strands in zip(at, (slice(None, -1), slice(1, None)), strict=True):
@@ -239,7 +251,10 @@ def across(ways: Array) -> Array:
 
 
 def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
-    """Return a remark on holes that the couple of the thread `turns` (p,) [rad]; the worst hole is named."""
+    """Return a remark on holes that the couple of the thread `turns` (p,) [rad].
+
+    The worst hole is named.
+    """
     if not len(holes):
         return []
     worst = int(np.argmax(turns))

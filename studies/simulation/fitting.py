@@ -1,4 +1,4 @@
-"""Cells at the holes of a scenario, refined until the compliance of the holes has the requested accuracy."""
+"""Cells at the holes of a scenario, refined to the requested accuracy of the compliance."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -23,17 +23,18 @@ def body_of(table: model.Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.El
 
 def fitted(
     scenario: Scenario, given: Given, mesh: skfem.MeshTet, sites: Sequence[tissue.Site]
-) -> tissue.Elasticity | tissue.Fitted:
-    """Return the organ on its mesh, with refined cells at the `sites` if the scenario requests an accuracy.
+) -> tuple[tissue.Elasticity, tissue.Fitted | None]:
+    """Return the discrete elasticity of the organ, and the refinement of its cells at the `sites`.
 
-    Lips match node by node: both lips of a slit are refined alike, and the mesh of an open wound stays symmetric
-    about the wound.
+    The refinement is None unless the scenario requests an accuracy. Lips match node by node: both
+    lips of a slit are refined alike, and the mesh of an open wound stays symmetric about the wound.
     """
     table = scenario.tissue
     assert table is not None
     body_on, shape = partial(body_of, table, given), table.mesh
     if shape.accuracy == "given":
-        return body_on(mesh)
+        return body_on(mesh), None
     mirror = wound_of(shape).normal_axis if isinstance(shape, model.WoundMesh) and shape.width else None
     most = psutil.virtual_memory().available / BYTES_PER_UNKNOWN[table.element]
-    return tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror)
+    fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror)
+    return fit.body, fit

@@ -1,6 +1,7 @@
-"""Parts from Python that replace parts of a scenario: mesh, basis with stiffness, laws of friction, strain energy.
+"""Parts from Python that replace parts of a scenario.
 
-Parts that do not fit the scenario are refused before the preparation.
+These are the mesh, a basis with its stiffness, laws of friction, and a strain energy. Parts that do
+not fit the scenario are refused before the preparation.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -45,7 +46,10 @@ SHEARS: Array = np.array([
 
 @dataclass(frozen=True)
 class Given:
-    """The parts from Python, as arguments of `prepare`; None or empty for the scenario's own parts."""
+    """The parts from Python, as arguments of `prepare`.
+
+    A part is None or empty if the scenario's own part is used.
+    """
 
     mesh: object = None
     basis: skfem.Basis | None = None
@@ -55,8 +59,11 @@ class Given:
     ranks: tissue.Ranks | None = None
 
     @property
-    def unsaid(self) -> tuple[str, ...]:
-        """Names of the given arguments of `prepare` that no scenario file can contain, except mesh, basis and ranks."""
+    def unrecorded(self) -> tuple[str, ...]:
+        """Names of the arguments of `prepare` with parts that no scenario file can contain.
+
+        Mesh, basis and ranks are not considered.
+        """
         there = {
             "stiffness": self.stiffness is not None,
             "friction": bool(self.friction),
@@ -71,7 +78,10 @@ class Given:
 
     @cached_property
     def volume(self) -> skfem.MeshTet | None:
-        """The organ's mesh from Python, or None for the scenario's own mesh. Raises `MeshError`, `ScenarioError`."""
+        """The organ's mesh from Python, or None for the scenario's own mesh.
+
+        Raises `MeshError`, `ScenarioError`.
+        """
         if self.basis is None:
             return None if self.mesh is None else given_mesh(self.mesh)
         if self.mesh is not None:
@@ -79,8 +89,10 @@ class Given:
         return given_mesh(self.basis.mesh)
 
     def applied_to(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with the mesh from Python. Raises `ScenarioError` for parts that do not fit the
-        scenario."""
+        """Return the scenario with the mesh from Python.
+
+        Raises `ScenarioError` for parts that do not fit the scenario.
+        """
         of_scenario = (self._faults_of_organ, self._faults_of_friction, self._faults_of_ranks)
         faults = [*self._faults_of_kind()] or [fault for find in of_scenario for fault in find(scenario)]
         if faults:
@@ -90,25 +102,22 @@ class Given:
     def _faults_of_kind(self) -> Iterator[str]:
         """Yield the arguments of a wrong kind."""
         wanted = {
-            "basis": (self.basis, lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
-            "energy": (self.energy, lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
-            "ranks": (self.ranks, lambda x: hasattr(x, "Get_size"), "a communicator of mpi4py"),
-            "friction": (
-                self.friction,
-                is_law_by_name,
-                "a dict of laws by piercing, {'exit': law}, each a FrictionLaw",
-            ),
+            "basis": (lambda x: isinstance(x, skfem.Basis), "a skfem.Basis"),
+            "energy": (lambda x: callable(x) or hasattr(x, "tangent"), "a function of F, or a Density"),
+            "ranks": (lambda x: hasattr(x, "Get_size"), "a communicator of mpi4py"),
+            "friction": (is_law_by_name, "a dict of laws by piercing, {'exit': law}, each a FrictionLaw"),
         }
-        for name, (value, fits, words) in wanted.items():
+        for name, (fits, words) in wanted.items():
+            value = getattr(self, name)
             if value is not None and not fits(value):
                 yield f"{name} = {shortened(repr(value), SHOWN)} is refused; give {words}"
 
     def _faults_of_organ(self, scenario: Scenario) -> Iterator[str]:
         table = scenario.tissue
-        organ = {"basis": self.basis, "stiffness": self.stiffness, "energy": self.energy}
-        there = [name for name, value in organ.items() if value is not None]
         if table is None:
-            yield from (f"{name} is refused: the scenario has no organ; add [tissue]" for name in there)
+            for name in ("basis", "stiffness", "energy"):
+                if getattr(self, name) is not None:
+                    yield f"{name} is refused: the scenario has no organ; add [tissue]"
             return
         if self.basis is not None:
             yield from faults_of_basis(self.basis, table.element)
@@ -126,12 +135,11 @@ class Given:
         holes = {hole.name: hole for hole in scenario.piercing}
         for name in self.friction:
             if name not in holes:
-                near = nearest(name, holes)
-                known = f"the nearest is {near!r}" if near else f"there are {', '.join(holes) or 'none'}"
+                match = nearest(name, holes)
+                known = f"the nearest is {match!r}" if match else f"there are {', '.join(holes) or 'none'}"
                 yield f"friction of {name!r} is refused: the scenario has no such piercing; {known}"
             elif holes[name].kind == "anchored":
-                key = dotted_key(["piercing", name, "kind"])
-                yield refusal(key, "anchored", 'nothing slides there; set "sliding", or give no friction for it')
+                yield refusal(holes[name].key("kind"), "anchored", because("law-anchored"))
         if not self.friction:
             return
         if scenario.solve.friction == "two-pass":
@@ -155,7 +163,10 @@ class Given:
             yield "ranks is refused: an unheld body is solved in every step; clamp it, or leave out ranks"
 
     def stiffened(self, body: tissue.Elasticity) -> tissue.Elasticity:
-        """Return the body with the given stiffness; unchanged without one. Raises `ScenarioError`."""
+        """Return the body with the given stiffness.
+
+        The body is unchanged without a stiffness. Raises `ScenarioError`.
+        """
         if self.stiffness is None:
             return body
         own = skfem.Basis(body.mesh, body.basis.elem) if self.basis is None else self.basis
@@ -165,9 +176,9 @@ class Given:
         return replace(body, K=checked_stiffness(K, body), pressure=None)
 
     def distortion(self, mu: float) -> Density | None:
-        """Return the given density of distortion of an organ of shear modulus `mu` [Pa], None without one.
+        """Return the given density of distortion, None without one. Raises `ScenarioError`.
 
-        Raises `ScenarioError`.
+        The organ has the shear modulus `mu` [Pa].
         """
         if self.energy is None:
             return None
@@ -214,8 +225,8 @@ def faults_of_energy(table: model.Tissue) -> Iterator[str]:
 def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
     """Return a stiffness [N/m] in the organ's format.
 
-    Raises `ScenarioError` for a wrong size, for numbers that are not finite, for an unsymmetric matrix, and for
-    a free unknown without resistance.
+    Raises `ScenarioError` for a wrong size, for numbers that are not finite, for an unsymmetric
+    matrix, and for a free unknown without resistance.
     """
     if not hasattr(K, "tocsr") or K.shape != body.K.shape:
         found = f"a {type(K).__name__} of shape {getattr(K, 'shape', '()')}"
@@ -236,7 +247,10 @@ def checked_stiffness(K: Any, body: tissue.Elasticity) -> csr_matrix:
 
 
 def check_density(density: Density, mu: float) -> None:
-    """Refuse a density that is stressed at rest or changes under a pure rotation; `mu` [Pa] is the scale of both."""
+    """Refuse a density that is stressed at rest or changes under a pure rotation.
+
+    `mu` [Pa] is the scale of both.
+    """
     at_rest = float(np.abs(density.stress(np.eye(3)[:, :, None])).max())
     if not at_rest <= STRESSLESS * mu:
         raise ScenarioError(f"energy is refused: {because('energy-stressed', stress=at_rest)}")
@@ -246,7 +260,10 @@ def check_density(density: Density, mu: float) -> None:
 
 
 def shear_moduli(density: Density) -> tuple[float, float]:
-    """Return the smallest and the largest shear modulus of a density at rest [Pa], over all directions."""
+    """Return the smallest and the largest shear modulus of a density at rest [Pa].
+
+    All directions of shear are considered.
+    """
     A = density.tangent(np.eye(3)[:, :, None])[..., 0]
     values = 0.5 * np.linalg.eigvalsh(np.einsum("aij,ijkl,bkl->ab", SHEARS, A, SHEARS))
     return float(values[0]), float(values[-1])

@@ -1,8 +1,8 @@
 """Small bases of organs, stored in a folder: the name of each file is a digest of all its inputs.
 
-The inputs are the matrices themselves: stiffness, mass, sites and loads. Any mesh, material and holes with the
-same matrices, to the last bit, have the same basis. A program with another assembly does not find the bases of
-an older one.
+The inputs are the matrices themselves: stiffness, mass, sites and loads. Any mesh, material and
+holes with the same matrices, to the last bit, have the same basis. A program with another assembly
+does not find the bases of an older one.
 """
 
 import hashlib
@@ -18,19 +18,18 @@ import tissue
 from studies.arrays import Array
 from studies.output.checkpoint import is_sealed, sealed
 from studies.output.files import write_bytes
-from studies.scenario import ScenarioError
-from studies.scenario.refusal import refusal
+from studies.scenario.table import refused
 
 log = logging.getLogger(__name__)
 
-KEY = "tissue.reduction.keep"
 FORMAT = 2  # of the files: a file with another meaning of its arrays has another number
 
 
 def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: Path) -> tissue.Reduction:
-    """Return the reduction of an organ from a folder, else make and store it; a damaged file is replaced.
+    """Return the reduction of an organ from a folder, else make and store it.
 
-    Raises `TissueError` for an organ without a reduction, and `ScenarioError` if the folder cannot be written.
+    A damaged file is replaced. Raises `TissueError` for an organ without a reduction, and
+    `ScenarioError` if the folder cannot be written.
     """
     tissue.check_reducible(organ, blocks, modes)
     file = folder / f"{digest_of(organ, blocks, modes)}.npz"
@@ -38,16 +37,15 @@ def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: 
     if found is not None:
         log.info("basis of the organ: %d vectors from %s", found.size, file)
         return found
-    made = tissue.reduce_organ(organ, blocks, modes)
+    basis = tissue.reduce_organ(organ, blocks, modes)
     packed = io.BytesIO()
-    np.savez(packed, **asdict(made))
+    np.savez(packed, **asdict(basis))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_bytes(file, sealed(packed.getvalue()))
     except OSError as error:
-        reason = f"the basis cannot be written there ({error}); name another folder"
-        raise ScenarioError(refusal(KEY, str(folder), reason)) from error
-    return made
+        raise refused("tissue.reduction.keep", str(folder), "basis-folder", error=error) from error
+    return basis
 
 
 def digest_of(organ: tissue.DynamicOrgan, blocks: int, modes: int) -> str:

@@ -1,8 +1,8 @@
-"""The path of a thread that moves with the holes of an organ, because the organ comes to rest before the thread
-is laid.
+"""The path of a thread that moves with the holes of an organ.
 
-A wound gapes under prestretch, and an organ sags under its weight. A thread that is then passed through its
-holes has the length of its path at this time and is not stretched.
+The organ comes to rest before the thread is laid. A wound gapes under prestretch, and an organ sags
+under its weight. A thread that is then passed through its holes has the length of its path at this
+time and is not stretched.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ GAUSS = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 class LaidPath:
     """A `path` with moved points.
 
-    The points at the rising abscissae `at` (k,) [m] move by `moves` (k, 3) [m]. Points in between move
-    linearly, points beyond like the nearest.
+    The points at the rising abscissae `at` (k,) [m] move by `moves` (k, 3) [m]. Points in between
+    move linearly, points beyond like the nearest.
     """
 
     path: RoundedPath
@@ -33,7 +33,10 @@ class LaidPath:
     moves: Array
 
     def move(self, at: Array) -> Array:
-        """Return the displacement of the points at abscissae of the path (m,) [m], shape `(m, 3)` [m]."""
+        """Return the displacement of points of the path, shape `(m, 3)` [m].
+
+        The points are at abscissae `at` (m,) [m].
+        """
         return np.array([np.interp(at, self.at, component) for component in self.moves.T]).T
 
     @cached_property
@@ -59,22 +62,24 @@ class LaidPath:
         return np.interp(at, *self._lengths)
 
     def points(self, length: Array) -> Array:
-        """Return the points of the moved path at lengths of any shape [m], with a last axis of 3 [m]."""
+        """Return the points of the moved path at lengths of any shape [m].
+
+        The result has a last axis of 3 [m].
+        """
         at = np.interp(length, *self._lengths[::-1])
         return np.asarray(self.path.position(at) + self.move(at.ravel()).reshape(*at.shape, 3))
 
 
 def laid_path(scenario: Scenario, path: RoundedPath, at: Array, moves: Array) -> LaidPath:
-    """Return the path of a thread whose holes at abscissae `at` (p,) of the path [m] have moved by `moves` (p,
-    3) [m].
+    """Return the path of a thread whose holes have moved.
 
-    Tails follow, held ends stay.
+    The holes at abscissae `at` (p,) of the path [m] have moved by `moves` (p, 3) [m]. Tails follow,
+    held ends stay.
     """
     if np.abs(moves).max(initial=0.0) <= STILL * path.length:
         return LaidPath(path, np.zeros(1), np.zeros((1, 3)))
-    first, last = (isinstance(end, FreeEnd | PulledEnd) for end in (scenario.thread.start, scenario.thread.end))
     places, where = np.unique(at, return_index=True)
-    moved = moves[where]
-    ends = [np.zeros((0 if free else 1, 3)) for free in (first, last)]
-    places = np.concatenate([[0.0] * len(ends[0]), places, [path.length] * len(ends[1])])
-    return LaidPath(path, places, np.concatenate([ends[0], moved, ends[1]]))
+    held = [not isinstance(end, FreeEnd | PulledEnd) for end in scenario.thread.ends]
+    start, end = (np.zeros((int(is_held), 3)) for is_held in held)
+    places = np.concatenate([[0.0] * len(start), places, [path.length] * len(end)])
+    return LaidPath(path, places, np.concatenate([start, moves[where], end]))

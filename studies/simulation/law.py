@@ -13,14 +13,17 @@ from tissue.materials.isotropic import Exponential
 
 
 def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
-    """Return the energy of an organ at finite strain: the given energy, or the energy of the scenario."""
+    """Return the energy of an organ at finite strain, of the scenario or from Python."""
     own = given.distortion(float(np.max(body.material.lame_mu)))
     shear = Exponential(body.material.lame_mu, stiffening_of(table, body))
     return tissue.Hyperelasticity(body, own or Sum([shear, *fibres_of(table, body)]), prestretch_of(table, body))
 
 
 def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony | None:
-    """Return the relaxation of an organ's stress, None without relaxation; each series acts in its own cells."""
+    """Return the relaxation of an organ's stress, None without relaxation.
+
+    Each series acts in its own cells.
+    """
     if not table.relaxes:
         return None
     owner, every = owned(table, body.mesh, "relaxation")
@@ -52,7 +55,10 @@ def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
 
 
 def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
-    """Return the principal stretches of the reference shape, shape `(3,)`, or `(3, c)` if a region differs."""
+    """Return the principal stretches of the reference shape, shape `(3,)` [-].
+
+    The shape is `(3, c)` if a region differs.
+    """
     owner, every = owned(table, body.mesh, "prestretch")
     stretches = np.array([stretch or (1.0, 1.0, 1.0) for stretch in every])
     return stretches[0] if len(every) == 1 else np.ascontiguousarray(stretches[owner].T)

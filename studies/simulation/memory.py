@@ -10,6 +10,7 @@ from coupling.run.run import Run
 from coupling.system import Solved
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.scenario import ScenarioError
+from studies.scenario.meanings import because
 from thread.relaxation import Memory
 from thread.spline import Spline
 
@@ -33,7 +34,10 @@ def memory_of(now: OrganRun) -> Arrays:
 
 
 def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
-    """Return the run of a checkpoint; `beginning` is the same run at its start. Raises `ScenarioError`."""
+    """Return the run of a checkpoint.
+
+    `beginning` is the same run at its start. Raises `ScenarioError`.
+    """
     try:
         number, first = int(memory["step"]), replace(beginning.state, solved=None)
         nested: dict[str, Any] = {"before": first, "memory": Memory(NONE, NONE, NONE, 0.0)}
@@ -59,9 +63,6 @@ def recall(beginning: OrganRun, memory: Arrays) -> OrganRun:
     whole = not isinstance(system.organ, tissue.KrylovOrgan)
     if whole and state.organ.U.size != beginning.state.organ.U.size:
         # with "auto" the choice of the Krylov space depends on the solver, and this on free memory
-        raise ScenarioError(
-            f"{CHECKPOINT} has an organ of {state.organ.U.size} unknowns, but here it has "
-            f'{beginning.state.organ.U.size}: it was solved in its Krylov space, but "auto" does not choose this '
-            f"on this machine; continue where the run began, or {ANEW}"
-        )
+        sizes = {"size": state.organ.U.size, "here": beginning.state.organ.U.size}
+        raise ScenarioError(f"{CHECKPOINT} has {because('checkpoint-krylov', **sizes)}, or {ANEW}")
     return now

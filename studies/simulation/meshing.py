@@ -51,9 +51,10 @@ class Body:
 
 
 def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
-    """Return the mesh with the additional boundaries and regions of the scenario; `given` is a mesh from Python.
+    """Return the mesh with the additional boundaries and regions of the scenario.
 
-    Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
+    `given` is a mesh from Python. Raises `ScenarioError` or `MeshError` for a mesh that cannot be
+    made or used.
     """
     table = scenario.tissue
     if table is None:
@@ -70,7 +71,10 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
 
 
 def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
-    """Return the mesh from its generator or file, graded towards the holes if their mesh size is given."""
+    """Return the mesh from its generator or file.
+
+    It is graded towards the holes if a mesh size is given there.
+    """
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
         raise refused("tissue.mesh.kind", shape.kind, "mesh-given")
@@ -196,7 +200,10 @@ def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body
 
 
 def too_large(tets: float, element: str) -> str | None:
-    """Return the memory for this number of tetrahedra in words if it exceeds the available memory, else None."""
+    """Return the memory for this number of tetrahedra in words if it is not available.
+
+    It is None if enough memory is available.
+    """
     need, there = budget(tets, element), psutil.virtual_memory().available
     if need.memory <= there:
         return None
@@ -211,27 +218,29 @@ def check_clear(shape: model.WoundMesh, holes: Sequence[model.Piercing]) -> None
     for hole in holes if shape.shape == "slit" else ():
         x, y, z = hole.place
         across, along = (x, y) if shape.along == "y" else (y, x)
-        beside, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
-        away = float(np.linalg.norm([across, beside, below]))
+        past_end, below = max(abs(along) - shape.length / 2, 0.0), max(-z - shape.depth, 0.0)
+        away = float(np.linalg.norm([across, past_end, below]))
         if away <= hole.footprint:
             raise place_refused(hole, "across-slit", away=away, reach=hole.footprint)
 
 
 def motions_left(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> tuple[Cells, list[Array]]:
-    """Return the body of each cell, shape `(cells,)`, and for each body the rigid motions that remain possible,
-    `(d, 6)`."""
+    """Return the body of each cell, and for each body its remaining rigid motions.
+
+    The shapes are `(cells,)` and `(d, 6)`. Clamps and rollers prevent all other motions.
+    """
     part, held = parts(mesh.p.T, mesh.t.T), tissue.held_components(mesh, clamp, roller)
     nodes = [np.unique(mesh.t[:, part == k]) for k in range(part.max() + 1)]
     return part, [tissue.rigid_motions(mesh.p.T[those], held[those]) for those in nodes]
 
 
-def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str] = ()) -> None:
+def check_held(mesh: skfem.MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> None:
     """Refuse an organ of several bodies if clamps and rollers do not hold each of them."""
     part, left = motions_left(mesh, clamp, roller)
-    loose = [k for k, motions in enumerate(left) if motions.size]
-    if loose and len(left) > 1:
-        centre = np.round(mesh.p[:, mesh.t[:, part == loose[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
-        words = {"place": centre.tolist(), "motions": tissue.motions_in_words(left[loose[0]])}
+    unheld = [k for k, motions in enumerate(left) if motions.size]
+    if unheld and len(left) > 1:
+        centre = np.round(mesh.p[:, mesh.t[:, part == unheld[0]]].mean(axis=(1, 2)), 4) + 0.0  # no −0.0
+        words = {"place": centre.tolist(), "motions": tissue.motions_in_words(left[unheld[0]])}
         raise refused("tissue.clamp", list(clamp), "part-loose", parts=len(left), **words)
 
 
@@ -279,14 +288,20 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
 
 
 def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
-    """Return the mesh with the regions of the scenario as subdomains; the same mesh without regions."""
+    """Return the mesh with the regions of the scenario as subdomains.
+
+    Without regions it is the same mesh.
+    """
     if not regions:
         return mesh
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
 
 
 def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
-    """Return the cells of a region: named in the mesh file, or with their centre in its box or layer."""
+    """Return the cells of a region.
+
+    The mesh file names them, or their centre lies in the region's box or layer.
+    """
     centres, key = mesh.p[:, mesh.t].mean(axis=1), ("tissue", "region", region.name)
     if region.box is not None:
         inside = is_inside(centres, np.array(region.box))
@@ -316,17 +331,23 @@ def is_inside(points: Array, corners: Array) -> NDArray[np.bool_]:
 
 
 def strength_at(table: model.Tissue, mesh: skfem.MeshTet, point: Sequence[float]) -> float:
-    """Return the strength of the tissue at a point, from the nearest cell [Pa]; infinite without a value."""
+    """Return the strength of the tissue at a point, from the nearest cell [Pa].
+
+    It is infinite without a value.
+    """
     owner, every = owned(table, mesh, "strength")
     if not any(every):
         return np.inf
-    near = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
-    return every[owner[near]] or np.inf
+    nearest = int(np.argmin(np.linalg.norm(mesh.p[:, mesh.t].mean(axis=1).T - point, axis=1)))
+    return every[owner[nearest]] or np.inf
 
 
 def owned(table: model.Tissue, mesh: skfem.MeshTet, key: str) -> tuple[Cells, list[Any]]:
-    """Return the number of the value of a key that each cell has, shape `(cells,)`, and these values: the organ's, then
-    those of the regions that have their own."""
+    """Return the values of a key, and for each cell the number of its value.
+
+    The numbers come first, shape `(cells,)`. The values are the organ's value, then the values of
+    regions that have their own.
+    """
     owner, every = np.zeros(mesh.nelements, dtype=np.intp), [getattr(table, key)]
     for region in table.region:
         if (own := getattr(region, key)) is not None:

@@ -1,5 +1,7 @@
-"""Checks of the pieces of a thread before the solution: control points for holes, holders in statics, length
-for hands."""
+"""Checks of the pieces of a thread before the solution.
+
+A piece needs control points for its holes, a holder in statics, and length for hands.
+"""
 
 from collections.abc import Sequence
 
@@ -27,13 +29,15 @@ def check_at_cuts(scenario: Scenario, length: float, s: Sequence[float]) -> None
 
 
 def check_pieces(scenario: Scenario, spline: Spline, s: Sequence[float]) -> None:
-    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m], and in statics an
-    unheld piece."""
+    """Refuse a piece of a cut thread with too few control points for its holes at `s` [m].
+
+    In statics also refuse a piece that nothing holds.
+    """
     if spline.pieces == 1:
         return
     held = np.bincount(spline.piece_of(s), minlength=spline.pieces)
     held_by_end = np.zeros(spline.pieces, dtype=bool)
-    held_by_end[[0, -1]] = [end.kind != "free" for end in (scenario.thread.start, scenario.thread.end)]
+    held_by_end[[0, -1]] = [end.kind != "free" for end in scenario.thread.ends]
     for k, (holes, points) in enumerate(zip(held.tolist(), spline.piece_points.tolist(), strict=True)):
         where = "the thread's piece from {:.6g} to {:.6g} m".format(*spline.piece_ends[k : k + 2])
         if points < (least := 4 + 3 * holes):
@@ -56,7 +60,10 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
 
 
 def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
-    """Refuse cuts during the run at an existing end of the thread, and cuts that leave a piece of one span."""
+    """Refuse cuts during the run near an end of the thread.
+
+    Also refuse cuts that leave a piece of one span.
+    """
     spline = thread.spline
     if thread.travels:
         check_stubs([table.s for table in cuts], spline.piece_ends.tolist(), thread.section.diameter, "cut.s")
@@ -70,7 +77,10 @@ def check_cutting(cuts: Sequence[model.Cut], thread: Thread) -> None:
 
 
 def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[float]) -> None:
-    """Refuse hands that draw a piece of thread out of its hole at `s` [m], or one anchored hole past another."""
+    """Refuse hands that draw a piece of thread too far.
+
+    A piece must not leave its hole at `s` [m], and an anchored hole must not pass another.
+    """
     anchored = [
         (hole, at)
         for hole, at in zip(holes, s, strict=True)
@@ -80,7 +90,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
     before: dict[int, tuple[str, Array]] = {}
     for hole, at in anchored:
         piece, way = int(spline.piece_of(at)), at - drawn_length(hole, times)
-        key = "piercing", hole.name, "draw"
+        key = hole.key("draw")
         start, end = spline.piece_ends[piece : piece + 2]
         if hole.draw and (way.min() <= start or way.max() >= end):
             raise refused(key, hole.draw, "drawn-out", at=at, begins=start, ends=end)

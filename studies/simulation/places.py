@@ -22,8 +22,8 @@ Holes = tuple[model.Piercing, ...]
 def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> Scenario:
     """Return the scenario with coordinates instead of every `at = "surface"`.
 
-    The mesh is the one `given`, or generated. Places in the `store` are reused. Raises `ScenarioError`,
-    `MeshError`.
+    The mesh is the one `given`, or generated. Places in the `store` are reused. Raises
+    `ScenarioError`, `MeshError`.
     """
     if scenario.tissue is None or all(hole.at != "surface" for hole in scenario.piercing):
         return scenario
@@ -37,8 +37,8 @@ def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = 
 def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | None) -> Holes:
     """Return the holes at the intersections of their lines with the organ's surface.
 
-    If cells are smaller at holes, the search runs twice: on a mesh without holes, then on a mesh graded towards
-    the places found first.
+    If cells are smaller at holes, the search runs twice: on a mesh without holes, then on a mesh
+    graded towards the places found first.
     """
     mesh = mesh_of(table, ()) if given is None else given
     found = landed(mesh, holes)
@@ -50,8 +50,10 @@ def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | N
 
 
 def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
-    """Return the holes at their places found on the surface of a mesh. Raises `ScenarioError` for a line
-    without intersection."""
+    """Return the holes at their places on the surface of a mesh.
+
+    Raises `ScenarioError` for a line without intersection.
+    """
     find = tissue.landing(mesh)
     places: list[Vector] = []
     for hole in holes:
@@ -59,7 +61,7 @@ def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
         if place is None:
             low, high = (np.round(x, 6).tolist() for x in (mesh.p.min(axis=1), mesh.p.max(axis=1)))
             words = {"near": as_toml(hole.near), "line": as_toml(hole.line), "low": low, "high": high}
-            raise refused(("piercing", hole.name, "at"), hole.at, "line-missing", **words)
+            raise refused(hole.key("at"), hole.at, "line-missing", **words)
         x, y, z = (place + 0.0).tolist()  # no −0.0
         places.append((x, y, z))
     return moved(holes, places)

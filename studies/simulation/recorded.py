@@ -11,6 +11,7 @@ from studies.output.folder import Recorder, can_resume, check_folder, completed_
 from studies.output.lock import folder_of, locked
 from studies.output.opened import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
+from studies.scenario.meanings import because
 from studies.scenario.scenario import check_given
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared
@@ -28,21 +29,21 @@ def run(
 ) -> OpenRun:
     """Run a scenario, or a prepared simulation, into a folder, and return the opened folder.
 
-    `mesh` and `on_step` are as in `prepare`; None leaves the values of a prepared simulation. A folder with a run is
-    refused, unless the run is continued (`resume`) or replaced (`overwrite`). A run with laws from Python
-    cannot be continued, because no file identifies them. If a run fails, remedies are tried on copies and
-    reported in a remark, unless `remedies` is False. Each step is recorded before `on_step` is called with its
-    record. An exception from `on_step` ends the run, and the folder reports the end. Raises the errors of
-    refused input and of a failed run.
+    `mesh` and `on_step` are as in `prepare`; None leaves the values of a prepared simulation. A
+    folder with a run is refused, unless the run is continued (`resume`) or replaced (`overwrite`).
+    A run with laws from Python cannot be continued, because no file identifies them. If a run
+    fails, remedies are tried on copies and reported in a remark, unless `remedies` is False. Each
+    step is recorded before `on_step` is called with its record. An exception from `on_step` ends
+    the run, and the folder reports the end. Raises the errors of refused input and of a failed run.
     """
     folder, ready = folder_of(folder), scenario if isinstance(scenario, Simulation) else None
     if ready is not None:
         check_prepared(ready, mesh, resume)
-    said = scenario.scenario if isinstance(scenario, Simulation) else scenario
-    check_given(said)
+    requested = scenario.scenario if isinstance(scenario, Simulation) else scenario
+    check_given(requested)
     with locked(folder):
-        check_folder(folder, said, None, resume, overwrite)
-        simulation = ready or prepare(said, mesh=mesh)
+        check_folder(folder, requested, None, resume, overwrite)
+        simulation = ready or prepare(requested, mesh=mesh)
         begun = begin(replace(simulation, on_step=on_step or simulation.on_step), folder, resume)
         if begun is not None:
             recorder, moments = begun
@@ -61,16 +62,16 @@ def run(
 def check_prepared(simulation: Simulation, mesh: object, resume: bool) -> None:
     """Refuse another mesh for a prepared simulation, and a resume with laws from Python."""
     if mesh is not None:
-        raise ScenarioError("mesh is refused: the prepared simulation has a mesh; give it to prepare(scenario, mesh=…)")
-    if resume and (unsaid := simulation.assembly.given.unsaid):
-        reason = f"no file contains the {', '.join(unsaid)} of the run; start it again with overwrite=True"
-        raise ScenarioError(f"resume is refused: {reason}")
+        raise ScenarioError(f"mesh is refused: {because('mesh-prepared')}")
+    if resume and (unrecorded := simulation.assembly.given.unrecorded):
+        raise ScenarioError(f"resume is refused: {because('resume', parts=', '.join(unrecorded))}")
 
 
 def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[Recorder, Moments] | None:
-    """Return the recorder of a run into a folder and its steps, after the last checkpoint for a resumed run.
+    """Return the recorder of a run into a folder, and the steps of the run.
 
-    None if the run is complete. Raises `ScenarioError`.
+    A resumed run continues after its last checkpoint. The result is None if the run is complete.
+    Raises `ScenarioError`.
     """
     checkpoint = None
     if resume and can_resume(folder, simulation.scenario):

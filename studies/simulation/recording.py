@@ -26,18 +26,18 @@ SAMPLES = 6  # points drawn on each span of the thread
 def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | None = None) -> records.StepRecord:
     """Return the record of a step; `open_lips` are lips of a wound without contact."""
     system, state = now.system, now.state
-    seen = now.sight
+    sight = now.sight
     return records.StepRecord(
         time=state.time,
         step=now.number,
-        piercings=own_holes(seen.piercings),
+        piercings=own_holes(sight.piercings),
         energy=now.energies,
         newton_iterations=now.iterations,
-        constraint_max=seen.gap,
+        constraint_max=sight.gap,
         start_reaction=state.reaction[0, :3],
         end_reaction=state.reaction[1, :3],
         torques=tuple(state.reaction[:, 3].tolist()) if system.thread.twist else None,
-        max_strain=float(np.sqrt(1.0 + 2.0 * seen.strain) - 1.0),
+        max_strain=float(np.sqrt(1.0 + 2.0 * sight.strain) - 1.0),
         slide_speed=float(np.abs(state.s_dot[: len(system.piercings)]).max(initial=0.0)),
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
@@ -48,7 +48,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         events=tuple(now.events),
         contact=contact_records(now, open_lips),
         loads=load_records(system, state),
-        tracts=tract_records(seen.piercings),
+        tracts=tract_records(sight.piercings),
         reduction=reduction_record(system, state),
         krylov=krylov_record(system, state),
         ties=now.ties,
@@ -58,9 +58,9 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 
 def would_stay_after(now: OrganRun) -> bool:
-    """Return whether the thread stays at the equilibrium of the last step; also true without an equilibrium.
+    """Return whether the thread stays at the equilibrium of the last step.
 
-    In dynamics only a compressed thread is checked.
+    The result is also true without an equilibrium. In dynamics only a compressed thread is checked.
     """
     ended = [(step.solution, step.new) for step in now.taken[-1:]]
     if now.at_once and not ended:
@@ -104,13 +104,16 @@ def tract_records(holes: Sequence[PiercingObservation]) -> tuple[records.TractRe
 
 
 def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tuple[Wound, ContactObservation, Array]]:
-    """Yield the surface pairs of wounds, with their contact and the places of all nodes of the organ, `(n, 3)` [m]."""
+    """Yield the surface pairs of wounds, their contact, and the places of all nodes.
+
+    The places have shape `(n, 3)` [m].
+    """
     organ: Any = now.system.organ
     touching = observe_contact(now.system, now.state)
     both = ((open_lips, None), (organ.gaps if touching else None, touching))
-    seen = [(gaps, lips) for gaps, lips in both if gaps is not None]
-    wounds = wounds_of(now.system, [gaps for gaps, _ in seen], now.piercings) if seen else []
-    for (gaps, pressed), found in zip(seen, wounds, strict=True):
+    observed = [(gaps, lips) for gaps, lips in both if gaps is not None]
+    wounds = wounds_of(now.system, [gaps for gaps, _ in observed], now.piercings) if observed else []
+    for (gaps, pressed), found in zip(observed, wounds, strict=True):
         points = gaps.body.points + gaps.body.nodal(organ.displacement(now.state.organ))
         lips = pressed or observe_apart(gaps, points)
         for wound, own in zip(found, gaps.slices, strict=True):
@@ -118,7 +121,10 @@ def observed_wounds(now: OrganRun, open_lips: tissue.Gaps | None) -> Iterator[tu
 
 
 def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
-    """Return the observation of surfaces without contact, with all nodes of the organ at `points` `(n, 3)` [m]."""
+    """Return the observation of surfaces without contact.
+
+    All nodes of the organ are at `points` `(n, 3)` [m].
+    """
     displacement, k = points - gaps.body.points, len(gaps.left)
     none, slips = np.zeros(k), np.zeros(k, dtype=bool)
     return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
@@ -135,10 +141,13 @@ def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[re
 
 
 def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> records.ContactRecord:
-    """Return one pair of surfaces; the gap of a node that faces nothing is the extent of the surfaces."""
+    """Return one pair of surfaces.
+
+    The gap of a node that faces nothing is the extent of the surfaces.
+    """
     part = wound.gaps.parts[wound.part]
     pressure, faces = part.vertex_pressure(lips.force), lips.gap < wound.gaps.extent
-    apart = faces & (lips.gap > records.APART)
+    is_open = faces & (lips.gap > records.APART)
     return records.ContactRecord(
         pair=part.name,
         pairs=len(lips.gap),
@@ -150,7 +159,7 @@ def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> rec
         force=float(lips.force.sum()),
         complementarity=lips.complementarity,
         largest_gap=float(lips.gap[faces].max(initial=0.0)),
-        open_area=float(part.pair_areas[apart].sum()),
+        open_area=float(part.pair_areas[is_open].sum()),
         gap_volume=float(part.pair_areas[faces] @ np.maximum(lips.gap[faces], 0.0)),
         slipping=int(np.count_nonzero(lips.slips)),
         friction=float(np.linalg.norm(lips.friction.sum(axis=0))),
@@ -173,7 +182,10 @@ def load_records(system: System, state: State) -> tuple[records.LoadRecord, ...]
 
 
 def reduction_record(system: System, state: State) -> records.ReductionRecord | None:
-    """Return the error estimates of the organ's small basis at the piercings in a state, None without a basis."""
+    """Return the error estimates of the organ's small basis at the piercings in a state.
+
+    They are None without a basis.
+    """
     organ = system.organ
     if not isinstance(organ, tissue.ReducedOrgan):
         return None
@@ -191,7 +203,10 @@ def krylov_record(system: System, state: State) -> records.KrylovRecord | None:
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:
-    """Return the pressure and gap of the lips at all nodes of the organ, `(nodes,)` each [Pa, m]."""
+    """Return the pressure [Pa] and gap [m] of the lips at all nodes, `(nodes,)` each.
+
+    Both are None without contact.
+    """
     lips = observe_contact(system, state)
     if lips is None:
         return None, None
@@ -230,9 +245,9 @@ def thread_record(now: OrganRun) -> ThreadRecord:
 
 
 def bearing_along(holes: Sequence[PiercingObservation], s: Array) -> Array | None:
-    """Return the force of the tissue on the thread along tracts, per length, at abscissae, shape `(m, 3)` [N/m].
+    """Return the force of tracts on the thread per length at abscissae, `(m, 3)` [N/m].
 
-    It is constant along the length of a ball, and zero elsewhere. None without tracts.
+    It is constant along the length of a ball, and zero elsewhere. It is None without tracts.
     """
     balls = [(ball, ball.bearing) for ball in holes if ball.tract and ball.bearing]
     if not balls:

@@ -1,7 +1,7 @@
 """Remarks on a run: from its assembly before the first step, from its largest values at the end.
 
-Each function judges one quantity by plain numbers and returns its remarks. The bounds are in the catalogue,
-`studies.output.remarks`.
+Each function judges one quantity by plain numbers and returns its remarks. The bounds are in the
+catalogue, `studies.output.remarks`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,7 +57,10 @@ def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
 
 
 def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequence[float]) -> list[Remark]:
-    """Return the remarks on the organ before the first step; its cells at the holes have `sizes` (p,) [m]."""
+    """Return the remarks on the organ before the first step.
+
+    Its cells at the holes have `sizes` (p,) [m].
+    """
     scenario, fit, out = assembly.scenario, assembly.fit, list[Remark]()
     for hole, size in zip(scenario.piercing, sizes, strict=True):
         out += coarse_cells(hole, size, body.element, fit is not None)
@@ -78,7 +81,7 @@ def strength_of(scenario: Scenario) -> float | None:
 
 def times_of(scenario: Scenario) -> dict[str, float]:
     """Return the times of scheduled events [s], by their keys."""
-    begins = {dotted_key(["piercing", hole.name, "from"]): hole.from_ for hole in scenario.piercing}
+    begins = {hole.key("from"): hole.from_ for hole in scenario.piercing}
     closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 
@@ -100,13 +103,13 @@ def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
 
 def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     """Return remarks on parts of the run that came from Python."""
-    if not given.unsaid:
+    if not given.unrecorded:
         return []
     mu, moduli = 0.0 if body is None else float(np.max(body.material.lame_mu)), ""
     if (density := given.distortion(mu)) is not None:
         least, largest = shear_moduli(density)
         moduli = f"; its initial shear modulus is {least:.4g} to {largest:.4g} Pa, E and ν give {mu:.4g} Pa"
-    out = [remark("handed-over", "prepare", unsaid=", ".join(given.unsaid), moduli=moduli)]
+    out = [remark("handed-over", "prepare", unsaid=", ".join(given.unrecorded), moduli=moduli)]
     return out + judged(given.stiffness is not None, "stress-of-e-nu", "tissue")
 
 
@@ -171,7 +174,10 @@ def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> list[Re
 
 
 def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> list[Remark]:
-    """Return remarks on the pressure at holes above the tissue's strength [Pa], which is infinite if unknown."""
+    """Return remarks on the pressure at holes above the tissue's strength [Pa].
+
+    The strength is infinite if unknown.
+    """
     out = []
     for name, pressure, strength in zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True):
         out += judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
@@ -179,7 +185,10 @@ def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[f
 
 
 def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> list[Remark]:
-    """Return a remark on the hole whose friction depends most on the length of its assumed channel."""
+    """Return a remark on an assumed channel whose length affects friction.
+
+    The hole is named whose friction depends most on this length.
+    """
     losses: list[tuple[list[float], float, str]] = []
     for hole, found in zip(holes, observed, strict=True):
         if hole.channel is not None or found.channel is None or hole.friction is None:
@@ -216,20 +225,27 @@ def overloaded(extremes: records.Extremes, strength: float | None) -> list[Remar
 
 
 def coarse_spans(ratio: float) -> list[Remark]:
-    """Return a remark if spans are too long for the bends at the holes; `ratio` is a step's `span_ratio`."""
+    """Return a remark if spans are too long for the bends at the holes.
+
+    `ratio` is a step's `span_ratio`.
+    """
     return judged(ratio > RESOLVED, "spans", "thread.control_points", ratio=ratio, limit=RESOLVED)
 
 
 def few_spans(number: float | None) -> list[Remark]:
-    """Return a remark if the spline cannot bend between two holes; `number` is a step's `spans_between`."""
+    """Return a remark if the spline cannot bend between two holes.
+
+    `number` is a step's `spans_between`.
+    """
     few = number is not None and number < BETWEEN
     return judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
 
 
 def along_branch(branches: float, fallen: float) -> list[Remark]:
-    """Return remarks on load steps that followed a branch by arc length, and on loads that decreased along the branch.
+    """Return remarks on load steps that followed a branch by arc length.
 
-    `branches` is the number of these steps, `fallen` the decrease as a share of the full loads.
+    `branches` is the number of these steps. `fallen` is the decrease of the loads along the branch,
+    as a share of the full loads.
     """
     return [
         *judged(branches >= 1.0, "branch", "solve", branches=branches),
@@ -278,8 +294,8 @@ def moves(energy: records.EnergyRecord) -> bool:
 def unsettled(energy: records.EnergyRecord, slide: float, diameter: float) -> list[Remark]:
     """Return a remark if a run did not come to rest.
 
-    The criteria are its kinetic energy and the length `slide` [m] that a thread of `diameter` [m] slides in
-    another run of the same duration.
+    One criterion is its kinetic energy. The other is the length `slide` [m] that a thread of
+    `diameter` [m] slides in another run of the same duration.
     """
     share, limit = unrest(energy.kinetic, energy.of_deformation), bounds.SLID * diameter
     ways = {"slide": slide / MILLI, "limit": limit / MILLI}
@@ -288,7 +304,10 @@ def unsettled(energy: records.EnergyRecord, slide: float, diameter: float) -> li
 
 
 def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> list[Remark]:
-    """Return a remark on holes without the thread at the end of a run, though they have begun and not ended."""
+    """Return a remark on holes that the thread has left at the end of a run.
+
+    Only holes that have begun and not ended are considered.
+    """
     left = [
         found.name
         for hole, found in zip(holes, step.piercings, strict=True)
@@ -299,19 +318,25 @@ def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> lis
 
 
 def undone(scenario: model.Scenario, step: records.StepRecord) -> list[Remark]:
-    """Return remarks on ties that have begun but are open at the end of a run, unless their loop is cut."""
+    """Return remarks on ties that have begun but are open at the end of a run.
+
+    A tie whose loop is cut is not considered.
+    """
     at = {hole.name: hole.s for hole in step.piercings}
     cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
     out = []
     for tie, found in zip(scenario.tie, step.ties, strict=True):
         first, last = sorted(at[name] for name in tie.between)
-        lost = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
-        out += judged(lost, "tie-undone", tie.name, time=step.time)
+        is_open = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
+        out += judged(is_open, "tie-undone", tie.name, time=step.time)
     return out
 
 
 def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
-    """Return remarks on ties locked below their force; `forces` (t,) [N] are NaN for a tie that was not locked."""
+    """Return remarks on ties locked below their force.
+
+    `forces` (t,) [N] are NaN for a tie that was not locked.
+    """
     out = []
     for tie, force in zip(ties, forces.tolist(), strict=True):
         out += judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
@@ -319,8 +344,10 @@ def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
 
 
 def swinging(swing: float) -> list[Remark]:
-    """Return a remark if a hole's force deviates from a straight line over the last steps, as a share of the
-    largest force."""
+    """Return a remark if the force of a hole oscillates over the last steps.
+
+    `swing` is its deviation from a straight line, as a share of the largest force.
+    """
     return judged(swing > bounds.SWUNG, "forces-swing", "solve.dt", swing=swing)
 
 
@@ -349,7 +376,7 @@ def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> l
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
     """Return a remark on coarse cells [m] at a hole, unless they were `refined` to an accuracy."""
     if hole.footprint == 0.0:
-        return [remark("bare-point", hole.name, key=dotted_key(["piercing", hole.name, "footprint"]))]
+        return [remark("bare-point", hole.name, key=hole.key("footprint"))]
     limit = bounds.COARSE[element] * hole.footprint
     sizes = {"size": size / MILLI, "limit": limit / MILLI}
     return judged(not refined and size > limit, "cells", hole.name, element=element, **sizes)
@@ -366,12 +393,15 @@ def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
 
 
 def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
-    """Return remarks on neighbouring holes; two holes at the same place are one hole at two times."""
+    """Return remarks on neighbouring holes.
+
+    Two holes at the same place are one hole at two times.
+    """
     out = []
     for one, other in combinations(holes, 2):
-        apart, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
-        ways = {"apart": apart / MILLI, "reach": reach / MILLI}
-        out += judged(0.0 < apart < reach, "holes-near", one.name, other=other.name, **ways)
+        distance, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
+        ways = {"apart": distance / MILLI, "reach": reach / MILLI}
+        out += judged(0.0 < distance < reach, "holes-near", one.name, other=other.name, **ways)
     return out
 
 
@@ -404,9 +434,9 @@ def off_path(assembly: Assembly) -> list[Remark]:
 
 
 def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
-    """Return the smallest bend radius of a thread with control points `q` (n, c) [m], and its abscissa [m].
+    """Return the smallest bend radius of a thread [m], and its abscissa [m].
 
-    It is computed at the points of the bending energy.
+    It is computed at the points of the bending energy, with control points `q` (n, c) [m].
     """
     rule = thread.elastic_rule
     first, second = (np.einsum("egi,eia->ega", rule.b[:, :, d], q[thread.points_of_span, :3]) for d in (1, 2))
@@ -416,7 +446,10 @@ def sharpest_bend(thread: Thread, q: Array) -> tuple[float, float]:
 
 
 def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
-    """Return a remark on a bend `radius` [m] below the thread's `diameter` [m], at the abscissa `at` [m]."""
+    """Return a remark on a bend `radius` below the thread's `diameter` [m].
+
+    The bend is at the abscissa `at` [m].
+    """
     sizes = {"radius": radius / MILLI, "diameter": diameter / MILLI, "strain": 0.5 * diameter / radius}
     return judged(radius < bounds.KINKED * diameter, "kinked", "thread.path", at=at, **sizes)
 
@@ -449,10 +482,10 @@ def along_path(assembly: Assembly) -> list[Remark]:
 
 
 def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> list[Remark]:
-    """Return remarks on the first and the last strand of the thread, with its `own` holes at abscissae of the
-    path [m].
+    """Return remarks on the first and the last strand of the thread.
 
-    The free tail of an anchored hole is not judged, because nothing pulls on it.
+    `own` are its holes with their abscissae on the path [m]. The free tail of an anchored hole is
+    not judged, because nothing pulls on it.
     """
     path, thread = assembly.path, assembly.scenario.thread
     strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
@@ -468,14 +501,20 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
 
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
-    """Return a remark on a strand that lies `depth` [m] deep in tissue and crosses the surface without a hole."""
+    """Return a remark on a strand in tissue that crosses the surface without a hole.
+
+    It lies `depth` [m] deep.
+    """
     return judged(depth > bounds.IN_TISSUE * diameter, "no-hole", hole, strand=strand, depth=depth / MILLI)
 
 
 def sunk(
     strands: records.StrandsRecord | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
 ) -> list[Remark]:
-    """Return a remark if strands outside the organ, whose holes are at `s` (p,) [m], end in the tissue."""
+    """Return a remark if strands outside the organ end in the tissue.
+
+    The holes of the organ are at `s` (p,) [m].
+    """
     if strands is None:
         return []
     before, behind = (
@@ -493,8 +532,10 @@ def sunk(
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
-    """Return a remark on the depth [m] of the thread in tissue between two holes without a tract, by the names
-    of the holes."""
+    """Return a remark on the thread in tissue between two holes without a tract.
+
+    `depths` are its depths [m] by the names of the holes.
+    """
     deep = {holes: depth for holes, depth in depths.items() if depth > bounds.IN_TISSUE * diameter}
     if not deep:
         return []
@@ -506,8 +547,8 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> l
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:
     """Return a remark if a `bare` length of a tract's path is too long [m].
 
-    This length of the whole `length` [m] has no room for balls of a `radius` [m]. Passages across a wound are
-    excluded.
+    This length of the whole `length` [m] has no room for balls of a `radius` [m]. Passages across a
+    wound are excluded.
     """
     ways = {"bare": bare / MILLI, "length": length / MILLI, "radius": radius / MILLI}
     return judged(bare > bounds.BARE * radius, "tract-bare", name, **ways)
@@ -521,13 +562,14 @@ def stiff_in_tract(scenario: Scenario, tract: records.TractRecord) -> list[Remar
 
 
 def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
-    """Return a remark if the bending force `push` [N] of the thread on a ball is large against its `tension` [N].
+    """Return a remark if the thread bends stiffly in a tract.
 
-    The thread makes a `turn` [rad] from one ball of a tract to the next, at a distance `spacing` [m].
+    Its bending force `push` [N] on a ball is then large against its `tension` [N]. The thread makes
+    a `turn` [rad] from one ball of the tract to the next, at a distance `spacing` [m].
     """
     stiff = turn > bounds.SLIGHT and push > bounds.STIFF * tension
-    given = {"push": push, "turn": turn, "tension": tension, "spacing": spacing / MILLI}
-    return judged(stiff, "tract-stiff", name, **given)
+    words = {"push": push, "turn": turn, "tension": tension, "spacing": spacing / MILLI}
+    return judged(stiff, "tract-stiff", name, **words)
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:
@@ -549,7 +591,8 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
 def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
     """Return remarks on values [SI] outside the range of organs and sutures, by their key.
 
-    A remark shows the first such value of a key and the units in which this value would be plausible.
+    A remark shows the first such value of a key and the units in which this value would be
+    plausible.
     """
     out = []
     for key, numbers in values.items():

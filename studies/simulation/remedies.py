@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from coupling.errors import CouplingError, RestError, TogetherError, TurnedHoleError
@@ -20,34 +19,13 @@ log = logging.getLogger(__name__)
 
 Make = Callable[[Scenario], Simulation]
 Settings = Mapping[str, Any]  # by dotted names
+# of a copy: it ends well, is past the failure, fails, needs more than MOST corrections, or is refused
+Outcome = Literal["ends", "past", "fails", "slow", "refused"]
 
 FINER = 4  # factor of shorter steps: a smaller change can help by chance
 MOST = 5000  # allowed Newton corrections of a copy: enough for a few hundred shorter steps
 PAST = 10  # number of steps of the failed run beyond the failure, to which a copy is computed
 IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, ThreadError)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """The result of a copy with other `settings`, computed to the `time` [s].
-
-    Its outcome: it "ends" well, is "past" the failure, "fails", is "slow" (more than `MOST` corrections), or is
-    "refused".
-    """
-
-    settings: Settings
-    outcome: Literal["ends", "past", "fails", "slow", "refused"]
-    time: float = 0.0
-
-    @property
-    def helps(self) -> bool:
-        """Whether the copy passes the time of the failure."""
-        return self.outcome in ("ends", "past")
-
-    @property
-    def text(self) -> str:
-        """The settings in the notation of a scenario."""
-        return written(self.settings)
 
 
 def written(settings: Settings) -> str:
@@ -58,17 +36,30 @@ def written(settings: Settings) -> str:
 def try_remedies(scenario: Scenario, failure: CouplingError, last: StepRecord | None, make: Make) -> Remark:
     """Try remedies for a failed `scenario` until one helps, and return the remark.
 
-    `last` is its last step, None for a failure before the first step; `make` prepares a copy. Only scenario and
-    failure determine the remedies. A copy is ended by its number of corrections and not by time, so repeated
-    runs give the same remark.
+    `last` is its last step, None for a failure before the first step; `make` prepares a copy. Only
+    scenario and failure determine the remedies. A copy is ended by its number of corrections and
+    not by time, so repeated runs give the same remark.
     """
-    time, trials = last.time if last else 0.0, list[Trial]()
+    time, fails, slow = last.time if last else 0.0, list[str](), list[str]()
     for settings in remedies(scenario, failure):
-        log.info("trying on a copy whether %s helps; Ctrl-C stops", written(settings))
-        trials.append(attempt(scenario, settings, time, make))
-        if trials[-1].helps:
-            break
-    return remark_of(trials, time)
+        text = written(settings)
+        log.info("trying on a copy whether %s helps; Ctrl-C stops", text)
+        outcome, reached = attempt(scenario, settings, time, make)
+        if outcome in ("ends", "past"):
+            past = f"gets past t = {time:.4g} s; it was computed to {reached:.4g} s"
+            way = "reaches its end" if outcome == "ends" else past
+            before = f" (tried before, {in_vain(fails, slow)})" if fails or slow else ""
+            return remark("remedy", "solve", text=f"tried on a copy: with {text} the run {way}{before}")
+        fails += [text] * (outcome == "fails")
+        slow += [text] * (outcome == "slow")
+    helpless = f"no remedy helped on a copy of the run; {in_vain(fails, slow)}"
+    return remark("remedy", "solve", text=helpless if fails or slow else "no copy could be prepared")
+
+
+def in_vain(fails: Sequence[str], slow: Sequence[str]) -> str:
+    """Return the settings of copies that failed or were slow, in words."""
+    words = [f"no help: {'; '.join(fails)}"] * bool(fails)
+    return ", ".join(words + [f"stopped after {MOST} corrections: {'; '.join(slow)}"] * bool(slow))
 
 
 def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
@@ -91,37 +82,25 @@ def remedies(scenario: Scenario, failure: CouplingError) -> Iterator[Settings]:
     yield {"thread.control_points": 2 * thread.control_points}
 
 
-def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> Trial:
-    """Run a copy with other settings until it is well past a `time` [s], needs too many corrections, or fails."""
+def attempt(scenario: Scenario, settings: Settings, time: float, make: Make) -> tuple[Outcome, float]:
+    """Run a copy with other settings, and return the outcome and the time reached [s].
+
+    The copy ends well past a `time` [s], or after too many corrections.
+    """
     goal, corrections = time + PAST * scenario.solve.duration / scenario.solve.steps, 0
     try:
         copy = make(parsed(changed(tables(scenario), settings)))
     except IN_VAIN:
-        return Trial(settings, "refused")
+        return "refused", 0.0
     try:
         for step, _ in copy.advance():
             time, corrections = step.time, corrections + step.newton_iterations
             if step.step == copy.steps:
-                return Trial(settings, "ends", time)
+                return "ends", time
             if time >= goal:
-                return Trial(settings, "past", time)
+                return "past", time
             if corrections > MOST:
-                return Trial(settings, "slow", time)
+                return "slow", time
     except IN_VAIN:
         pass
-    return Trial(settings, "fails", time)
-
-
-def remark_of(trials: Sequence[Trial], time: float) -> Remark:
-    """Return the remark on the `trials` on copies of a run whose last step ended at `time` [s]."""
-    vain = "; ".join(trial.text for trial in trials if trial.outcome == "fails")
-    slow = "; ".join(trial.text for trial in trials if trial.outcome == "slow")
-    other = [f"no help: {vain}"] * bool(vain) + [f"stopped after {MOST} corrections: {slow}"] * bool(slow)
-    if not trials[-1].helps:
-        text = f"no remedy helped on a copy of the run; {', '.join(other)}" if other else "no copy could be prepared"
-        return remark("remedy", "solve", text=text)
-    reached = f"gets past t = {time:.4g} s; it was computed to {trials[-1].time:.4g} s"
-    ways = {"ends": "reaches its end", "past": reached}
-    before = f" (tried before, {', '.join(other)})" if other else ""
-    text = f"tried on a copy: with {trials[-1].text} the run {ways[trials[-1].outcome]}{before}"
-    return remark("remedy", "solve", text=text)
+    return "fails", time

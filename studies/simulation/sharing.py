@@ -1,7 +1,8 @@
-"""A store of parts that scenarios share: mesh, discrete organ, factor and compliance, keyed by their inputs.
+"""A store of parts that scenarios share, keyed by their inputs.
 
-An organ depends on all of a scenario except the tables and keys listed here: the thread, its events in time,
-and the effect of a hole on the thread only. An unlisted key, for example a new one, makes another organ.
+The parts are mesh, discrete organ, factor and compliance. An organ depends on all of a scenario
+except the tables and keys listed here: the thread, its events in time, and the effect of a hole on
+the thread only. An unlisted key, for example a new one, makes another organ.
 """
 
 import hashlib
@@ -58,8 +59,8 @@ class Shared:
             if known is None or known[0] != key:
                 self._kept.pop(kind, None)  # first, because a large organ needs the memory of the last one
                 known = self._kept[kind] = key, make()
-            made: Made = known[1]
-            return made
+            part: Made = known[1]
+            return part
 
 
 def organ_key(scenario: Scenario) -> str:
@@ -76,14 +77,20 @@ def reduction_key(scenario: Scenario) -> str:
 
 
 def start_key(scenario: Scenario) -> str:
-    """Return the digest of all inputs of the start; loads are none, because the thread is laid before they act."""
+    """Return the digest of all inputs of the start.
+
+    Loads are no inputs, because the thread is laid before they act.
+    """
     plain = without(tables(scenario), ("title", "cut", "output"))
     solve = without(plain["solve"], OF_LENGTH)
     return digest(plain | {"thread": unpulled(plain["thread"]), "solve": solve}, scenario)
 
 
 def thread_key(scenario: Scenario, length: float, s: Sequence[float]) -> str:
-    """Return the digest of all inputs of the thread, with its rest length and the abscissae of holes [m]."""
+    """Return the digest of all inputs of the thread.
+
+    These include its rest length and the abscissae of holes [m].
+    """
     laid = [length, *(float(at) for at in s)]
     made = {"thread": unpulled(tables(scenario)["thread"]), "laid": laid, "scheme": scenario.solve.scheme}
     if scenario.thread.knots == "travelling":  # travelling knots depend on the holes and ties
@@ -126,7 +133,10 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
 
 
 def body_tables(scenario: Scenario) -> dict[str, Any]:
-    """Return the tables of a scenario that determine its organ's discrete elasticity, with the places of holes."""
+    """Return the tables of a scenario that determine its organ's discrete elasticity.
+
+    They include the places of holes.
+    """
     of_holes: tuple[str, ...] = ("name", "at", "footprint")
     plain = without(organ_tables(scenario), ("solve", "tract", "laid"))
     if scenario.tissue is not None and scenario.tissue.mesh.accuracy != "given":  # refined cells

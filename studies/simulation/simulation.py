@@ -30,10 +30,11 @@ from studies.output.fields import OrganRecord, OrganTopology
 from studies.output.records import Ending, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
+from studies.scenario.meanings import because
 from studies.scenario.organ import LIPS
-from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
+from studies.scenario.table import refused
 from studies.simulation.assembly import Assembly, assemble, bounds_of, lip_gaps, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
@@ -51,7 +52,10 @@ AT_ONCE = 50  # largest number of steps before they are recorded: the user canno
 
 @dataclass(frozen=True)
 class Simulation:
-    """A scenario ready to run, with its consistent start and the callback for the record of every step."""
+    """A scenario ready to run, with its consistent start.
+
+    `on_step` is called with the record of every step.
+    """
 
     assembly: Assembly
     start: State
@@ -94,11 +98,11 @@ class Simulation:
 
     @cached_property
     def refinement(self) -> dict[str, Any]:
-        """The `rounds` of refinement at the holes, and the estimated relative `errors` of their compliance by
-        piercing [-].
+        """The rounds of refinement at the holes, and the errors of their compliance.
 
-        Empty without refinement. With `tissue.mesh.bound` also the `bounds` of the exact compliance over the
-        compliance of the mesh, lower and upper [-].
+        `rounds` are records. `errors` are the estimated relative errors by piercing [-]. The result
+        is empty without refinement. With `tissue.mesh.bound` it has also the `bounds` of the exact
+        compliance over the compliance of the mesh, lower and upper [-].
         """
         fit, out = self.assembly.fit, dict[str, Any]()
         if fit is not None:
@@ -108,7 +112,10 @@ class Simulation:
         return out
 
     def _by_piercing(self, values: Array) -> dict[str, Any]:
-        """Return the finite values by their piercing, from `(p,)` or `(p, k)` values of all holes."""
+        """Return finite values by the names of their piercings.
+
+        `values` (p,) or (p, k) are those of all holes, with the balls of tracts.
+        """
         own = of_piercings(self.assembly.holes, values.tolist())
         named = zip((hole.name for hole in self.scenario.piercing), own, strict=True)
         return {name: value for name, value in named if np.isfinite(value).all()}
@@ -119,22 +126,21 @@ class Simulation:
         return foreseen(self.assembly, self.start.q)
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
-        """Return the remarks on the run: those before the first step, and those up to an `ending`."""
+        """Return the remarks on the run before the first step and, if given, up to an `ending`."""
         return [*self.foreseen, *(met(self.assembly, ending) if ending else [])]
 
     @property
     def methods(self) -> dict[str, str | None]:
         """The solution methods.
 
-        `solver` is the organ's solver after the choice of `auto`. `organ` is the initial solution of its steps:
-        "whole", in its "krylov" space or in a small "basis"; both are None without an organ. A recorder adds
-        the step of a change to the whole organ.
+        `solver` is the organ's solver after the choice of `auto`. `organ` is the initial solution
+        of its steps: "whole", in its "krylov" space or in a small "basis"; both are None without an
+        organ. A recorder adds the step of a change to the whole organ.
         """
         solve, choice = self.scenario.solve, getattr(self.assembly.organ, "choice", None)
         spaces = {tissue.KrylovOrgan: "krylov", tissue.ReducedOrgan: "basis"}
         organ = spaces.get(type(self.assembly.organ), "whole") if choice else None
-        named = ("kind", "start", "scheme", "integrator", "coupling", "friction")
-        ways = {name: str(getattr(solve, name)) for name in named}
+        ways = solve.model_dump(include={"kind", "start", "scheme", "integrator", "coupling", "friction"})
         return {"solver": choice.name if choice else None, "organ": organ, "newton": self._newton, **ways}
 
     @property
@@ -154,8 +160,8 @@ class Simulation:
     def open_lips(self) -> tissue.Gaps | None:
         """The lips of a wound without contact, None without such lips."""
         body, table = self.assembly.body, self.scenario.tissue
-        apart = LIPS in self.scenario.wounds and LIPS not in self.scenario.touching
-        if body is None or table is None or not apart or not isinstance(table.mesh, WoundMesh):
+        contactless = LIPS in self.scenario.wounds and LIPS not in self.scenario.touching
+        if body is None or table is None or not contactless or not isinstance(table.mesh, WoundMesh):
             return None
         return lip_gaps(table.mesh, body)
 
@@ -171,8 +177,8 @@ class Simulation:
     def advance(self, memory: Arrays | None = None) -> Moments:
         """Yield the start, then every step, each with a function that makes its frame.
 
-        With the `memory` of a step's record: this step again, then the steps after it. Raises `ScenarioError`
-        for a memory of another simulation.
+        With the `memory` of a step's record: this step again, then the steps after it. Raises
+        `ScenarioError` for a memory of another simulation.
         """
         at_rest = self.scenario.solve.start == "rest"
         if memory is None:
@@ -182,8 +188,10 @@ class Simulation:
     def _from(self, now: OrganRun, rests: bool) -> Moments:
         """Yield the steps from the present state, or from its state of rest.
 
-        BLAS uses one thread: on busy cores two threads are slower.
+        BLAS uses one thread: on busy cores two threads are slower. No checkpoint is kept of a last
+        step that was shortened, because a longer run does not reach its state.
         """
+        solve = self.scenario.solve
         with threadpool_limits(limits=1, user_api="blas"):
             now = now.rested() if rests else now
             yield from self._reported(self.record(now), now)
@@ -191,22 +199,21 @@ class Simulation:
                 runs, seconds = timed(partial(self.onward, now), self._newton == "compiled")
                 for run in runs:
                     record = self.record(run, seconds / len(runs))
-                    yield from self._reported(record if self.is_on_grid(run) else replace(record, kept=None), run)
+                    on_grid = solve.kind == "static" or run.state.time == run.number * solve.dt
+                    yield from self._reported(record if on_grid else replace(record, kept=None), run)
                 now = runs[-1]
 
     def _reported(self, record: StepRecord, now: OrganRun) -> Moments:
-        """Yield a step, and call `on_step` after the caller has used the step, so that it is recorded first."""
+        """Yield a step, then call `on_step`.
+
+        The caller has then used the step, so that it is recorded first.
+        """
         yield record, partial(self.snapshot, now)
         if self.on_step is not None:
             self.on_step(record)
 
-    def is_on_grid(self, now: OrganRun) -> bool:
-        """Return whether a longer run reaches the same state; False for a last step that was shortened."""
-        solve = self.scenario.solve
-        return solve.kind == "static" or now.state.time == now.number * solve.dt
-
     def stepper(self, end: WhichEnd = "end", deadline: float | None = None) -> Stepper:
-        """Return the run for a host program, which moves an `end` of the thread and calls each step.
+        """Return the run for a host program, which moves an `end` of the thread step by step.
 
         `deadline` [s] is the longest time of a step; None is the simulated time of the step. Raises
         `ScenarioError`.
@@ -214,7 +221,10 @@ class Simulation:
         return Stepper(self, end, deadline)
 
     def beginning(self) -> OrganRun:
-        """Return the run before the first step. Raises `RestError` for a start at rest without equilibrium."""
+        """Return the run before the first step.
+
+        Raises `RestError` for a start at rest without equilibrium.
+        """
         if self.scenario.solve.start == "path":
             return self.laid()
         with threadpool_limits(limits=1, user_api="blas"):
@@ -241,7 +251,10 @@ class Simulation:
         return now.step(self.length_of(number), self.time_of(number))
 
     def onward(self, now: OrganRun) -> list[OrganRun]:
-        """Return the runs after the next steps: of all steps that are made in one call, else of one step."""
+        """Return the runs after the next steps.
+
+        These are all steps that are made in one call, else one step.
+        """
         solve, numbers = self.scenario.solve, range(now.number + 1, min(now.number + AT_ONCE, self.steps) + 1)
         whole = [number for number in numbers if self.length_of(number) == solve.dt]
         if solve.kind == "static" or not whole:
@@ -254,7 +267,10 @@ class Simulation:
         return solve.duration if number == self.steps else number * solve.dt
 
     def length_of(self, number: int) -> float:
-        """Return the length of a step [s]; only the last step can be shorter, by more than round-off."""
+        """Return the length of a step [s].
+
+        Only the last step can be shorter, by more than round-off.
+        """
         solve = self.scenario.solve
         rest = solve.duration - (number - 1) * solve.dt
         whole = number < self.steps or abs(rest - solve.dt) < WHOLE * solve.dt
@@ -304,7 +320,7 @@ class Simulation:
         )
 
     def _linear_fields(self, body: tissue.Elasticity, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
-        """Return the stress of a linear organ at the nodes, and its other fields by their names in the record."""
+        """Return the stress at the nodes of a linear organ, and other fields by their names."""
         organ: Any = self.assembly.organ
         assert self.recovery is not None
         U = organ.displacement(state)
@@ -324,8 +340,12 @@ class Simulation:
 
 
 def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
-    """Return the Cauchy stress of an organ at finite strain at the nodes, and its other fields by their names in the
-    record: stretch less one, rotation, directions of the stretches. Nothing is beyond what its model holds for."""
+    """Return the Cauchy stress at the nodes of an organ at finite strain, and other fields.
+
+    The fields have their names in the record. The strain is the largest |λ − 1| of the principal
+    stretches λ. The model has no bounds of small strain, so the shares beyond these bounds are
+    zero.
+    """
     hyper, U = organ.law, organ.displacement(state)
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
     return tissue.cauchy_stress(hyper, U, organ.stressed(state)), {
@@ -342,7 +362,11 @@ def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[
 
 
 def method(solve: Solve) -> Take:
-    """Return the function that takes a step: its integrator, and the organ in the same system or after the thread."""
+    """Return the function that takes a step.
+
+    It depends on the integrator, and on whether the organ is in the same system or follows the
+    thread.
+    """
     ways = {"euler": (try_step, backward_euler), "bdf2": (stepping.bdf2_step, stepping.scheme_of)}
     thread_step: Take
     thread_step, scheme_of = ways[solve.integrator]
@@ -367,25 +391,28 @@ def prepare(
 ) -> Simulation:
     """Prepare everything that is needed before the first step.
 
-    Mesh, organ and factor are reused from a `store` if possible; None makes new ones. The other arguments
-    replace parts of the scenario; None keeps the scenario's part:
+    Mesh, organ and factor are reused from a `store` if possible; None makes new ones. The other
+    arguments replace parts of the scenario; None keeps the scenario's part:
 
-    - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of tetrahedra; a scenario
-      without another mesh has `kind = "given"`.
-    - `basis`: the basis of your own forms, `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or
-      with `ElementTetP2`; its mesh becomes the organ's mesh.
-    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse matrix
-      `(N, N)` [N/m], or a function of the basis that returns it. Mass, supports and loads of the scenario are kept.
-    - `friction`: a `coupling.interfaces.FrictionLaw` by the name of its piercing, added to the friction of the
-      scenario.
-    - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a function of F,
-      shape `(3, 3)`, as in `tissue.materials.own`, or a `tissue.materials.density.Density`. It replaces the
-      shear part of E and ν; their bulk part κ/2 (J − 1)² is added.
-    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share the columns
-      of a linear organ without inertia.
+    - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of
+      tetrahedra; a scenario without another mesh has `kind = "given"`.
+    - `basis`: the basis of your own forms, `skfem.Basis(mesh,
+      skfem.ElementVector(skfem.ElementTetP1()))` or with `ElementTetP2`; its mesh becomes the
+      organ's mesh.
+    - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse
+      matrix `(N, N)` [N/m], or a function of the basis that returns it. Mass, supports and loads of
+      the scenario are kept.
+    - `friction`: a `coupling.interfaces.FrictionLaw` by the name of its piercing, added to the
+      friction of the scenario.
+    - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a
+      function of F, shape `(3, 3)`, as in `tissue.materials.own`, or a
+      `tissue.materials.density.Density`. It replaces the shear part of E and ν; their bulk part κ/2
+      (J − 1)² is added.
+    - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share
+      the columns of a linear organ without inertia.
 
-    `on_step` is called with the record of the start and of every step, after the caller has used the record; an
-    exception from it ends the run. Raises the errors of refused input.
+    `on_step` is called with the record of the start and of every step, after the caller has used
+    the record; an exception from it ends the run. Raises the errors of refused input.
     """
     check_given(scenario)
     given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy, ranks)
@@ -400,7 +427,7 @@ def prepare(
 def check_doors(store: object, on_step: object) -> None:
     """Refuse arguments from Python that are not a store or a function. Raises `ScenarioError`."""
     if store is not None and not hasattr(store, "take"):
-        raise ScenarioError(f"store = {store!r} is refused; give a studies.simulation.sharing.Shared, or leave it out")
+        raise ScenarioError(f"store = {store!r} is refused; {because('store')}")
     if on_step is not None and not callable(on_step):
         raise ScenarioError(f"on_step = {on_step!r} is refused; give a function of the record of a step")
 
@@ -412,23 +439,19 @@ def refuse_open_ties(simulation: Simulation) -> None:
     try:
         simulation.laid()
     except FormingError as error:
-        key = dotted_key(["tie", error.piercing, "from"])
-        raise ScenarioError(refusal(key, 0.0, f"the tie cannot begin there: {error.cause}")) from error
+        raise refused(("tie", error.piercing, "from"), 0.0, "tie-laid", cause=error.cause) from error
 
 
 def sound_start(assembly: Assembly, store: Store) -> State:
-    """Return the consistent start, from the `store` if possible.
+    """Return the consistent start, from the `store` if possible. Raises `ScenarioError`.
 
-    Raises `ScenarioError` if there is no start or the constraints cannot be met, and if statics or a start at
-    rest needs an equilibrium that the dead loads do not have.
+    A scenario is refused if there is no start or the constraints cannot be met. Statics and a start
+    at rest also need an equilibrium of the dead loads.
     """
     try:
         state = store.take("start", start_key(assembly.scenario), assembly.start)
     except StepError as error:
-        raise ScenarioError(
-            f"thread.path is refused: the thread cannot be laid along it through its piercings ({error.cause}); "
-            "use a path that passes nearer to them and bends less"
-        ) from error
+        raise ScenarioError(f"thread.path is refused: {because('path-laid', cause=error.cause)}") from error
     problems = faults(assembly.system, state)
     if problems:
         raise ScenarioError(problems)

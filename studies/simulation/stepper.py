@@ -1,5 +1,6 @@
-"""A run stepped by a host program, which moves an end of the thread and receives the forces, for example a
-haptic loop.
+"""A run stepped by a host program, for example a haptic loop.
+
+The host moves an end of the thread and receives the forces.
 
     stepper = prepare(scenario).stepper()
     while …:
@@ -18,6 +19,7 @@ from threadpoolctl import ThreadpoolController
 from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario
+from studies.scenario.meanings import because
 from studies.scenario.table import refused
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
@@ -49,9 +51,9 @@ LATE = 99.0  # per cent of the steps
 class Forces:
     """Forces after a step [N].
 
-    `hand` (3,) is the force of the thread on the hand. `other` (3,) is its force on the holder of the other
-    end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the thread, zero for a hole
-    without thread.
+    `hand` (3,) is the force of the thread on the hand. `other` (3,) is its force on the holder of
+    the other end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the
+    thread, zero for a hole without thread.
     """
 
     hand: Array
@@ -85,10 +87,10 @@ def is_led(end: End) -> TypeGuard[Driven | Fixed]:
 class Stepper:
     """A run stepped by a host program.
 
-    `end` is the end of the thread that the host moves; the scenario must hold it by its place, driven or fixed.
-    Other events of the scenario continue. `deadline` [s] is the longest time of a step; None is the simulated
-    time of the step. Raises `ScenarioError` for statics, for an end without a prescribed place, for an unknown
-    end, and for a deadline below 0 s.
+    `end` is the end of the thread that the host moves; the scenario must hold it by its place,
+    driven or fixed. Other events of the scenario continue. `deadline` [s] is the longest time of a
+    step; None is the simulated time of the step. Raises `ScenarioError` for statics, for an end
+    without a prescribed place, for an unknown end, and for a deadline below 0 s.
     """
 
     def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
@@ -138,11 +140,11 @@ class Stepper:
         return Timing(len(seconds), float(median), float(late), float(seconds.max()), self._missed)
 
     def step(self, dt: float, end_position: ArrayLike) -> Forces:
-        """Advance by `dt` [s] while the hand moves at constant speed to `end_position` (3,) [m], and return the
-        forces.
+        """Advance by `dt` [s], and return the forces.
 
-        A failed step leaves the run unchanged, so that the host can try another. Raises `ValueError` for an
-        invalid place or time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
+        The hand moves at constant speed to `end_position` (3,) [m]. A failed step leaves the run
+        unchanged, so that the host can try another. Raises `ValueError` for an invalid place or
+        time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
         """
         began = perf_counter()
         try:
@@ -150,10 +152,7 @@ class Stepper:
         except (TypeError, ValueError):
             place, length = np.empty(0), 0.0
         if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.0 < length < np.inf:
-            raise ValueError(
-                f"dt = {dt!r} s, end_position = {end_position!r}: allowed are a positive time and three finite numbers "
-                "[m]; give the place of the hand at the end of the step"
-            )
+            raise ValueError(f"dt = {dt!r} s, end_position = {end_position!r}: {because('hand-place')}")
         with self._threads.limit(limits=1, user_api="blas"):
             self._now = self._led(length, place).steps(length, 1)
         forces = self.forces
@@ -163,7 +162,7 @@ class Stepper:
         return forces
 
     def _led(self, dt: float, place: Array) -> OrganRun:
-        """Return the run with a hand that moves the end from its present place to `place` within `dt` [s]."""
+        """Return the run with a hand that moves the end to `place` within `dt` [s]."""
         run, here = self._now, self._now.state.time
         held = run.system.ends[self._side]
         assert is_led(held)

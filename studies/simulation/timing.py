@@ -8,7 +8,10 @@ Made = TypeVar("Made")
 
 
 def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
-    """Return the result of a function and its wall-clock time [s], without compilation if it `compiles` loops."""
+    """Return the result of a function and its wall-clock time [s].
+
+    The time is without compilation if the function `compiles` loops.
+    """
     began = perf_counter()
     if not compiles:
         return make(), perf_counter() - began
@@ -16,5 +19,5 @@ def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
 
     compiling: list[float] = []
     with install_timer("numba:compile", compiling.append):
-        made = make()
-    return made, perf_counter() - began - sum(compiling)
+        result = make()
+    return result, perf_counter() - began - sum(compiling)

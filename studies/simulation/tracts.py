@@ -29,8 +29,8 @@ HALVINGS = 20  # of the interval between two places, to find the depth of one ra
 class Ball(Piercing):
     """A hole that is one ball of a tract.
 
-    It has the tract's name, the length of path that it represents [m], and the number of its part among the deep parts
-    of the path.
+    It has the tract's name, and the length of path that it represents [m]. Its `part` is a number
+    among the deep parts of the path.
     """
 
     tract: str
@@ -41,9 +41,10 @@ class Ball(Piercing):
 def with_balls(
     scenario: Scenario, path: RoundedPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
 ) -> tuple[tuple[Piercing, ...], list[float]]:
-    """Return the holes with the balls of the tracts in between, in the order of the thread, and their abscissae.
+    """Return the holes with the balls of tracts in between, and their abscissae.
 
-    The thread has `length` [m], and its holes are at `s` (p,) [m].
+    Both are in the order of the thread. The thread has `length` [m], and its holes are at `s` (p,)
+    [m].
     """
     holes, places = list(scenario.piercing), list(s)
     if mesh is None or not scenario.tract:
@@ -72,9 +73,10 @@ def radius_of(tract: Tract, holes: Sequence[Piercing]) -> float:
 
 
 def deep_parts(path: RoundedPath, first: float, last: float, radius: float, depths: Distances) -> Array:
-    """Return the parts of a path between two abscissae that are at least a `radius` deep in the tissue.
+    """Return the parts of a path at least a `radius` deep in the tissue, `(k, 2)` [m].
 
-    The result has shape `(k, 2)` [m]. `depths` returns the depth of points `(k, 3)` [m].
+    Only the path between two abscissae is considered. `depths` returns the depth of points `(k, 3)`
+    [m].
     """
     number = int(np.clip(np.ceil(LOOKS * (last - first) / radius), LOOKS, MOST_LOOKS))
     at = np.linspace(first, last, number + 1)
@@ -83,7 +85,7 @@ def deep_parts(path: RoundedPath, first: float, last: float, radius: float, dept
     begins, stops = np.flatnonzero(deep[1:-1] & ~deep[:-2]), np.flatnonzero(deep[1:-1] & ~deep[2:])
 
     def border(inside: int, outside: int) -> float:
-        """Return the abscissa between two places at which the path reaches the depth of a radius."""
+        """Return the abscissa between two places where the path is a radius deep."""
         if not 0 <= outside < len(at):
             return float(at[inside])
         low, high = at[inside], at[outside]
@@ -124,12 +126,13 @@ def balls_of(tract: Tract, path: RoundedPath, deep: Array, radius: float) -> lis
 def bites_of(
     scenario: Scenario, path: RoundedPath, at: Sequence[float], rough: Container[str], depths: Distances
 ) -> dict[str, float]:
-    """Return the length of path in tissue along its direction at each of the `rough` holes without a given
-    channel [m].
+    """Return the length of the path in tissue at holes with friction, by their names [m].
 
-    It is measured from the middle of the strand before a hole to the middle of the strand after it. It is the
-    depth of a bite, half of a wall that is pierced on both sides, and the whole wall if the path leaves it
-    without a hole. `at` (p,) are the abscissae on the path [m].
+    Only the `rough` holes without a given channel are considered. The length is measured along the
+    path's direction at the hole, from the middle of the strand before it to the middle of the
+    strand after it. It is the depth of a bite, or half of a wall that is pierced on both sides. It
+    is the whole wall if the path leaves it without a hole. `at` (p,) are the abscissae on the path
+    [m].
     """
     if scenario.tissue is None or not at:
         return {}
@@ -155,10 +158,10 @@ def covered(path: RoundedPath, low: float, high: float, along: Array, depths: Di
 
 
 def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:
-    """Return the length of a tract's path between two balls on opposite sides of a wound or contact [m].
+    """Return the length of a tract's path across wounds and contacts [m].
 
-    There the path leaves the tissue at one surface and enters it at the other; `balls` have their abscissae on
-    the path.
+    Between two balls on opposite sides the path leaves the tissue at one surface and enters it at
+    the other. `balls` have their abscissae on the path [m].
     """
     away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in scenario.wounds]
     gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
@@ -166,8 +169,10 @@ def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple
 
 
 def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> bool:
-    """Return whether two balls touch two opposite surfaces; `first` and `second` return distances from these
-    surfaces."""
+    """Return whether two balls touch two opposite surfaces.
+
+    `first` and `second` return distances from these surfaces.
+    """
     places, touched = np.array([one.place, other.place]), TOUCHED * one.footprint
     a, b = first(places), second(places)
     return bool(max(a[0], b[1]) <= touched or max(b[0], a[1]) <= touched)
@@ -176,7 +181,8 @@ def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> b
 def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
     """Refuse a spline too coarse for the balls of its tracts.
 
-    Each ball takes two of the three unknowns of a control point, and the thread bends between two balls.
+    Each ball takes two of the three unknowns of a control point, and the thread bends between two
+    balls.
     """
     balls = sum(isinstance(hole, Ball) for hole in holes)
     least = 4 + 3 * (len(holes) - balls) + 2 * balls

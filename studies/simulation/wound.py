@@ -1,10 +1,10 @@
 """A wound between two contact surfaces: closing forces, eversion of its edges, and gaps along them.
 
-A hole belongs to the surfaces nearest to it in the reference shape, on their left or right side. The normal d
-there points from left to right, and f is the force of the thread on the tissue. The closing force of a hole is
-f·d on the left and −f·d on the right. All holes and balls in a tied loop are one stitch. A loop that changes
-sides more often than a pulley stitch is a running suture and not one stitch. The balls of any other tract are
-one stitch, and any other hole is a stitch alone.
+A hole belongs to the surfaces nearest to it in the reference shape, on their left or right side.
+The normal d there points from left to right, and f is the force of the thread on the tissue. The
+closing force of a hole is f·d on the left and −f·d on the right. All holes and balls in a tied loop
+are one stitch. A loop that changes sides more often than a pulley stitch is a running suture and
+not one stitch. The balls of any other tract are one stitch, and any other hole is a stitch alone.
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,9 @@ SIDES = (False, True)  # values of `right`: the left side first
 class Bite:
     """A hole next to a wound.
 
-    It has its `stitch`, whether it is on the `right`, its `place` (3,) in the reference shape [m], its closing
-    force `drawn` [N], and whether it is a `ball` of a tract or an opening.
+    It has its `stitch`, and `right` is whether it is on the right side. Its `place` (3,) is in the
+    reference shape [m], and `drawn` is its closing force [N]. A `ball` belongs to a tract, any
+    other hole is an opening.
     """
 
     stitch: str
@@ -44,7 +45,10 @@ class Bite:
 
 @dataclass(frozen=True)
 class Wound:
-    """Two contact surfaces, number `part` of `gaps`, and the `bites` next to them in the order of the thread."""
+    """Two contact surfaces, and the bites next to them.
+
+    The surfaces are number `part` of `gaps`. The `bites` are in the order of the thread.
+    """
 
     gaps: tissue.Gaps
     part: int
@@ -66,14 +70,11 @@ class Wound:
         total, size = 2.0 * self.closure_force, sum(abs(bite.drawn) for bite in self.bites)
         out = []
         for stitch in dict.fromkeys(bite.stitch for bite in self.bites):
-            left, right = (self._drawn(stitch, side) for side in SIDES)
+            own = [bite for bite in self.bites if bite.stitch == stitch]
+            left, right = (sum(bite.drawn for bite in own if bite.right is side) for side in SIDES)
             share = (left + right) / total if total > BALANCED * size else None
             out.append(StitchRecord(stitch, self.pair, left, right, share))
         return tuple(out)
-
-    def _drawn(self, stitch: str, right: bool) -> float:
-        """Return the closing force of a stitch on one side [N]."""
-        return sum(bite.drawn for bite in self.bites if bite.stitch == stitch and bite.right is right)
 
     @cached_property
     def rims(self) -> tuple[tissue.Rim, ...]:
@@ -82,16 +83,17 @@ class Wound:
         return tuple(rim.near(openings) for rim in self.gaps.rims[self.part])
 
     def eversion(self, points: Array) -> float | None:
-        """Return the rise of the outer surface towards the edges, both sides together [rad]; None if a side has
-        no edge.
+        """Return the rise of the outer surface towards the edges, both sides together [rad].
 
-        All nodes of the organ are at `points` `(n, 3)` [m].
+        It is None if a side has no edge. All nodes of the organ are at `points` `(n, 3)` [m].
         """
         return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
     def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
-        """Return the gaps along the left rim from the contact of its `lips`, with all nodes at `points`
-        `(n, 3)` [m]."""
+        """Return the gaps along the left rim from the contact of its `lips`.
+
+        All nodes of the organ are at `points` `(n, 3)` [m].
+        """
         part, (vertices, way) = self.gaps.parts[self.part], self.rims[0].way
         faces, pressure = lips.gap < self.gaps.extent, part.hats.T @ part.vertex_pressure(lips.force)
         if not vertices.size:
@@ -113,11 +115,11 @@ def wounds_of(system: System, every: Sequence[tissue.Gaps], holes: Sequence[Pier
     """
     places = np.array([hole.x - hole.displacement for hole in holes]).reshape(-1, 3)
     pairs, away = (np.array(both) for both in zip(*(gaps.nearest(places) for gaps in every), strict=True))
-    beside = np.argmin(away, axis=0)
+    nearest = np.argmin(away, axis=0)
     order = np.argsort([hole.s for hole in holes], kind="stable").tolist()
     out = []
     for number, gaps in enumerate(every):
-        own = [k for k in order if beside[k] == number]
+        own = [k for k in order if nearest[k] == number]
         found = bites_of(system, gaps, holes, pairs[number], places)
         part = np.searchsorted([own.stop for own in gaps.slices], pairs[number], side="right")
         out.append([Wound(gaps, p, tuple(found[k] for k in own if part[k] == p)) for p in range(len(gaps.parts))])
@@ -129,7 +131,8 @@ def bites_of(
 ) -> list[Bite]:
     """Return every hole with its side and closing force.
 
-    `pairs` (p,) are the node pairs nearest to its place in the reference shape, `places` (p, 3) [m].
+    `pairs` (p,) are the node pairs nearest to its place in the reference shape, `places` (p, 3)
+    [m].
     """
     d = gaps.start[pairs, 4:] / np.linalg.norm(gaps.start[pairs, 4:], axis=1)[:, None]
     right = np.vecdot(places - gaps.body.points[gaps.left[pairs]], d) > 0.0
@@ -140,7 +143,10 @@ def bites_of(
 
 
 def stitches_of(system: System, holes: Sequence[PiercingObservation], right: Flags) -> list[str]:
-    """Return the name of each hole's stitch: its tie, its tract or the hole itself; `right` (p,) is its side."""
+    """Return the name of each hole's stitch: its tie, its tract or the hole itself.
+
+    `right` (p,) is its side.
+    """
     names, s = [hole.tract or hole.name for hole in holes], np.array([hole.s for hole in holes])
     for tie in system.ties:
         inside = (s >= s[tie.between[0]]) & (s <= s[tie.between[1]])
