@@ -86,7 +86,10 @@ class Piercing(ScenarioTable):
                 self._refuse(number == 0 or number - 1 in alone, "rows.idle", shown)
 
     def _check_hands(self) -> None:
-        """Refuse a hand that prescribes length and force at once, or that draws for no time."""
+        """Refuse a hand that prescribes length and force at once, or that draws for no time.
+
+        Also refuse rows whose times do not rise.
+        """
         self._refuse(self.kind == "anchored" and None not in (self.draw, self.pull), "pull.anchored")
         for draw, pull in product(*map(grips, self.hands.values())):
             at_once = max(draw[0][0], pull[0][0]) < min(draw[-1][0], pull[-1][0])
@@ -94,8 +97,6 @@ class Piercing(ScenarioTable):
         for key, rows in self.hands.items():
             for grip in grips(rows) if self.kind == "sliding" else ():
                 self._refuse(len(grip) < 2, "rows.single", (f"{key}.{rows.index(grip[0])}", grip[0]))
-
-    def _check_times(self) -> None:
         for key, rows in self.hands.items():
             check_rising(key, rows)
 

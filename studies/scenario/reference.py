@@ -48,9 +48,8 @@ class Key:
         value = f"{self.type} [{self.unit}]" if self.unit else self.type
         if self.allowed:
             value = self.allowed if value == "text" else f"{value}, {self.allowed}"
-        needed = {"required": "required", "none": "optional", "`[]`": "optional"}.get(
-            self.default, f"default {self.default}"
-        )
+        words = {"required": "required", "none": "optional", "`[]`": "optional"}
+        needed = words.get(self.default, f"default {self.default}")
         meaning = f"{', '.join(self.kinds)}: {self.meaning}" if self.kinds else self.meaning
         return f"- `{self.name}` ({value}; {needed}): {meaning}"
 

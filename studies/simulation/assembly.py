@@ -263,8 +263,7 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
         for k, (hole, at) in enumerate(zip(holes, s, strict=True))
         if hole.from_ == 0.0
     ]
-    clamped = [end.kind == "clamped" for end in (table.start, table.end)]
-    places = [at for at, held in zip((0.0, length), clamped, strict=True) if held]
+    places = [at for at, end in zip((0.0, length), table.ends, strict=True) if end.kind == "clamped"]
     holds += [Hold(len(holes) + k, at, True, longest) for k, at in enumerate(places)]
     total = len(holes) + len(places) + 2 * len(scenario.tie)
     bent = [any(hold.directed and hold.s == at for hold in holds) for at in (0.0, length)]

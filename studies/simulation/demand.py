@@ -90,18 +90,15 @@ def loops(scenario: Scenario, s: Array) -> Iterator[tuple[slice, Array, Array, A
     for tie in (tie for tie in scenario.tie if tie.from_ < scenario.solve.duration):
         first, last = sorted(map(names.index, tie.between))
         places = np.array([holes[k].place for k in (last, *range(first, last + 1), first)])
-        straight = np.maximum(np.linalg.norm(np.diff(places, axis=0), axis=1), np.finfo(float).tiny)
+        ways = np.diff(places, axis=0)
+        straight = np.maximum(np.linalg.norm(ways, axis=1), np.finfo(float).tiny)
         laid = np.diff(s[first : last + 1])
         slack = np.where(borne(scenario)[first:last], 0.0, laid - straight[1:-1]).sum()
         drawn = 2.0 * tie.speed * (min(tie.until, scenario.solve.duration) - tie.from_ - 0.5 * tie.growth)
         force = tie.force if scenario.solve.kind == "static" or drawn > slack else 0.0
         lengths = np.concatenate([0.5 * straight[:1], laid, 0.5 * straight[-1:]])
-        yield (
-            slice(first, last + 1),
-            np.full(len(straight), force),
-            np.diff(places, axis=0) / straight[:, None],
-            lengths,
-        )
+        tensions = np.full(len(straight), force)
+        yield slice(first, last + 1), tensions, ways / straight[:, None], lengths
 
 
 def moduli_at(body: tissue.Elasticity | None, holes: Sequence[Piercing]) -> Array:

@@ -71,7 +71,7 @@ def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequen
         out += inaccurate(accuracy, errors, fit.rounds[-1].unknowns)
     out += near_holes(scenario.piercing) + moved_holes(scenario.piercing)
     out += steep_friction(scenario.contact) + unheld(scenario)
-    return out + along_path(assembly)
+    return out + along_path(assembly, body)
 
 
 def strength_of(scenario: Scenario) -> float | None:
@@ -454,11 +454,9 @@ def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
     return judged(radius < bounds.KINKED * diameter, "kinked", "thread.path", at=at, **sizes)
 
 
-def along_path(assembly: Assembly) -> list[Remark]:
+def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
     """Return remarks on the thread between neighbouring holes that hold it at the start."""
-    path, body, scenario = assembly.path, assembly.body, assembly.scenario
-    if body is None:
-        return []
+    path, scenario = assembly.path, assembly.scenario
     diameter = assembly.system.thread.section.diameter
     placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
@@ -470,10 +468,9 @@ def along_path(assembly: Assembly) -> list[Remark]:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
             found = assembly.depths(path.position(at))
             depths[one.name, other.name] = float(found.max())
-            crosses = bool(found.min() < -bounds.IN_TISSUE * diameter)
-            out += (
-                unpierced(f"between {one.name!r} and {other.name!r}", one.name, float(found.max()), diameter) * crosses
-            )
+            if found.min() < -bounds.IN_TISSUE * diameter:
+                where = f"between {one.name!r} and {other.name!r}"
+                out += unpierced(where, one.name, float(found.max()), diameter)
         else:
             balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
             borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
