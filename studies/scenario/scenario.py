@@ -197,12 +197,12 @@ class Scenario(ScenarioTable):
                 raise ValueError(refusal(key, found, f"{why}{as_toml(value)}{otherwise}"))
 
     def _check_knots(self) -> None:
-        if self.thread.knots == "fixed":
-            changed = self.thread.tolerance != type(self.thread).model_fields["tolerance"].default
-            self._refuse(changed, "thread.tolerance.fixed")
-            return
-        why = "thread.knots is travelling, which needs another value; set it to "
-        self._require(TRAVELLING, why, ', or knots = "fixed"')
+        default = type(self.thread).model_fields["tolerance"].default
+        if self.thread.knots == "travelling":
+            why = "thread.knots is travelling, which needs another value; set it to "
+            self._require(TRAVELLING, why, ', or knots = "fixed"')
+        elif self.thread.tolerance != default:
+            self._refuse(True, "thread.tolerance.fixed")
 
     def _check_relaxation(self) -> None:
         if self.thread.relaxation:

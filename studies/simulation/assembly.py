@@ -122,8 +122,9 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_order([(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)], length)
     holes, s = with_balls(scenario, path, own, length, mesh)
     check_balls(scenario.thread, holes)
-    body, fit = stored_body(scenario, holes, mesh, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, holes, body, given, store))
+    sites = [site_of(hole, scenario) for hole in holes]
+    body, fit = stored_body(scenario, sites, mesh, store, given)
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, sites, body, given, store))
     at = np.array(s) * (path.length / length)
     moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
     there = np.array([is_known(hole) for hole in holes], dtype=bool)
@@ -198,10 +199,9 @@ def is_compiled(solve: model.Solve) -> bool:
     """
     if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
         return solve.newton == "compiled"
-    if not are_kept():
+    if not (kept := are_kept()):
         log.info("steps are solved in numpy, because no folder can cache compiled loops; set NUMBA_CACHE_DIR")
-        return False
-    return True
+    return kept
 
 
 def shareable(store: Store | None, given: Given) -> Store:
@@ -419,7 +419,7 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
 
 
 def stored_body(
-    scenario: Scenario, holes: Sequence[model.Piercing], mesh: skfem.MeshTet | None, store: Store, given: Given
+    scenario: Scenario, sites: Sequence[tissue.Site], mesh: skfem.MeshTet | None, store: Store, given: Given
 ) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
     """Return the organ's discrete elasticity, and the refinement of its cells.
 
@@ -428,7 +428,6 @@ def stored_body(
     """
     if mesh is None:
         return None, None
-    sites = [site_of(hole, scenario) for hole in holes]
     return store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
 
 
@@ -474,15 +473,14 @@ def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Sto
 
 
 def organ_of(
-    scenario: Scenario, holes: Sequence[model.Piercing], body: tissue.Elasticity | None, given: Given, store: Store
+    scenario: Scenario, sites: Sequence[tissue.Site], body: tissue.Elasticity | None, given: Given, store: Store
 ) -> AnyOrgan:
-    """Return the organ with its holes for the coupling.
+    """Return the organ with its holes at the `sites`, for the coupling.
 
     The organ is linear or at finite strain, with or without inertia. A linear organ can be in its
     Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. A
     small basis comes from the `store` if possible.
     """
-    sites = [site_of(hole, scenario) for hole in holes]
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
     placed = tissue.build_sites(body, sites)

@@ -64,12 +64,8 @@ class Given:
 
         Mesh, basis and ranks are not considered.
         """
-        there = {
-            "stiffness": self.stiffness is not None,
-            "friction": bool(self.friction),
-            "energy": self.energy is not None,
-        }
-        return tuple(name for name, is_there in there.items() if is_there)
+        parts = {"stiffness": self.stiffness, "friction": self.friction or None, "energy": self.energy}
+        return tuple(name for name, part in parts.items() if part is not None)
 
     @property
     def parts(self) -> dict[str, Any]:
