@@ -392,12 +392,13 @@ def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float]
     length and abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the
     thread's position at this time.
     """
-    thread: dict[str, object] = {key: ramped(getattr(scenario.thread, key), scenario.solve) for key in ("start", "end")}
+    solve, thread = scenario.solve, scenario.thread
+    keys: dict[str, object] = {"start": ramped(thread.start, solve), "end": ramped(thread.end, solve)}
     holes = scenario.piercing
     if length is not None:
-        thread["length"] = length
+        keys["length"] = length
         holes = tuple(
             hole.model_copy(update={"s": float(at)}) if hole.s is None and hole.from_ == 0.0 else hole
             for hole, at in zip(holes, s, strict=True)
         )
-    return scenario.model_copy(update={"thread": scenario.thread.model_copy(update=thread), "piercing": holes})
+    return scenario.model_copy(update={"thread": thread.model_copy(update=keys), "piercing": holes})

@@ -119,12 +119,14 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     make_mesh = partial(organ_mesh, scenario, given.volume)
     mesh = None if scenario.tissue is None else store.take("mesh", mesh_key(scenario), make_mesh)
     own = abscissae(scenario, path, length)
-    check_order([(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)], length)
+    known = [(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)]
+    check_order(known, length)
     holes, s = with_balls(scenario, path, own, length, mesh)
     check_balls(scenario.thread, holes)
     sites = [site_of(hole, scenario) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)
-    organ: AnyOrgan = store.take("organ", organ_key(scenario), lambda: organ_of(scenario, sites, body, given, store))
+    make_organ = partial(organ_of, scenario, sites, body, given, store)
+    organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
     at = np.array(s) * (path.length / length)
     moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
     there = np.array([is_known(hole) for hole in holes], dtype=bool)

@@ -396,9 +396,8 @@ def prepare(
 
     - `mesh` [m]: the organ's mesh, a `skfem.MeshTet`, a meshio mesh or a pyvista grid of
       tetrahedra; a scenario without another mesh has `kind = "given"`.
-    - `basis`: the basis of your own forms, `skfem.Basis(mesh,
-      skfem.ElementVector(skfem.ElementTetP1()))` or with `ElementTetP2`; its mesh becomes the
-      organ's mesh.
+    - `basis`: the basis of your own forms; its mesh becomes the organ's mesh. It is
+      `skfem.Basis(mesh, skfem.ElementVector(skfem.ElementTetP1()))` or has `ElementTetP2`.
     - `stiffness`: the stiffness of a linear organ in the unknowns of the basis, a symmetric sparse
       matrix `(N, N)` [N/m], or a function of the basis that returns it. Mass, supports and loads of
       the scenario are kept.
@@ -406,8 +405,8 @@ def prepare(
       friction of the scenario.
     - `energy`: the strain-energy density of distortion of an organ at finite strain [J/m³], a
       function of F, shape `(3, 3)`, as in `tissue.materials.own`, or a
-      `tissue.materials.density.Density`. It replaces the shear part of E and ν; their bulk part κ/2
-      (J − 1)² is added.
+      `tissue.materials.density.Density`. It replaces the shear part of E and ν. Their bulk part,
+      κ/2 (J − 1)², is added.
     - `ranks`: the processes, an `mpi4py.MPI.Comm`, that all prepare this scenario at once and share
       the columns of a linear organ without inertia.
 
