@@ -1,12 +1,11 @@
 """`suture bench finite`: times of an organ at finite strain, in statics and in dynamics.
 
-Statics: the scene `skin` on P1 cells, from the mesh's matrices to the last of ten load steps. Dynamics: a step
-of the main job in stiffening tissue and in linear tissue, in turn. All times are processor times on one thread,
-so other work on the machine has no effect.
+Statics: the scene `skin` on P1 cells, from the mesh's matrices to the last of ten load steps.
+Dynamics: a step of the main job in stiffening tissue and in linear tissue, in turn. All times are
+processor times on one thread, so other work on the machine has no effect.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -15,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.run import begin
-from studies.bench.rows import keep, printed
+from studies.bench.rows import Numbers, keep, printed
 from studies.bench.step import COUPLED, FIXED, MILLI, SCENES, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -25,36 +24,10 @@ AT_REST = {"15k": (2.4e-3, 1.0e-3), "37k": (2.2e-3, 0.6e-3)}  # cell size far fr
 LOAD_STEPS = 10
 STIFFENING = ['tissue.material="exponential"', "tissue.stiffening=5.0", "tissue.rayleigh=[5.7, 0.0]"]
 WARM_UP, STEPS = 10, 25  # in dynamics; only the latter steps are timed
-
-
-@dataclass(frozen=True)
-class AtRest:
-    """A static pull in `load_steps`: `start` is the time before the first of them, `pull` their time [s]."""
-
-    case: str
-    tissue_unknowns: int
-    solver: str
-    load_steps: int
-    start: float
-    pull: float
-
-
-@dataclass(frozen=True)
-class InTime:
-    """A step of an organ at finite strain and of a linear one: medians [ms], and their mean numbers of Newton
-    corrections."""
-
-    case: str
-    tissue_unknowns: int
-    step: float
-    linear: float
-    corrections: float
-    linear_corrections: float
-
-    @property
-    def times_as_long(self) -> float:
-        """Time of the step at finite strain over the linear one."""
-        return self.step / self.linear
+IN_TIME = (
+    "\nin time, {tissue_unknowns} unknowns: {step:.1f} ms a step ({corrections:.1f} corrections), "
+    "linear {linear:.1f} ms ({linear_corrections:.1f}); {times_as_long:.1f} times as long"
+)
 
 
 def main(
@@ -64,20 +37,13 @@ def main(
     in_time: tuple[float, float] = SIZES["10k"],
 ) -> int:
     """Measure, print, and add to the JSON file if given; return the exit status."""
-
-    def pulls() -> Iterator[AtRest]:
-        for case, mesh in at_rest.items():
-            yield measure_pull(case, [*sized(mesh), f'tissue.solver="{solver}"'])
-
-    rows = printed("finite", pulls())
+    choice = f'tissue.solver="{solver}"'
+    pulls = (measure_pull(case, [*sized(mesh), choice]) for case, mesh in at_rest.items())
+    rows = printed("finite", pulls)
     with threadpool_limits(limits=1, user_api="blas"):
-        step = measure_step("10k", [*sized(in_time), f'tissue.solver="{solver}"'])
-    print(
-        f"\nin time, {step.tissue_unknowns} unknowns: {step.step:.1f} ms a step ({step.corrections:.1f} corrections), "
-        f"linear {step.linear:.1f} ms ({step.linear_corrections:.1f}); {step.times_as_long:.1f} times as long"
-    )
-    in_time_found = asdict(step) | {"times_as_long": step.times_as_long}
-    return keep(json_path, {"finite_at_rest": [asdict(row) for row in rows], "finite_in_time": in_time_found})
+        step = measure_step("10k", [*sized(in_time), choice])
+    print(IN_TIME.format(**step))
+    return keep(json_path, {"finite_at_rest": rows, "finite_in_time": step})
 
 
 def sized(mesh: tuple[float, float]) -> list[str]:
@@ -85,25 +51,33 @@ def sized(mesh: tuple[float, float]) -> list[str]:
     return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}", "tissue.mesh.accuracy=given"]
 
 
-def measure_pull(case: str, overrides: list[str]) -> AtRest:
-    """Measure a static pull of the thread through skin, in load steps."""
+def measure_pull(case: str, overrides: list[str]) -> Numbers:
+    """Return the numbers of a static pull of the thread through skin, in load steps.
+
+    `start` is the time before the first load step, `pull` the time of all load steps [s].
+    """
     scenario = load(SKIN, ['tissue.element="P1"', *overrides])
     began = process_time()
-    made = assemble(scenario)
-    organ, run = made.organ, begin(made.system, made.start())
+    assembly = assemble(scenario)
+    organ, run = assembly.organ, begin(assembly.system, assembly.start())
     assert isinstance(organ, tissue.FiniteOrgan)
     start = process_time() - began
     began = process_time()
     for number in range(LOAD_STEPS):
         run = run.load((number + 1) / LOAD_STEPS, scenario.solve.duration)
-    return AtRest(case, organ.size, organ.choice.name, LOAD_STEPS, start, process_time() - began)
+    found = {"case": case, "tissue_unknowns": organ.size, "solver": organ.choice.name}
+    return found | {"load_steps": LOAD_STEPS, "start": start, "pull": process_time() - began}
 
 
-def measure_step(case: str, overrides: list[str]) -> InTime:
-    """Measure steps of the main job in stiffening tissue and in linear tissue, in turn."""
+def measure_step(case: str, overrides: list[str]) -> Numbers:
+    """Return the numbers of a step of the main job in stiffening and in linear tissue, in turn.
+
+    They are the median times of a step [ms], their ratio, and the mean numbers of Newton
+    corrections.
+    """
     scenarios = [load(COUPLED, [*FIXED, *overrides, *more]) for more in (STIFFENING, [])]
-    made = [assemble(scenario) for scenario in scenarios]
-    runs, dt = [begin(each.system, each.start()) for each in made], scenarios[0].solve.dt
+    assemblies = [assemble(scenario) for scenario in scenarios]
+    runs, dt = [begin(each.system, each.start()) for each in assemblies], scenarios[0].solve.dt
     times: list[list[float]] = [[], []]
     corrections: list[list[int]] = [[], []]
     for _ in range(WARM_UP + STEPS):
@@ -113,5 +87,7 @@ def measure_step(case: str, overrides: list[str]) -> InTime:
             times[k].append(process_time() - began)
             corrections[k].append(runs[k].iterations)
     step, linear = (median(each[WARM_UP:]) / MILLI for each in times)
-    counts = (sum(each[WARM_UP:]) / STEPS for each in corrections)
-    return InTime(case, int(made[0].organ.size), step, linear, *counts)
+    counts = [sum(each[WARM_UP:]) / STEPS for each in corrections]
+    found = {"case": case, "tissue_unknowns": int(assemblies[0].organ.size), "step": step, "linear": linear}
+    found |= dict(zip(("corrections", "linear_corrections"), counts, strict=True))
+    return found | {"times_as_long": step / linear}

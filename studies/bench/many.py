@@ -1,8 +1,9 @@
-"""`suture bench many`: a small basis, many tensions on one organ, and the main job from the command to its picture.
+"""`suture bench many`: a small basis, many tensions on one organ, and the main job.
 
-The small basis is compared with the whole organ on the main job's block, and its estimated error with the real
-error. The comparison is repeated for a soft block without damping, pulled within 2 ms, the most difficult case.
-The sweep over tensions is compared with single runs. All times are processor times on one thread, in turn, so
+The main job is measured from the command to its picture. The small basis is compared with the whole
+organ on the main job's block, and its estimated error with the real error. The comparison is
+repeated for a soft block without damping, pulled within 2 ms, the most difficult case. The sweep
+over tensions is compared with single runs. All times are processor times on one thread, in turn, so
 other work on the machine has no effect.
 """
 
@@ -11,7 +12,6 @@ import resource
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -25,7 +25,7 @@ from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import EVERY_CASE, keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
 from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -51,70 +51,6 @@ AT_REST = ("--set=solve.kind=static", "--set=solve.load_steps=1")
 CASES = EVERY_CASE["tensions"]
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """An organ in a small basis, compared with the whole organ.
-
-    Medians [ms] are given for a step, for a step of many made `at_once`, and for the organ's part of a step;
-    None without a thread. Relative to the largest displacement of a hole are given the largest error, and the
-    difference and bound of the basis. `bound_over_error` is the smallest ratio of bound and error at a step.
-    """
-
-    case: str
-    tissue_unknowns: int
-    vectors: int
-    basis_seconds: float
-    step: float | None
-    whole_step: float | None
-    at_once: float | None
-    organ: float
-    whole_organ: float
-    error: float
-    difference: float
-    bound: float
-    bound_over_error: float
-
-    @property
-    def times_as_fast(self) -> float:
-        """Time of the whole organ's step over the small basis' step; without a thread, of the organ's parts."""
-        return self.whole_organ / self.organ if not (self.step and self.whole_step) else self.whole_step / self.step
-
-    @property
-    def steps_per_second(self) -> float | None:
-        """Number of steps of thread and small basis per second of one core, made at once; None without a thread."""
-        return None if self.at_once is None else 1.0 / (self.at_once * MILLI)
-
-
-@dataclass(frozen=True)
-class Many:
-    """Processor times of many tensions on one organ [s].
-
-    `sweep` is one command for all tensions, `run` a run of one tension with its picture, and `plain` a run
-    without a picture.
-    """
-
-    case: str
-    tensions: int
-    sweep: float
-    run: float
-    plain: float
-
-    @property
-    def times_as_cheap(self) -> float:
-        """Time of single runs for all tensions over the time of the sweep."""
-        return self.tensions * self.run / self.sweep
-
-    @property
-    def without_pictures(self) -> float:
-        """Time of single runs without pictures for all tensions over the time of the sweep."""
-        return self.tensions * self.plain / self.sweep
-
-    @property
-    def ratios(self) -> dict[str, float]:
-        """Both ratios by name."""
-        return {"times_as_cheap": self.times_as_cheap, "without_pictures": self.without_pictures}
-
-
 def main(
     json_path: Path | None = None, tensions: int = TENSIONS, meshes: Mapping[str, tuple[float, float]] = MESHES
 ) -> int:
@@ -124,13 +60,11 @@ def main(
     print("\nby the command: " + ", ".join(f"{seconds:.2f} s {name}" for name, seconds in job.items()))
     print(f"its folder: {size:.1f} MB\n")
     many = printed("tensions", (measure_tensions(case, tensions) for case in CASES))
-    more = [{"times_as_fast": row.times_as_fast, "steps_per_second": row.steps_per_second} for row in rows]
-    table = [asdict(row) | also for row, also in zip(rows, more, strict=True)]
-    found = {"reduced": table, "tensions": [asdict(row) | row.ratios for row in many]}
-    return keep(json_path, found | {"main_job_seconds": job, "main_job_megabytes": size})
+    found = {"reduced": rows, "tensions": many, "main_job_seconds": job, "main_job_megabytes": size}
+    return keep(json_path, found)
 
 
-def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]:
+def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Numbers]:
     """Yield the measurements of the main job on each mesh, then of the soft block."""
     for size, (h, h_site) in meshes.items():
         yield measure_job(f"main job {size}", [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}"])
@@ -140,15 +74,23 @@ def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Reduced]
 # -- a small basis ---------------------------------------------------------------------------------------------------
 
 
-def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
-    """Measure steps of the main job with both organs, in turn, with Newton in compiled loops."""
+def measure_job(case: str, mesh: Sequence[str]) -> Numbers:
+    """Return the numbers of steps of the main job with both organs, in turn, by compiled loops.
+
+    A step, a step of many made `at_once`, and the organ's part of a step are medians [ms].
+    `times_as_fast` compares the step with the step of the whole organ. `steps_per_second` is of one
+    core, with many steps at once.
+    """
     store = Shared()
     keys = [*FIXED, *mesh, COMPILED]
     whole, began = assemble(load(COUPLED, [*keys, WHOLE]), store), process_time()
     small = assemble(load(COUPLED, [*keys, SMALL]), store)
-    taken, full, organ = process_time() - began, whole.organ, small.organ
+    seconds, full, organ = process_time() - began, whole.organ, small.organ
     assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
-    dt, runs = whole.scenario.solve.dt, [begin(made.system, made.start(), bdf2_step) for made in (whole, small)]
+    dt, runs = (
+        whole.scenario.solve.dt,
+        [begin(assembly.system, assembly.start(), bdf2_step) for assembly in (whole, small)],
+    )
     times: list[list[float]] = [[], []]
     pairs = []
     for _ in range(STEPS):
@@ -160,20 +102,28 @@ def measure_job(case: str, mesh: Sequence[str]) -> Reduced:
     step, whole_step = (median(each[STEPS // 2 :]) / MILLI for each in times[::-1])
     at_once = median(time_call(lambda: runs[1].steps(dt, STEPS)) for _ in range(REPEATED)) / STEPS / MILLI
     parts = time_organ(organ, runs[1].state.organ, dt), time_organ(full, runs[0].state.organ, dt)
-    times_of = step, whole_step, at_once
-    return Reduced(case, full.size, organ.reduction.size, taken, *times_of, *parts, *errors(full, organ, pairs))
+    sizes = {"case": case, "tissue_unknowns": full.size, "vectors": organ.reduction.size}
+    found = {"basis_seconds": seconds, "step": step, "whole_step": whole_step, "at_once": at_once}
+    found |= dict(zip(("organ", "whole_organ"), parts, strict=True)) | errors(full, organ, pairs)
+    return sizes | found | {"times_as_fast": whole_step / step, "steps_per_second": 1.0 / (at_once * MILLI)}
 
 
-def measure_soft_block() -> Reduced:
-    """Measure a soft block without damping, pulled at two sites in less than its longest period, with both organs."""
+def measure_soft_block() -> Numbers:
+    """Return the numbers of a soft block without damping, with both organs.
+
+    Its two sites are pulled in less than its longest period. Numbers of a thread's step are None,
+    and `times_as_fast` compares the organs' parts.
+    """
     body = tissue.elasticity(block(SIDES, 2.5e-3), SOFT, "P1", ("bottom",))
     holes = [tissue.Site((x, 0.0, 0.0), 2.0e-3, direction="normal") for x in (-0.005, 0.005)]
     full, began = tissue.DynamicOrgan(body, tissue.build_sites(body, holes)), process_time()
     organ = tissue.ReducedOrgan(full, tissue.reduce_organ(full, 2))
-    taken, pairs = process_time() - began, list(zip(pulled(full), pulled(organ), strict=True))
+    seconds, pairs = process_time() - began, list(zip(pulled(full), pulled(organ), strict=True))
     parts = time_organ(organ, pairs[-1][1], SHORT), time_organ(full, pairs[-1][0], SHORT)
-    sizes = full.size, organ.reduction.size
-    return Reduced("40 kPa in 2 ms", *sizes, taken, None, None, None, *parts, *errors(full, organ, pairs))
+    found = {"case": "40 kPa in 2 ms", "tissue_unknowns": full.size, "vectors": organ.reduction.size}
+    found |= {"basis_seconds": seconds, "step": None, "whole_step": None, "at_once": None}
+    found |= dict(zip(("organ", "whole_organ"), parts, strict=True)) | errors(full, organ, pairs)
+    return found | {"times_as_fast": parts[1] / parts[0], "steps_per_second": None}
 
 
 def pulled(organ: Organ) -> list[tissue.OrganState]:
@@ -197,8 +147,8 @@ def time_organ(organ: Organ, state: tissue.OrganState, dt: float) -> float:
 
 def errors(
     full: tissue.DynamicOrgan, organ: tissue.ReducedOrgan, pairs: Sequence[tuple[tissue.OrganState, tissue.OrganState]]
-) -> tuple[float, float, float, float]:
-    """Return the largest error of a hole's place, difference and bound, and the smallest bound over error.
+) -> dict[str, float]:
+    """Return the largest error, difference and bound of a hole, and the least bound over error.
 
     The first three are relative to the largest displacement of a hole.
     """
@@ -208,16 +158,20 @@ def errors(
 
     way = max(lengths(full.site_variables(U) - full.y0).max() for U, _ in pairs)
     error = np.array([lengths(full.site_variables(U) - organ.site_variables(eta)) for U, eta in pairs])
-    difference, bound = (np.array([said(eta) for _, eta in pairs]) for said in (organ.difference, organ.bound))
+    difference, bound = (np.array([estimate(eta) for _, eta in pairs]) for estimate in (organ.difference, organ.bound))
     least = float((bound / np.maximum(error, np.finfo(float).eps * way)).min())
-    return float(error.max() / way), float(difference.max() / way), float(bound.max() / way), least
+    of_way = {"error": error, "difference": difference, "bound": bound}
+    return {name: float(values.max() / way) for name, values in of_way.items()} | {"bound_over_error": least}
 
 
 # -- the command ---------------------------------------------------------------------------------------------------
 
 
 def measure_main_job() -> dict[str, float]:
-    """Return the processor times of the main job in several variants, of compilation, and of `--help` [s]."""
+    """Return the processor times of variants of the main job [s].
+
+    The times of compilation and of `--help` are also given.
+    """
     short = ["--no-picture", "--set=solve.duration=2e-3"]
     time_command("run", *short)
     with TemporaryDirectory() as kept:
@@ -239,14 +193,20 @@ def measure_folder() -> float:
 # -- many tensions ---------------------------------------------------------------------------------------------------
 
 
-def measure_tensions(case: str, tensions: int) -> Many:
-    """Measure the command for a static sweep over the tension, and for a run of its last case."""
+def measure_tensions(case: str, tensions: int) -> Numbers:
+    """Return the processor times of many tensions on one organ [s].
+
+    `sweep` is one command for all tensions, `run` a run of the last one with its picture, and
+    `plain` the same run without a picture. Two ratios compare as many runs with the sweep.
+    """
     forces = [(tension * ALONG).tolist() for tension in np.linspace(LEAST, MOST, tensions).tolist()]
     words = [*AT_REST, *CASES[case]]
     over = [f"--over={key}={[signed(force, key) for force in forces]}" for key in pulled_ends(case)]
     one = [f"--set={key}={signed(forces[-1], key)}" for key in pulled_ends(case)]
     sweep = time_command("sweep", *words, *over, *(["--paired"] if over[1:] else []))
-    return Many(case, tensions, sweep, *(time_command("run", *words, *one, *more) for more in ((), ("--no-picture",))))
+    run, plain = (time_command("run", *words, *one, *more) for more in ((), ("--no-picture",)))
+    found = {"case": case, "tensions": tensions, "sweep": sweep, "run": run, "plain": plain}
+    return found | {"times_as_cheap": tensions * run / sweep, "without_pictures": tensions * plain / sweep}
 
 
 def pulled_ends(case: str) -> list[str]:
@@ -269,7 +229,10 @@ def time_command(verb: str, *words: str, kept: str = "") -> float:
 
 
 def time_words(*words: str, kept: str = "") -> float:
-    """Return the processor time of a command, from start to end [s]; `kept` as in `time_command`."""
+    """Return the processor time of a command, from start to end [s].
+
+    `kept` is explained in `time_command`.
+    """
     began = children_time()
     command = [sys.executable, "-m", "studies.command.start", *words]
     where = os.environ | ({"NUMBA_CACHE_DIR": kept} if kept else {})

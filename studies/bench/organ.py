@@ -1,17 +1,17 @@
-"""`suture bench organ`: times of each installed solver for an organ, from thousands to a million unknowns.
+"""`suture bench organ`: times of each installed solver, from thousands to a million unknowns.
 
-The organ is a uniform, quasi-static block, held at its bottom, with two holes in its top. For each solver the
-table has the time until the first solve (ordering and factor, or the levels of multigrid), its memory, the time
-of one solve, and of the columns of both holes. `floor` is the smallest possible time of a solve: the factor is
-read twice (forwards and backwards) at the memory speed of one core, measured in the same run. `rough` are the
-columns of a quasi-static organ by multigrid, and `left` is the remaining error of its compliance. Below the
-table are the times to assemble each organ's matrices by the compiled loops and by scikit-fem's forms. All times
-are processor times on one thread, so other work on the machine has no effect.
+The organ is a uniform, quasi-static block, held at its bottom, with two holes in its top. For each
+solver the table has the time until the first solve (ordering and factor, or the levels of
+multigrid), its memory, the time of one solve, and of the columns of both holes. `floor` is the
+smallest possible time of a solve: the factor is read twice (forwards and backwards) at the memory
+speed of one core, measured in the same run. `rough` are the columns of a quasi-static organ by
+multigrid, and `left` is the remaining error of its compliance. Below the table are the times to
+assemble each organ's matrices by the compiled loops and by scikit-fem's forms. All times are
+processor times on one thread, so other work on the machine has no effect.
 """
 
 import mmap
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import keep, time_call
+from studies.bench.rows import Numbers, keep, time_call
 from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.organs.meshed import compliance
 from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, solver
@@ -39,46 +39,14 @@ REPEATED = 3  # number of assemblies by compiled loops
 LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; a larger factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
 MEGA, MILLI = 1e6, 1e-3
-
-
-@dataclass(frozen=True)
-class Row:
-    """One solver on one organ: times [s] and memory [bytes]; None for an entry that does not apply.
-
-    For an iterative solver, `rough_columns` are the columns of a quasi-static organ, and `left` is the error of
-    their compliance.
-    """
-
-    unknowns: int
-    element: str
-    solver: str
-    setup: float
-    memory: float
-    solve: float
-    floor: float | None
-    iterations: int | None
-    columns: float
-    rough_columns: float | None = None
-    left: float | None = None
-
-
-@dataclass(frozen=True)
-class Assembly:
-    """Assembly times of one organ's matrices by compiled loops and by scikit-fem's forms [s]."""
-
-    unknowns: int
-    element: str
-    loops: float
-    forms: float
-
-    @property
-    def ratio(self) -> float:
-        """Time of the forms over the time of the loops."""
-        return self.forms / self.loops
+ASSEMBLED_IN = "{unknowns} unknowns: loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
-    """Measure every solver, print the table in Markdown, and write JSON if a file is given; return the exit status."""
+    """Measure every solver and print the table in Markdown; return the exit status.
+
+    The numbers are written as JSON if a file is given.
+    """
     rows, assemblies = [], []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     methods += [MULTIGRID] if has_pyamg() else []
@@ -93,45 +61,57 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
             assemblies.append(measure_assembly(organ.elasticity))
     print_assemblies(assemblies)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
-    made = [asdict(each) | {"ratio": each.ratio} for each in assemblies]
-    return keep(json_path, {"rows": [asdict(row) for row in rows], "assembly": made, "bandwidth": speed})
+    return keep(json_path, {"rows": rows, "assembly": assemblies, "bandwidth": speed})
 
 
 def main_assembly(json_path: Path | None = None, size: int = ASSEMBLED) -> int:
-    """Measure the assembly of a large organ, print it, and add it to the JSON file if given; return the exit status."""
+    """Measure the assembly of a large organ and print it; return the exit status.
+
+    The numbers are added to the JSON file if it is given.
+    """
     with threadpool_limits(limits=1, user_api="blas"):
-        made = measure_assembly(organ_of(size, "P1").elasticity)
-    print_assemblies([made])
-    return keep(json_path, {"assembly": [asdict(made) | {"ratio": made.ratio}]})
+        assembly = measure_assembly(organ_of(size, "P1").elasticity)
+    print_assemblies([assembly])
+    return keep(json_path, {"assembly": [assembly]})
 
 
-def print_assemblies(assemblies: Sequence[Assembly]) -> None:
+def print_assemblies(assemblies: Sequence[Numbers]) -> None:
     """Print a line for each organ."""
     print("\nassembly of K and M:")
     for each in assemblies:
-        times = f"loops {each.loops:.3f} s, forms {each.forms:.2f} s"
-        print(f"{each.unknowns} unknowns: {times}, {each.ratio:.0f} times as fast")
+        print(ASSEMBLED_IN.format(**each))
 
 
 def bandwidth() -> float:
-    """Return the bytes per second that one core reads: the best of several sums over more data than any cache holds."""
+    """Return the bytes per second that one core reads.
+
+    It is the best of several sums over more data than any cache holds.
+    """
     words = np.ones(WORDS)
     return words.nbytes / min(time_call(words.sum) for _ in range(SOLVES))
 
 
-def measure_assembly(body: tissue.Elasticity) -> Assembly:
-    """Measure both ways to assemble a body's matrices; the first call of the loops, with compilation, does not
-    count."""
+def measure_assembly(body: tissue.Elasticity) -> Numbers:
+    """Return the assembly times of a body by compiled loops and by scikit-fem's forms [s].
+
+    `ratio` is the time of the forms over the time of the loops. The best of several calls of the
+    loops counts, so the compilation in the first call does not count.
+    """
     material = body.material
     given = body.basis, material.lame_lambda, material.lame_mu, material.density, None
     loops = [time_call(lambda: assembled_by_loops(*given)) for _ in range(REPEATED)]
-    return Assembly(body.N, body.element, min(loops), time_call(lambda: assembled_by_scikit_fem(*given)))
+    fastest, forms = min(loops), time_call(lambda: assembled_by_scikit_fem(*given))
+    found = {"unknowns": body.N, "element": body.element, "loops": fastest, "forms": forms}
+    return found | {"ratio": forms / fastest}
 
 
 def measure_solvers(
     organ: tissue.QuasiStaticOrgan, element: str, methods: Sequence[str], speed: float
-) -> Iterator[Row]:
-    """Measure every solver on an organ, except those without enough memory or above their size limit."""
+) -> Iterator[Numbers]:
+    """Measure every solver on an organ.
+
+    Solvers without enough memory or above their size limit are left out.
+    """
     for method in methods:
         if organ.size <= LARGEST.get(method, organ.size) and has_room(organ, method):
             yield row_of(organ, element, method, speed)
@@ -155,25 +135,31 @@ def has_room(organ: tissue.QuasiStaticOrgan, method: str) -> bool:
     return True
 
 
-def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Row:
-    """Return the measurement of one solver, which is freed afterwards."""
+def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: float) -> Numbers:
+    """Return the measurement of one solver: times [s], and memory [bytes].
+
+    `rough_columns` are the columns of a quasi-static organ by an iterative solver, and `left` is
+    the error of their compliance; both are None for a direct solver.
+    """
     before, began = resident_memory(), process_time()
-    made = solver(organ.K, organ.places, method)
+    chosen = solver(organ.K, organ.places, method)
     setup, kept = process_time() - began, resident_memory() - before
     b = np.random.default_rng(0).standard_normal(organ.size)
-    iterations = made.iterate(b)[1] if isinstance(made, ConjugateGradients) else None
-    solve = median(time_call(lambda: made.solve(b)) for _ in range(SOLVES if iterations is None else 1))
+    iterations = chosen.iterate(b)[1] if isinstance(chosen, ConjugateGradients) else None
+    solve = median(time_call(lambda: chosen.solve(b)) for _ in range(SOLVES if iterations is None else 1))
     floor = 2.0 * kept / speed if iterations is None else None
-    taken, C = time_compliance(organ, made, rough=False)
-    rough, other = (None, C) if iterations is None else time_compliance(organ, made, rough=True)
+    columns, C = time_compliance(organ, chosen, rough=False)
+    rough, other = (None, C) if iterations is None else time_compliance(organ, chosen, rough=True)
     left = None if iterations is None else float(np.abs(other - C).max() / np.abs(C).max())
-    return Row(organ.size, element, method, setup, kept, solve, floor, iterations, taken, rough, left)
+    found = {"unknowns": organ.size, "element": element, "solver": method, "setup": setup}
+    found |= {"memory": kept, "solve": solve, "floor": floor, "iterations": iterations}
+    return found | {"columns": columns, "rough_columns": rough, "left": left}
 
 
-def time_compliance(organ: tissue.QuasiStaticOrgan, made: Solver, rough: bool) -> tuple[float, Array]:
+def time_compliance(organ: tissue.QuasiStaticOrgan, chosen: Solver, rough: bool) -> tuple[float, Array]:
     """Return the processor time of the columns of an organ's sites [s], and their compliance."""
     began = process_time()
-    _, C = compliance(made, organ.Y, rough)
+    _, C = compliance(chosen, organ.Y, rough)
     return process_time() - began, C
 
 
@@ -192,11 +178,10 @@ HEAD = (
 )
 
 
-def line(row: Row) -> str:
+def line(row: Numbers) -> str:
     """Return a row of the table."""
-    floor = "" if row.floor is None else f"{row.floor / MILLI:.1f}"
-    rough = " | " if row.rough_columns is None else f"{row.rough_columns:.2f} | {row.left:.0e}"
-    return (
-        f"| {row.unknowns} | {row.element} | {row.solver} | {row.setup:.2f} | {row.memory / MEGA:.0f} | "
-        f"{row.solve / MILLI:.1f} | {floor} | {row.iterations or ''} | {row.columns:.2f} | {rough} |"
-    )
+    floor = "" if row["floor"] is None else f"{row['floor'] / MILLI:.1f}"
+    rough = " | " if row["left"] is None else "{rough_columns:.2f} | {left:.0e}".format(**row)
+    head = "| {unknowns} | {element} | {solver} | {setup:.2f} | ".format(**row)
+    speed = f"{row['memory'] / MEGA:.0f} | {row['solve'] / MILLI:.1f} | {floor} | "
+    return f"{head}{speed}{row['iterations'] or ''} | {row['columns']:.2f} | {rough} |"

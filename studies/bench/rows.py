@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from time import process_time
-from typing import Any, TypeVar
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -11,12 +11,15 @@ from studies.lists import list_of
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
-R = TypeVar("R")
+Numbers = dict[str, Any]  # the numbers of a case by name; None for a number that does not apply
 COLUMNS, EVERY_CASE = list_of(__file__, "columns.toml"), list_of(__file__, "cases.toml")
 
 
-def printed(table: str, rows: Iterable[R]) -> list[R]:
-    """Print rows while they are measured, with one thread of BLAS, below the heads of a table; return the rows."""
+def printed(table: str, rows: Iterable[Numbers]) -> list[Numbers]:
+    """Print the rows of a table while they are measured, and return the rows.
+
+    The measurement uses one thread of BLAS.
+    """
     out, columns = [], COLUMNS[table]
     with threadpool_limits(limits=1, user_api="blas"):
         print(" ".join(aligned(head, width) for head, width, _ in columns))
@@ -31,10 +34,10 @@ def aligned(text: str, width: int) -> str:
     return text.ljust(-width) if width < 0 else text.rjust(width)
 
 
-def cell(row: Any, of: str) -> str:
-    """Return a number of a row as text, empty for None."""
+def cell(row: Numbers, of: str) -> str:
+    """Return a number of a row as text, empty for None; `of` is its name and its format."""
     name, _, style = of.partition(":")
-    value = getattr(row, name)
+    value = row[name]
     return "" if value is None else format(value, style)
 
 

@@ -1,15 +1,15 @@
-"""`suture bench step`: times of a step in shipped scenes, run from start to end with the default integrator.
+"""`suture bench step`: times of a step in shipped scenes, with the default integrator.
 
-For each scene the times are: a single step, as a host program calls it (`coupling.run.run.Run.steps`), over
-whole runs of at most MOST steps; a step of the whole run in one call; and a step of a recorded run. Only the
-last one computes the times of events. With an organ, the floor is also given: one back-substitution by the
-factor of the meshed organ. All times are processor times on one thread. Loops are loaded or compiled before;
-`suture bench many` measures their compilation.
+Each scene is run from start to end. For each scene the times are: a single step, as a host program
+calls it (`coupling.run.run.Run.steps`), over whole runs of at most MOST steps; a step of the whole
+run in one call; and a step of a recorded run. Only the last one computes the times of events. With
+an organ, the floor is also given: one back-substitution by the factor of the meshed organ. All
+times are processor times on one thread. Loops are loaded or compiled before; `suture bench many`
+measures their compilation.
 """
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -18,7 +18,7 @@ import numpy as np
 
 import tissue
 from coupling.integrators import BDF2
-from studies.bench.rows import EVERY_CASE, keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
 from studies.simulation.memory import OrganRun
@@ -41,42 +41,28 @@ REPEATED = 3  # number of whole runs, and of back-substitutions
 MILLI = 1e-3
 
 
-@dataclass(frozen=True)
-class Row:
-    """One case: times in milliseconds.
-
-    `median`, `late` (99.9 % are below) and `worst` are of single steps, over `steps` steps. `at_once` is a step
-    of all in one call, `recorded` a step of a recorded run, and `floor` a back-substitution, None without an
-    organ's factor.
-    """
-
-    case: str
-    tissue_unknowns: int
-    steps: int
-    newton_iterations: float
-    median: float
-    late: float
-    worst: float
-    at_once: float
-    recorded: float
-    floor: float | None
-
-
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
-    """Measure every case, print the table, and write JSON if a file is given; return the exit status."""
-    rows = printed("step", measurements(solver))
-    return keep(json_path, {"milliseconds_per_step": [asdict(row) for row in rows]})
+    """Measure every case and print the table; return the exit status.
+
+    The numbers are written as JSON if a file is given.
+    """
+    return keep(json_path, {"milliseconds_per_step": printed("step", measurements(solver))})
 
 
-def measurements(solver: str = "auto") -> Iterator[Row]:
+def measurements(solver: str) -> Iterator[Numbers]:
     """Yield the measurements of every case with a solver of the organ."""
     for case, (scene, overrides) in CASES.items():
         own = [f'tissue.solver="{solver}"'] if scene == COUPLED.stem else []
         yield measure_case(case, load(scene, [*overrides, *own, COMPILED]))
 
 
-def measure_case(case: str, scenario: Scenario) -> Row:
-    """Measure one case, single steps first."""
+def measure_case(case: str, scenario: Scenario) -> Numbers:
+    """Return the numbers of one case, with times in milliseconds; single steps are measured first.
+
+    `median`, `late` (99.9 % are below) and `worst` are of single steps, over `steps` steps.
+    `at_once` is a step of all in one call, `recorded` a step of a recorded run. `floor` is a
+    back-substitution, None without an organ's factor.
+    """
     ready, dt = prepare(scenario), scenario.solve.dt
     ready.beginning().steps(dt, WARM_UP)
     alone, iterations, began = list[float](), 0, process_time()
@@ -87,18 +73,12 @@ def measure_case(case: str, scenario: Scenario) -> Row:
     at_once = [time_call(lambda: begun.steps(dt, ready.steps)) for _ in range(REPEATED)]
     recorded = [time_call(lambda: deque(ready.advance(), maxlen=0)) for _ in range(REPEATED)]
     middle, late = np.percentile(alone, [50.0, LATE]).tolist()
-    return Row(
-        case=case,
-        tissue_unknowns=ready.assembly.organ.size,
-        steps=len(alone),
-        newton_iterations=iterations / len(alone),
-        median=middle / MILLI,
-        late=late / MILLI,
-        worst=max(alone) / MILLI,
-        at_once=median(at_once) / ready.steps / MILLI,
-        recorded=median(recorded) / ready.steps / MILLI,
-        floor=floor_of(ready.assembly.organ, BDF2(dt, dt)),
-    )
+    count = len(alone)
+    found = {"case": case, "tissue_unknowns": ready.assembly.organ.size, "steps": count}
+    found |= {"newton_iterations": iterations / count, "median": middle / MILLI, "late": late / MILLI}
+    found |= {"worst": max(alone) / MILLI, "at_once": median(at_once) / ready.steps / MILLI}
+    found |= {"recorded": median(recorded) / ready.steps / MILLI}
+    return found | {"floor": floor_of(ready.assembly.organ, BDF2(dt, dt))}
 
 
 def each_alone(run: OrganRun, dt: float, steps: int) -> tuple[list[float], int]:
@@ -113,7 +93,10 @@ def each_alone(run: OrganRun, dt: float, steps: int) -> tuple[list[float], int]:
 
 
 def floor_of(organ: object, scheme: BDF2) -> float | None:
-    """Return the time of one back-substitution of an organ with the factor of a scheme [ms]; None without a factor."""
+    """Return the time of one back-substitution of an organ with the factor of a scheme [ms].
+
+    None if the organ has no factor.
+    """
     full = organ.full if isinstance(organ, tissue.KrylovOrgan) else organ
     if not isinstance(full, tissue.DynamicOrgan | tissue.QuasiStaticOrgan):
         return None
