@@ -1,11 +1,12 @@
 """The closed forms for comparison with the studies.
 
-*Friction* at a hole, of a bending thread, and around a capstan. *Strips and sheets* of exponential tissue. *Two
-holes of an elastic half-space*: their displacements under tensions, and the stress around them. A hole on the
-surface is a disc, a hole below the surface a ball, each with the parabolic weight of a footprint. The effect of
-one hole on the other is computed between points, with a relative error of (a/w)². It is Mindlin's solution (J.
-Appl. Phys. 7 (1936) 195). Far from the surface this is Kelvin's solution, and on the surface Cerruti's and
-Boussinesq's. The surface is z = 0, and z points outwards.
+*Friction* at a hole, of a bending thread, and around a capstan. *Strips and sheets* of exponential
+tissue. *Two holes of an elastic half-space*: their displacements under tensions, and the stress
+around them. A hole on the surface is a disc, a hole below the surface a ball, each with the
+parabolic weight of a footprint. The effect of one hole on the other is computed between points,
+with a relative error of (a/w)². It is Mindlin's solution (J. Appl. Phys. 7 (1936) 195). Far from
+the surface this is Kelvin's solution, and on the surface Cerruti's and Boussinesq's. The surface is
+z = 0, and z points outwards.
 """
 
 from collections.abc import Sequence
@@ -29,9 +30,10 @@ STEP = 1e-4  # of a footprint: step of difference quotients of displacements
 
 
 def point_ratio(mu: float, turn: float) -> float:
-    """Return (1 + μt)/(1 − μt), t = tan θ/2, for one hole whose tangent is half-way between the strands.
+    """Return (1 + μt)/(1 − μt), t = tan θ/2, for one hole.
 
-    The hole turns the thread by `turn` [rad]; the ratio is infinite if the thread locks.
+    The tangent in the hole is half-way between the strands. The hole turns the thread by
+    `turn` [rad]; the ratio is infinite if the thread locks.
     """
     mt = mu * np.tan(turn / 2)
     return float((1 + mt) / (1 - mt)) if mt < 1.0 else float("inf")
@@ -40,8 +42,8 @@ def point_ratio(mu: float, turn: float) -> float:
 def bent_ratio(mu: float, turn: float) -> float:
     """Return T₁/T₂ of a bending thread, turned by `turn` [rad].
 
-    The moment is the same on both sides (elastica): T₁(1 − cos α) = T₂(1 − cos β). Friction gives T₁ − T₂ =
-    μ(T₁ sin α + T₂ sin β), and α + β is the turn.
+    The moment is the same on both sides (elastica): T₁(1 − cos α) = T₂(1 − cos β). Friction gives
+    T₁ − T₂ = μ(T₁ sin α + T₂ sin β), and α + β is the turn.
     """
 
     def ratio(alpha: float) -> float:
@@ -61,9 +63,10 @@ def capstan(mu: float, turn: float) -> float:
 def tensions_by_law(before: Array, hand: float, ratios: Array) -> Array:
     """Return the tensions behind each hole [N], shape `(holes,)`, after the hand changed its pull.
 
-    `before` are the tensions before the change. `ratios` (holes − 1,) are the ratios at which the holes slip,
-    without the knot. A segment keeps its tension if no hole between it and the hand slips. So its tension lies
-    between the hand's tension divided by, and multiplied by, the product of their ratios.
+    `before` are the tensions before the change. `ratios` (holes − 1,) are the ratios at which the
+    holes slip, without the knot. A segment keeps its tension if no hole between it and the hand
+    slips. So its tension lies between the hand's tension divided by, and multiplied by, the product
+    of their ratios.
     """
     reach = np.append(np.cumprod(ratios[::-1])[::-1], 1.0)
     return np.clip(before, hand / reach, hand * reach)
@@ -93,8 +96,10 @@ class Fibrous:
         return float(self.stress(stretch, side, side)[0, 0]), stretch * side**2
 
     def thinned(self, stretch: float) -> float:
-        """Return the stretch through the thickness of a free sheet, at an equal stretch of both in-plane
-        directions [-]."""
+        """Return the stretch through the thickness of a free sheet [-].
+
+        Both in-plane directions have an equal stretch.
+        """
         low = 0.5 / stretch**2
         return float(brentq(lambda x: float(self.stress(stretch, stretch, x)[2, 2]), low, 1.5))
 
@@ -104,9 +109,9 @@ class Fibrous:
 
 @dataclass(frozen=True)
 class TwoHoles:
-    """Holes at (∓`bite`/2, 0, −`depth`) [m] of radius `footprint` [m] in a half-space of E [Pa] and ν.
+    """Two holes of radius `footprint` [m] in a half-space of E [Pa] and ν.
 
-    The first hole is the entry.
+    They are at (∓`bite`/2, 0, −`depth`) [m]. The first hole is the entry.
     """
 
     bite: float
@@ -125,26 +130,25 @@ class TwoHoles:
         """Compliance of (x, z) of the entry, then of the exit, shape `(4, 4)` [m/N]."""
         E, nu, a = self.youngs_modulus, self.poisson_ratio, self.footprint
         if self.depth > 0.0:
-            own = (
-                unbounded.ball_compliance(WEIGHT, nu)[0, 0] * np.eye(2) / (E * a) + image_term(0.0, self.depth, nu) / E
-            )
+            ball = unbounded.ball_compliance(nu) * np.eye(2) / (E * a)
+            own = ball + image_term(0.0, self.depth, nu) / E
         else:
-            own = unbounded.disc_compliance(WEIGHT, nu)[np.ix_([0, 2], [0, 2])] / (E * a)
+            own = unbounded.disc_compliance(nu)[np.ix_([0, 2], [0, 2])] / (E * a)
         other = (direct_term(self.bite, nu) + image_term(self.bite, self.depth, nu)) / E
         return np.block([[own, other.T], [other, own]])
 
     def displacements(self, held: float, between: float, pulled: float) -> Array:
-        """Return (x, z) of entry and exit, shape `(2, 2)` [m], under the tensions of the thread [N].
+        """Return (x, z) of entry and exit, shape `(2, 2)` [m], under the thread's tensions [N].
 
         The thread pulls up at the entry, along the bite between the holes, and up at the exit.
         """
         return np.reshape(self.compliance @ [between, held, -between, pulled], (2, 2))
 
     def stress(self, points: Array, forces: Array, holes: Sequence[int] = (0, 1)) -> Array:
-        """Return the stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m] under `forces` `(2, 3)` [N] on holes on the
-        surface.
+        """Return the stress `(k, 3, 3)` [Pa] at points `(k, 3)` [m].
 
-        It is the difference quotient of the displacements of Cerruti and Boussinesq, averaged over the disc.
+        It is under `forces` `(2, 3)` [N] on holes on the surface. It is the difference quotient of
+        the displacements of Cerruti and Boussinesq, averaged over the disc.
         """
         disc, slope = footprint.disc(WEIGHT), np.zeros((len(points), 3, 3))
         for hole in holes:
@@ -156,12 +160,12 @@ class TwoHoles:
         return hooke(slope / self.footprint**2, self.poisson_ratio)
 
     def mean_stress(self, hole: int, forces: Array) -> Array:
-        """Return the stress averaged over the half ball below a hole on the surface, shape `(3, 3)` [Pa].
+        """Return the stress averaged over the half ball below a hole, shape `(3, 3)` [Pa].
 
-        The hole's own part comes from the Fourier transform. The other hole's part is its value at the centre
-        of the half ball.
+        The hole is on the surface. The hole's own part comes from the Fourier transform. The other
+        hole's part is its value at the centre of the half ball.
         """
-        own = unbounded.half_ball_compliance(WEIGHT, self.poisson_ratio)[3:, :3] @ forces[hole]
+        own = unbounded.half_ball_compliance(self.poisson_ratio)[3:, :3] @ forces[hole]
         points, weights = half_ball()
         centre = self.places[hole] + self.footprint * (weights @ points)
         mine = hooke(own.reshape(1, 3, 3) / self.footprint**2, self.poisson_ratio)[0]
@@ -169,7 +173,10 @@ class TwoHoles:
 
 
 def half_ball() -> tuple[Array, Array]:
-    """Return the points of the unit half ball z < 0, `(k, 3)`, and their weights, which sum to one."""
+    """Return the points of the unit half ball z < 0, `(k, 3)`, and their weights.
+
+    The weights sum to one.
+    """
     ball = footprint.ball(WEIGHT)
     below = ball.points[:, 2] < 0.0
     return ball.points[below], 2.0 * ball.weights[below]
@@ -183,8 +190,10 @@ def hooke(slope: Array, nu: float) -> Array:
 
 
 def direct_term(distance: float, nu: float) -> Array:
-    """Return Kelvin's displacement (x, z) at a distance [m] along x under unit forces along x and z in full
-    space, E = 1."""
+    """Return Kelvin's displacement (x, z) at a distance [m] along x, shape `(2, 2)`, E = 1.
+
+    It is in full space, under unit forces along x and z.
+    """
     whole: Array = unbounded.kelvin(np.array([distance, 0.0, 0.0]), nu)
     return whole[np.ix_([0, 2], [0, 2])]
 

@@ -1,15 +1,15 @@
-"""A footprint on or in an unbounded body: its compliance on a half-space and in full space, and the field around it.
+"""A parabolic footprint on a half-space and in full space: its compliance, and the field around it.
 
-A footprint has twelve averages: ⟨U_i⟩, then ⟨∂U_i/∂x_j⟩ as 3 + 3i + j. On the half-space z < 0 the values are
-averaged over the disc of radius a, and the slopes over the disc or over the half ball below it. In full space
-both are averaged over the ball. Forces conjugate to the averages have the same weight, so every compliance is
-symmetric and scales as
+A footprint has twelve averages: ⟨U_i⟩, then ⟨∂U_i/∂x_j⟩ as 3 + 3i + j. On the half-space z < 0 the
+values are averaged over the disc of radius a. The slopes are averaged over the disc or over the
+half ball below it. In full space the values are averaged over the ball. Forces conjugate to the
+averages have the same weight, so every compliance is symmetric and scales as
 
     ⟨U⟩⟨U⟩: 1/Ea,   ⟨U⟩⟨∇U⟩: 1/Ea²,   ⟨∇U⟩⟨∇U⟩: 1/Ea³.
 
-On the half-space they follow from the Fourier transform along the surface. At wave vector k the response is
-given in the frame (along k, across k, z). The integral over the direction of k is a sum over eight angles,
-exact for tensors of rank 4.
+On the half-space they follow from the Fourier transform along the surface. At wave vector k the
+response is given in the frame (along k, across k, z). The integral over the direction of k is a sum
+over eight angles, exact for tensors of rank 4.
 """
 
 from functools import lru_cache
@@ -23,70 +23,49 @@ from tissue.arrays import Array
 TWELVE = 12
 ANGLES = 8
 LARGEST = 160.0  # wave number times radius, end of the integrals of the half ball: the neglected part is below 1e-4
-DISC = {  # ∫ŵ² dk, ∫ŵ² k dk, ∫ŵ² k² dk of the unit disc, ŵ = 2J₁(k)/k and 8J₂(k)/k²
-    "uniform": (16.0 / (3.0 * np.pi), 2.0, np.inf),
-    "parabolic": (2048.0 / (315.0 * np.pi), 8.0 / 3.0, 256.0 / (15.0 * np.pi)),
-}
-BALL = {"uniform": (1.2, 0.75 / np.pi), "parabolic": (10.0 / 7.0, 15.0 / (14.0 * np.pi))}  # ⟨⟨1/r⟩⟩ and ∫w² dx
+# ∫ŵ² dk, ∫ŵ² k dk, ∫ŵ² k² dk of the unit disc, ŵ = 8J₂(k)/k²
+DISC = (2048.0 / (315.0 * np.pi), 8.0 / 3.0, 256.0 / (15.0 * np.pi))
+BALL = 10.0 / 7.0  # ⟨⟨1/r⟩⟩ of the unit ball
 
 
-def scaled(unit: Array, radius: float, youngs_modulus: float) -> Array:
-    """Return a compliance `(12, 12)` for a = E = 1, scaled to radius and modulus."""
-    powers = np.where(np.arange(TWELVE) < 3, 0.0, -1.0)
-    size = radius ** (powers[:, None] + powers - 1.0)
-    return np.asarray(unit * size / youngs_modulus)
+def ball_compliance(nu: float) -> float:
+    """Return the displacement of the unit ball in full space along a unit force on it, E = 1.
+
+    Kelvin's solution at wave vector k is (I − kkᵀ/2(1−ν)k²)/μk², with ⟨k_i k_j⟩ = k²δ_ij/3.
+    """
+    mu = 1.0 / (2.0 * (1.0 + nu))
+    return float(BALL / (4.0 * np.pi * mu) * (1.0 - 1.0 / (6.0 * (1.0 - nu))))
 
 
 @lru_cache(maxsize=64)
-def ball_compliance(weight: str, nu: float) -> Array:
-    """Return the compliance of twelve averages over the unit ball in full space, E = 1, shape `(12, 12)`.
+def disc_compliance(nu: float) -> Array:
+    """Return the compliance of averages over the unit disc, E = 1, shape `(12, 12)`.
 
-    It follows from Kelvin's solution at wave vector k, (I − kkᵀ/2(1−ν)k²)/μk², with ⟨k_i k_j⟩ = k²δ_ij/3 and
-    ⟨k_i k_j k_k k_l⟩ = k⁴(δ_ij δ_kl + δ_ik δ_jl + δ_il δ_jk)/15.
+    The disc is on the half-space z < 0. Slopes along z are not averaged and are zero.
     """
-    inverse_r, square = BALL[weight]
-    mu, one = 1.0 / (2.0 * (1.0 + nu)), np.eye(3)
-    same, cross, trace = (np.einsum(k, one, one) for k in ("ik,jl->ijkl", "il,jk->ijkl", "ij,kl->ijkl"))
-    slopes = same / 3.0 - (same + cross + trace) / (30.0 * (1.0 - nu))
-    C = np.zeros((TWELVE, TWELVE))
-    C[:3, :3] = inverse_r / (4.0 * np.pi * mu) * (1.0 - 1.0 / (6.0 * (1.0 - nu))) * one
-    C[3:, 3:] = square / mu * slopes.reshape(9, 9)
-    return C
-
-
-@lru_cache(maxsize=64)
-def disc_compliance(weight: str, nu: float) -> Array:
-    """Return the compliance of averages over the unit disc on the half-space z < 0, E = 1, shape `(12, 12)`.
-
-    Slopes along z are not averaged and are zero. With a uniform weight the slopes' compliance is infinite.
-    """
-    G, moments = surface_green(nu), DISC[weight]
+    G = surface_green(nu)
     R = np.zeros((3, 3, 3, 3), complex)  # averages (value, slope along k, slope along z) × component, twice
     for m, (row, column) in ((0, (0, 0)), (1, (0, 1)), (1, (1, 0)), (2, (1, 1))):
-        if np.isfinite(moments[m]):
-            R[row, :, column] = (1j) ** row * (-1j) ** column * moments[m] * G
-    C = around(R.reshape(9, 9))
-    if np.isinf(moments[2]):
-        tangential = 3 + np.array([0, 1, 3, 4, 6, 7])
-        C[tangential, tangential] = np.inf
-    return C
+        R[row, :, column] = (1j) ** row * (-1j) ** column * DISC[m] * G
+    return around(R.reshape(9, 9))
 
 
 @lru_cache(maxsize=64)
-def half_ball_compliance(weight: str, nu: float) -> Array:
-    """Return the compliance of values on the unit disc and slopes in the half ball below it, on the half-space,
-    E = 1, `(12, 12)`."""
+def half_ball_compliance(nu: float) -> Array:
+    """Return the compliance of values on a unit disc and slopes below it, shape `(12, 12)`.
+
+    The slopes are averaged over the half ball. The footprint is on the half-space, E = 1.
+    """
     k, dk = panels(LARGEST, 32, 12)
-    R = np.einsum("k,kab->ab", k * dk, depth_answers(k, weight, nu))
-    R[:3, :3] = DISC[weight][0] * surface_green(nu)
+    R = np.einsum("k,kab->ab", k * dk, depth_answers(k, nu))
+    R[:3, :3] = DISC[0] * surface_green(nu)
     return around(R)
 
 
 def surface_green(nu: float) -> NDArray[np.complex128]:
-    """Return k times the displacement of the half-space's surface under a unit traction at wave number k, E =
-    1, `(3, 3)`.
+    """Return k times the surface displacement under a unit traction, E = 1, `(3, 3)`.
 
-    The frame is (along k, across k, z).
+    The traction has the wave number k. The frame is (along k, across k, z).
     """
     skew = 0.5j * (1.0 - 2.0 * nu)
     green = np.array([[1.0 - nu, 0.0, -skew], [0.0, 1.0, 0.0], [skew, 0.0, 1.0 - nu]], dtype=np.complex128)
@@ -94,7 +73,10 @@ def surface_green(nu: float) -> NDArray[np.complex128]:
 
 
 def around(R: NDArray[np.complex128]) -> Array:
-    """Return (1/4π²) ∫ dθ of responses `(9, 9)` in the frame of k, as compliance of the twelve averages `(12, 12)`."""
+    """Return (1/4π²) ∫ dθ of responses `(9, 9)`, as compliance `(12, 12)`.
+
+    The responses are in the frame of k. The compliance is of the twelve averages.
+    """
     C = np.zeros((TWELVE, TWELVE))
     for theta in 2.0 * np.pi * np.arange(ANGLES) / ANGLES:
         along = np.array([np.cos(theta), np.sin(theta), 0.0])
@@ -107,13 +89,13 @@ def around(R: NDArray[np.complex128]) -> Array:
     return C / (2.0 * np.pi * ANGLES)
 
 
-def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
-    """Return responses of the half-space at wave numbers k to the disc and the half ball, E = 1, shape `(k, 9, 9)`.
+def depth_answers(k: Array, nu: float) -> NDArray[np.complex128]:
+    """Return responses of the half-space to disc and half ball, E = 1, shape `(k, 9, 9)`.
 
-    They are values, slopes along k and slopes along z, each along k, across k and along z. With u = (−iU, V,
-    W)(z) e^{ikx} the energy is ½∫ λ(kU+W')² + 2μ(k²U²+W'²) + μ(U'−kW)² + μ(V'²+k²V²) dz. It is minimised over
-    polynomials on intervals of the depth of the ball, graded toward the surface. The half-space below holds
-    them by its own stiffness.
+    They are at wave numbers `k`. They are values, slopes along k and slopes along z, each along k,
+    across k and along z. With u = (−iU, V, W)(z) e^{ikx} the energy is ½∫ λ(kU+W')² + 2μ(k²U²+W'²)
+    + μ(U'−kW)² + μ(V'²+k²V²) dz. It is minimised over polynomials on intervals of the depth of the
+    ball, graded toward the surface. The half-space below holds them by its own stiffness.
     """
     mu, lam = 1.0 / (2.0 * (1.0 + nu)), nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     z, dz, N, D = line_elements(np.array([-1.0, -0.75, -0.5, -0.3, -0.18, -0.1, -0.05, -0.025, -0.01, -0.003, 0.0]), 5)
@@ -128,10 +110,7 @@ def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
     below = np.array([[1.0 - nu, 0.0, 0.5 - nu], [0.0, 1.0, 0.0], [0.5 - nu, 0.0, 1.0 - nu]]) / mu
     K[:, :, 0, :, 0] += kk * np.linalg.inv(below)
     rho, kr = np.sqrt(1.0 - z**2), k[:, None] * np.sqrt(1.0 - z**2)
-    if weight == "parabolic":
-        disc, ball = 8.0 * jv(2, k) / k**2, 15.0 * rho**2 * jv(2, kr) / k[:, None] ** 2
-    else:
-        disc, ball = 2.0 * jv(1, k) / k, 3.0 * rho * jv(1, kr) / k[:, None]
+    disc, ball = 8.0 * jv(2, k) / k**2, 15.0 * rho**2 * jv(2, kr) / k[:, None] ** 2
     phase, surface = np.diag([-1j, 1.0, 1.0]), np.eye(n)[-1]
     loads = [disc[:, None] * surface, 1j * k[:, None] * ((ball * dz) @ N), (ball * dz) @ D]
     F = np.stack([np.einsum("ab,kn->kabn", phase, load) for load in loads], axis=1).reshape(k.size, 9, 3 * n)
@@ -141,8 +120,10 @@ def depth_answers(k: Array, weight: str, nu: float) -> NDArray[np.complex128]:
 
 
 def line_elements(breaks: Array, degree: int) -> tuple[Array, Array, Array, Array]:
-    """Return quadrature points and weights on a line, and the piecewise polynomials and their slopes at these
-    points."""
+    """Return quadrature points and weights on a line, with polynomials and their slopes.
+
+    The piecewise polynomials and slopes are given at these points.
+    """
     x, dx = np.polynomial.legendre.leggauss(degree + 6)
     nodes = -np.cos(np.pi * np.arange(degree + 1) / degree)
     shapes = np.linalg.inv(np.polynomial.polynomial.polyvander(nodes, degree))
@@ -165,19 +146,20 @@ def panels(end: float, count: int, points: int) -> tuple[Array, Array]:
 
 
 def kelvin(offset: Array, nu: float) -> Array:
-    """Return displacement i of full space under a unit force j at distance `offset` `(…, 3)`, E = 1, shape
-    `(…, 3, 3)`."""
+    """Return displacement i of full space under a unit force j, E = 1, shape `(…, 3, 3)`.
+
+    The force is at distance `offset` `(…, 3)`.
+    """
     r = np.linalg.norm(offset, axis=-1)[..., None, None]
     pair = offset[..., :, None] * offset[..., None, :]
     return np.asarray((1.0 + nu) / (8.0 * np.pi * (1.0 - nu)) * ((3.0 - 4.0 * nu) * np.eye(3) + pair / r**2) / r)
 
 
 def surface_force(offset: Array, nu: float) -> Array:
-    """Return displacement i of the half-space z < 0 under a unit force j on its surface at distance `offset`
-    `(…, 3)`, E = 1.
+    """Return displacement i of the half-space z < 0 under a unit force j, E = 1.
 
-    Boussinesq's and Cerruti's solutions (Johnson, Contact Mechanics, 3.18 and 3.75). Points above the surface
-    are moved to the surface.
+    The force is on the surface at distance `offset` `(…, 3)`. Boussinesq's and Cerruti's solutions
+    (Johnson, Contact Mechanics, 3.18 and 3.75). Points above the surface are moved to the surface.
     """
     x, y, depth = offset[..., 0], offset[..., 1], np.maximum(-offset[..., 2], 0.0)
     size = (1.0 + nu) / (2.0 * np.pi)

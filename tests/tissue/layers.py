@@ -77,8 +77,8 @@ def stack_compliance(a: float, heights: list[float], moduli: list[float], nu: fl
     couple = force * k**2
     more = [force @ (along + across) / 2.0, force @ (along + across) / 2.0, force @ normal]
     more += [couple @ (3.0 * along + across) / 8.0, couple @ (along + 3.0 * across) / 8.0, couple @ normal / 2.0]
-    closed = np.diag(unbounded.scaled(unbounded.disc_compliance("parabolic", nu), a, moduli[0]))
-    return closed[[0, 1, 2, 3, 6, 9]] + np.array(more)
+    closed = np.diag(unbounded.disc_compliance(nu))[[0, 1, 2, 3, 6, 9]]
+    return closed * np.repeat([a**-1.0, a**-3.0], 3) / moduli[0] + np.array(more)
 
 
 def stack_answers(k: Array, heights: list[float], mu: Array, nu: float) -> tuple[Array, Array, Array]:
