@@ -1,7 +1,8 @@
 """The style of the studies' figures: colours for colour-blind readers, and two formats.
 
-A figure has rows of panels (`draw`), and a panel has labels and items (`panel`). An item draws itself into
-axes: a `curve`, a curve for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
+A figure has rows of panels (`draw`), and a panel has labels and items (`panel`). An item draws
+itself into axes: a `curve`, a curve for each group of rows (`series`), a `level`, a `band`, or a
+function of the axes.
 """
 
 import io
@@ -67,9 +68,9 @@ def panel(
 ) -> Item:
     """Return a panel.
 
-    It has labels with units, items, logarithmic axes ("x", "y" or "xy") and plain `ticks` by axis. `above` is a
-    factor on the upper limit, for the room of the legend. `legend` are arguments of the legend, `limits`
-    arguments of `Axes.set`.
+    It has labels with units, items, logarithmic axes ("x", "y" or "xy") and plain `ticks` by axis.
+    `above` is a factor on the upper limit, for the room of the legend. `legend` are arguments of
+    the legend, `limits` arguments of `Axes.set`.
     """
 
     def drawn(axes: Axes) -> None:
@@ -100,8 +101,8 @@ def deviations(x: Any, mean: Any, deviation: Any, label: str) -> Item:
 def value(of: Value) -> Callable[[Any], float]:
     """Return the function that reads a number of a row.
 
-    `of` is the name of a field with its unit in the figure, for example "drift [mm]", the index in a tuple, or
-    the function itself.
+    `of` is the name of a field with its unit in the figure, for example "drift [mm]", the index in
+    a tuple, or the function itself.
     """
     if callable(of):
         return of
@@ -160,18 +161,15 @@ def both(*items: Item) -> Item:
     return lambda axes: [item(axes) for item in items]
 
 
-def level(axis: str, value: float, label: str | None = None, style: str = "--", colour: str = "black") -> Item:
-    """Return a straight line through the panel at a value of `axis`."""
-    return lambda axes: (axes.axvline if axis == "x" else axes.axhline)(
-        value, color=colour, linestyle=style, linewidth=0.8, label=label
-    )
+def level(value: float, label: str | None = None, style: str = "--", colour: str = "black") -> Item:
+    """Return a level line through the panel at a value of y."""
+    looks: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": 0.8}
+    return lambda axes: axes.axhline(value, label=label, **looks)
 
 
-def band(axis: str, low: float, high: float, label: str, colour: str = "black") -> Item:
-    """Return a stripe through the panel between two values of `axis`."""
-    return lambda axes: (axes.axvspan if axis == "x" else axes.axhspan)(
-        low, high, color=colour, alpha=0.12, label=label
-    )
+def band(low: float, high: float, label: str, colour: str) -> Item:
+    """Return a level stripe through the panel between two values of y."""
+    return lambda axes: axes.axhspan(low, high, color=colour, alpha=0.12, label=label)
 
 
 def literal(words: str) -> str:

@@ -1,4 +1,7 @@
-"""Lists of words and numbers that the code reads: TOML files next to its modules, and each study's `study.toml`."""
+"""Lists of words and numbers that the code reads from TOML files.
+
+They are next to its modules, and each study has its `study.toml`.
+"""
 
 import tomllib
 from collections.abc import Callable
@@ -7,17 +10,26 @@ from typing import Any
 
 
 def list_of(module: str, name: str) -> dict[str, Any]:
-    """Return the content of the TOML file of this name next to a module, which is given as its `__file__`."""
+    """Return the content of the TOML file of this name next to a module.
+
+    The module is given as its `__file__`.
+    """
     return tomllib.loads((Path(module).parent / name).read_text(encoding="utf-8"))
 
 
 def study_list(name: str) -> dict[str, Any]:
-    """Return the content of a study's `study.toml`: question, checks, published numbers, and sentences of remarks."""
+    """Return the content of a study's `study.toml`.
+
+    It has the question, the checks, published numbers, and the sentences of remarks.
+    """
     return list_of(__file__, f"{name}/study.toml")
 
 
 def sentences(name: str) -> Callable[..., str]:
-    """Return the function that makes a sentence of a study's `[words]`, with the values that the sentence names."""
+    """Return the function that makes a sentence of a study's `[words]`.
+
+    Its arguments are the values that the sentence names.
+    """
     words = study_list(name)["words"]
 
     def say(which: str, **values: Any) -> str:

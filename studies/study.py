@@ -1,16 +1,18 @@
 """A study: one question, answered by its own runs, with a table and a figure.
 
-A study is a package whose module `study` ends in `STUDY`. It consists of
+A study is a package with a module `study` and these parts:
 
-- `study.toml`: its question, its checks, the arguments of the preset "quick" (`described`), published numbers and
-  the sentences of its remarks (`studies.lists`),
+- `study.toml`: its question, its checks, the arguments of the preset "quick", published numbers,
+  and the sentences of its remarks (`studies.lists`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
-- `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs (`each`),
-- a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a run
-  (`measured`),
-- the columns of its table (`Table.of`) and the panels of its figure (`studies.figure`),
-- remarks: findings, and numbers that a row does not support (`studies.verdicts`). They are printed with the
-  table.
+- `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs
+  (`each`),
+- a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a
+  run (`measured`),
+- `table`: the columns of its table (`Table.of`),
+- `figure`: the panels of its figure (`studies.figure`),
+- `remarks`: findings, and numbers that a row does not support (`studies.verdicts`). They are
+  printed with the table.
 
 `carry_out` runs any study into a folder.
 """
@@ -31,7 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from studies.lists import study_list
 from studies.output.files import read_json, unfinished, write_bytes, write_json, write_text
-from studies.output.lock import LOCK, locked
+from studies.output.lock import foreign_file, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
@@ -64,7 +66,10 @@ class Table:
 
     @classmethod
     def of(cls, columns: Columns, items: Iterable[Any]) -> "Table":
-        """Return the table with a line for each item; a column is its heading and the function that writes its cell."""
+        """Return the table with a line for each item.
+
+        A column is its heading and the function that writes its cell.
+        """
         return cls([head for head, _ in columns], [[cell(item) for _, cell in columns] for item in items])
 
     @property
@@ -80,7 +85,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """A study: its cases, question, checks, table, figure and remarks, and the arguments of the preset "quick"."""
+    """A study: its cases, question, checks, table, figure and remarks.
+
+    `quick` are the arguments of the preset "quick".
+    """
 
     main: Callable[..., Iterator[Any]]
     question: str
@@ -92,27 +100,16 @@ class Study:
     quick: Mapping[str, Any]
 
 
-def described(
-    name: str,
-    main: Callable[..., Iterator[Any]],
-    table: Callable[[Sequence[Any]], Table],
-    figure: Callable[[Sequence[Any]], "Figure"],
-    remarks: Callable[[Sequence[Any]], list[str]],
-) -> Study:
-    """Return the study of this name, described by `study.toml` in its folder."""
-    entries = study_list(name)
-    described = {key: entries[key] for key in ("question", "independent", "consistency", "quick")}
-    return Study(main=main, table=table, figure=figure, remarks=remarks, **described)
-
-
 def unit_field(text: str, **default: Any) -> Any:
     """Return a field of a row, with its unit."""
     return field(metadata={"unit": text}, **default)
 
 
 def measured(text: str, of: Callable[[Any], Any]) -> Any:
-    """Return a field of a row, with its unit ("" without a unit) and the function that measures it at the end
-    of a run."""
+    """Return a field of a row, with its unit and the function that measures it.
+
+    The function is called at the end of a run. The unit is "" without a unit.
+    """
     return field(metadata=({"unit": text} if text else {}) | {"of": of})
 
 
@@ -130,7 +127,10 @@ def plain(value: Any) -> Any:
 
 
 def scene(name: str, values: Mapping[str, Any]) -> Scenario:
-    """Return the scenario of a study, from `scene.toml` in its folder, with changed values of dotted keys."""
+    """Return the scenario of a study, with changed values of dotted keys.
+
+    It is read from `scene.toml` in the folder of the study.
+    """
     return parse(changed(read(Path(__file__).parent / name / "scene.toml"), values))
 
 
@@ -184,7 +184,8 @@ def rows_of(job: Job) -> Iterator[Any]:
 def outcome_of(job: Job) -> list[Any] | Exception:
     """Return the rows of a job, or its error.
 
-    The error is not raised here, because it would come before the rows of earlier jobs that take longer.
+    The error is not raised here, because it would come before the rows of earlier jobs that take
+    longer.
     """
     try:
         return list(rows_of(job))
@@ -195,16 +196,18 @@ def outcome_of(job: Job) -> list[Any] | Exception:
 def study(name: str) -> Study:
     """Return the study of this name. Raises `StudyError`."""
     if name not in NAMES:
-        near = nearest(name, NAMES)
-        hint = f"; the nearest is {near}" if near else ""
+        suggestion = nearest(name, NAMES)
+        hint = f"; the nearest is {suggestion}" if suggestion else ""
         raise StudyError(refusal("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
-    found: Study = import_module(f"studies.{name}.study").STUDY
-    return found
+    module, texts = import_module(f"studies.{name}.study"), study_list(name)
+    described = {key: texts[key] for key in ("question", "independent", "consistency", "quick")}
+    return Study(module.main, table=module.table, figure=module.figure, remarks=module.remarks, **described)
 
 
 def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the arguments of a study's `main`: the preset's arguments, changed by each of `settings`,
-    `name=value` in TOML.
+    """Return the arguments of a study's `main`.
+
+    The arguments of the preset are changed by each of `settings`, `name=value` in TOML.
 
     Raises `StudyError`.
     """
@@ -214,8 +217,8 @@ def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[s
     for setting in settings:
         name, equals, text = setting.partition("=")
         if name not in kinds or not equals:
-            near = nearest(name, kinds)
-            hint = f"; the nearest is {near}" if near and near != name else ""
+            suggestion = nearest(name, kinds)
+            hint = f"; the nearest is {suggestion}" if suggestion and suggestion != name else ""
             raise StudyError(f"--set {setting} is refused: write NAME=VALUE with a name of {', '.join(kinds)}{hint}")
         given[name] = convert(setting, kinds[name], value_of(text))
     return given
@@ -242,19 +245,18 @@ def convert(setting: str, kind: Any, value: Any) -> Any:
 
 
 def check_folder(folder: Path, overwrite: bool = False) -> None:
-    """Refuse a folder with other files than an earlier study, or with a study without permission to replace it.
+    """Refuse a folder that a study may not write.
+
+    It holds other files, or an earlier study that may not be replaced.
 
     Raises `StudyError`.
     """
     if folder.exists() and not folder.is_dir():
         raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
-    there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    begun = {LOCK, *(path.name for path in unfinished(folder, WRITTEN))}
-    others = [name for name in there if name not in begun and (name not in WRITTEN or not holds_study(folder))]
-    if others:
-        reason = f"it holds files that no study wrote ({others[0]}); give a new or empty folder"
+    if other := foreign_file(folder, WRITTEN, holds_study(folder)):
+        reason = f"it holds files that no study wrote ({other}); give a new or empty folder"
         raise StudyError(f"--out {folder} is refused: {reason}")
-    if set(there) - begun and not overwrite:
+    if holds_study(folder) and not overwrite:
         raise StudyError(
             f"--out {folder} is refused: it already holds a study; add --overwrite to replace it, or give another "
             "folder"
@@ -276,9 +278,10 @@ def carry_out(
 ) -> None:
     """Run a study into a folder.
 
-    Each row is written and passed to `tell` when it is done. Table, figure, arguments and checks follow.
-    `workers` do the jobs; None means this process. A failed study leaves its rows. Raises the errors of its
-    `main`, `studies.workers.WorkersError`, and `ScenarioError` if another run uses the folder.
+    Each row is written and passed to `tell` when it is done. Table, figure, arguments and checks
+    follow. `workers` do the jobs; None means this process. A failed study leaves its rows. Raises
+    the errors of its `main`, `studies.workers.WorkersError`, and `ScenarioError` if another run
+    uses the folder.
     """
     token = AT_WORK.set(workers)
     try:

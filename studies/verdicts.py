@@ -1,11 +1,11 @@
 """Verdicts: whether a number converges under refinement, and whether a run stays within its theory.
 
-Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. `h` is the refined
-quantity (cell, span, step …), finest first, and `f` the number measured with it. Celik, Ghia, Roache, Freitas,
-Coleman, Raad: Procedure for estimation and reporting of uncertainty due to discretization, J. Fluids Eng. 130
-(2008) 078001; Roache: Verification and validation in computational science and engineering (1998); Eça,
-Hoekstra: A procedure for the estimation of the numerical uncertainty of CFD calculations, J. Comput. Phys. 262
-(2014) 104.
+Under refinement: observed order, Richardson's limit, grid-convergence index, verdict. `h` is the
+refined quantity (cell, span, step …), finest first, and `f` the number measured with it. Celik,
+Ghia, Roache, Freitas, Coleman, Raad: Procedure for estimation and reporting of uncertainty due to
+discretization, J. Fluids Eng. 130 (2008) 078001; Roache: Verification and validation in
+computational science and engineering (1998); Eça, Hoekstra: A procedure for the estimation of the
+numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014) 104.
 
 Of a run: linear range, fine cells and spans, rest at the end; and a remark if one of them fails.
 """
@@ -35,9 +35,9 @@ SETTLED = 1e-4  # kinetic over elastic energy, like (v/ω)² over u²: the oscil
 class Verdict:
     """A verdict under refinement.
 
-    `kind` is "converged", "unresolved", "pre-asymptotic" or "diverging". `order` is the observed order, NaN if
-    the number swings. `limit` is Richardson's limit, NaN without a limit. `index` is half the width of the
-    interval about the finest number, over this number.
+    `kind` is "converged", "unresolved", "pre-asymptotic" or "diverging". `order` is the observed
+    order, NaN if the number swings. `limit` is Richardson's limit, NaN without a limit. `index` is
+    half the width of the interval about the finest number, over this number.
     """
 
     kind: str
@@ -60,9 +60,9 @@ class Verdict:
 def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
     """Return the order p of f = f₀ + C hᵖ through three numbers.
 
-    It solves (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), whose right side grows with p. This is Celik's
-    equation for any ratio of the grids, with its sign: p ≤ 0 if the changes do not decrease. NaN if the number
-    swings or does not change.
+    It solves (f₃ − f₂)/(f₂ − f₁) = (h₃ᵖ − h₂ᵖ)/(h₂ᵖ − h₁ᵖ), whose right side grows with p. This is
+    Celik's equation for any ratio of the grids, with its sign: p ≤ 0 if the changes do not
+    decrease. NaN if the number swings or does not change.
     """
     (h1, h2, h3), (f1, f2, f3) = h, f
     if (f3 - f2) * (f2 - f1) <= 0.0:
@@ -88,22 +88,26 @@ def richardson(h: Sequence[float], f: Sequence[float], p: float) -> float:
 
 
 def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: float = SAFETY) -> float:
-    """Return the grid-convergence index of the finest number, `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1)."""
+    """Return the grid-convergence index of the finest number.
+
+    It is `safety` · |f₁ − f₂|/|f₁|/(rᵖ − 1).
+    """
     return float(safety * abs(f[0] - richardson(h, f, p)) / abs(f[0]))
 
 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     """Return the verdict on three or more numbers; `formal` is the theoretical order.
 
-    If the changes do not decrease, there is no limit and no interval: the number diverges, or swings without
-    end. For a decreasing swing, the interval is `UNSURE` times the range of all numbers. An order is sure if it
-    is near the formal order and the numbers one level coarser agree. The interval is then the grid-convergence
-    index. Otherwise the larger factor is used, and at least the range of all numbers (Eça & Hoekstra 2014). An
-    order above the formal one is accidental: the two finest numbers can be close where the error changes sign.
-    The formal order is then used.
+    If the changes do not decrease, there is no limit and no interval: the number diverges, or
+    swings without end. For a decreasing swing, the interval is `UNSURE` times the range of all
+    numbers. An order is sure if it is near the formal order and the numbers one level coarser
+    agree. The interval is then the grid-convergence index. Otherwise the larger factor is used, and
+    at least the range of all numbers (Eça & Hoekstra 2014). An order above the formal one is
+    accidental: the two finest numbers can be close where the error changes sign. The formal order
+    is then used.
 
-    Small changes without an order are "unresolved" and not called convergence, because a slow divergence looks
-    the same. A finest number that is zero or not finite gets no verdict.
+    Small changes without an order are "unresolved" and not called convergence, because a slow
+    divergence looks the same. A finest number that is zero or not finite gets no verdict.
     """
     whole = dict(sorted(zip(h, f, strict=True)))
     if len(whole) < 3:
@@ -121,7 +125,10 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
 
 
 def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> float:
-    """Return half the width of the interval over the finest number; infinite if the changes do not decrease."""
+    """Return half the width of the interval over the finest number.
+
+    Infinite if the changes do not decrease.
+    """
     spread = float(np.ptp(f) / abs(f[0]))
     if p <= FLAT or (np.isnan(p) and abs(f[0] - f[1]) > abs(f[1] - f[2])):
         return float("inf")
@@ -133,13 +140,19 @@ def interval_index(h: Sequence[float], f: Sequence[float], p: float, formal: flo
 
 
 def is_sure(h: Sequence[float], f: Sequence[float], p: float, formal: float) -> bool:
-    """Return whether an observed order is near the formal one, and the numbers one level coarser agree."""
+    """Return whether an observed order is near the formal one.
+
+    The numbers one level coarser must agree.
+    """
     before = observed_order(h[1:4], f[1:4]) if len(h) > 3 else p
     return abs(p - formal) <= AGREES and abs(before - p) <= 2.0 * AGREES
 
 
 def kind_of(p: float, f: Sequence[float], change: float, index: float) -> str:
-    """Return the kind of verdict for an observed order and numbers that differ by the share `change`."""
+    """Return the kind of verdict for an observed order.
+
+    The numbers differ by the share `change`.
+    """
     if index <= CONVERGED and not p < SLOWEST:
         return "converged"
     if change <= UNRESOLVED and not p >= SLOWEST:
@@ -149,7 +162,10 @@ def kind_of(p: float, f: Sequence[float], change: float, index: float) -> str:
 
 
 def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
-    """Return a remark if a hole moved [m] farther than small strains allow for its footprint [m]."""
+    """Return a remark if a hole moved [m] beyond the range of small strains.
+
+    The range follows from its footprint [m].
+    """
     if moved <= LINEAR * footprint:
         return []
     return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
@@ -163,7 +179,10 @@ def beyond_bearing(what: str, strain: float) -> list[str]:
 
 
 def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus: float) -> float:
-    """Return the bearing strain T/(d ℓ E): mean pressure of a thread on tissue over a length ℓ, over the tissue's E."""
+    """Return the bearing strain T/(d ℓ E).
+
+    It is the mean pressure of a thread on tissue over a length ℓ, over the tissue's E.
+    """
     return tension / (diameter * bite * youngs_modulus)
 
 
@@ -174,14 +193,19 @@ def too_coarse(what: str, size: float, footprint: float) -> list[str]:
     return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the mesh sets the hole's stiffness"]
 
 
-def not_settled(what: str, kinetic: float, elastic: float) -> list[str]:
-    """Return a remark if a run still moves at its end, by its kinetic over its elastic energy [J]."""
-    share = unrest(kinetic, elastic)
+def not_settled(what: str, share: float) -> list[str]:
+    """Return a remark if a run still moves at its end.
+
+    `share` is its kinetic over its elastic energy [-].
+    """
     if share <= SETTLED:
         return []
     return [f"{what}: NOT SETTLED, its kinetic energy is {share:.2g} of the elastic (at most {SETTLED:g})"]
 
 
 def unrest(kinetic: float, elastic: float) -> float:
-    """Return the kinetic over elastic energy, zero for a run at rest and infinite without elastic energy."""
+    """Return the kinetic over elastic energy [-].
+
+    Zero for a run at rest, and infinite without elastic energy.
+    """
     return kinetic / elastic if elastic else float("inf") if kinetic else 0.0

@@ -1,8 +1,9 @@
-"""The same work on many items: one after the other, in processes of this machine, or on a cluster by Dask.
+"""The same work on many items, one after the other or at once.
 
-The work is a function of a module; pickle transfers the function and its items. Results are yielded in the
-order of completion, each with the number of its item; `in_order` sorts them. An error of the work is raised
-here.
+It is done in this process, in processes of this machine, or on a cluster by Dask. The work is a
+function of a module; pickle transfers the function and its items. Results are yielded in the order
+of completion, each with the number of its item; `in_order` sorts them. An error of the work is
+raised here.
 """
 
 import ctypes
@@ -74,9 +75,9 @@ class Processes:
     ) -> Iterator[tuple[int, Result]]:
         """Yield the number of an item and its result, in the order of completion.
 
-        Items are distributed in runs of neighbours, one run per process, because neighbours share expensive
-        parts. If processes are forks, a leading process makes the shared parts once by `first` and then forks
-        all of them.
+        Items are distributed in runs of neighbours, one run per process, because neighbours share
+        expensive parts. If processes are forks, a leading process makes the shared parts once by
+        `first` and then forks all of them.
         """
         if not items:
             return
@@ -106,10 +107,10 @@ class Processes:
 def _lead(
     results: Connection, jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], Any]
 ) -> None:
-    """Make the shared parts, and send the results of forked processes, each with its number, or an error.
+    """Make the shared parts, and send the results of forked processes.
 
-    No thread of this process runs before the fork. So the system can end the process with its parent; otherwise
-    it would keep the lock on the folder.
+    Each result has its number, or is an error. No thread of this process runs before the fork. So
+    the system can end the process with its parent; otherwise it would keep the lock on the folder.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG, see prctl(2)
@@ -124,7 +125,10 @@ def _lead(
 def _pooled(
     context: BaseContext, jobs: int, work: Callable[[Item], Result], items: Sequence[Item]
 ) -> Iterator[tuple[int, Result]]:
-    """Yield results in the order of completion from `jobs` processes, which end with the calling process."""
+    """Yield results in the order of completion from `jobs` processes.
+
+    The processes end with the calling process.
+    """
     with ProcessPoolExecutor(min(jobs, len(items)), context, _begin) as pool:
         try:
             pool.submit(nothing, None)  # forks all of them
@@ -140,9 +144,9 @@ def _pooled(
 def context_of(module: str) -> SpawnContext | ForkContext | ForkServerContext:
     """Return the context of new processes.
 
-    On Linux it is a fork of this process, which has imported everything. If this process has threads, its fork
-    could block, so a process that only imports the `module` of the work is forked. On other systems libraries
-    do not support a fork, so new processes are started.
+    On Linux it is a fork of this process, which has imported everything. If this process has
+    threads, its fork could block, so a process that only imports the `module` of the work is
+    forked. On other systems libraries do not support a fork, so new processes are started.
     """
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
@@ -166,7 +170,10 @@ def _end_with(sentinel: int) -> None:
 
 
 def _shares(count: int, jobs: int) -> list[list[int]]:
-    """Return runs of neighbouring numbers below `count`, one per job, with the last item of each first."""
+    """Return runs of neighbouring numbers below `count`, one per job.
+
+    Each run has its last number first.
+    """
     bounds = [count * k // jobs for k in range(jobs + 1)]
     return [list(range(low, high))[::-1] for low, high in pairwise(bounds) if high > low]
 
@@ -174,7 +181,10 @@ def _shares(count: int, jobs: int) -> list[list[int]]:
 def _handed_out(
     pool: ProcessPoolExecutor, work: Callable[[Item], Result], shares: list[list[int]], items: Sequence[Item]
 ) -> Iterator[tuple[int, Result]]:
-    """Keep one item of each share at work; a finished share takes over half of the longest remaining share."""
+    """Keep one item of each share at work.
+
+    A finished share takes over half of the longest remaining share.
+    """
     at_work = {pool.submit(_alone, work, items[first]): (first, share) for share in shares for first in [share.pop()]}
     while at_work:
         finished, _ = wait(at_work, return_when=FIRST_COMPLETED)
@@ -230,7 +240,10 @@ def _client(distributed: Any, address: str) -> Any:
 
 
 def _alone(work: Callable[[Item], Result], item: Item) -> Result:
-    """Return the result of the work with one thread of BLAS, so that all processes compute the same bits."""
+    """Return the result of the work with one thread of BLAS.
+
+    All processes then compute the same bits.
+    """
     with threadpool_limits(limits=1, user_api="blas"):
         return work(item)
 

@@ -1,11 +1,12 @@
-"""Wounds through a sheet of skin: published wounds, and hands that draw their stitches until the lips nearly meet.
+"""Wounds through a sheet of skin: published wounds, and hands that draw their stitches.
 
-The sheet is the one of `studies/wound_closure/scene.toml`. The stitches are one thread that runs to and fro and
-is cut at its turns. The hands draw both ends of a stitch equally.
+The hands draw until the lips nearly meet. The sheet is the one of
+`studies/wound_closure/scene.toml`. The stitches are one thread that runs to and fro and is cut at
+its turns. The hands draw both ends of a stitch equally.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +17,7 @@ import tissue
 from coupling.arrays import Flags
 from coupling.errors import EquilibriumError
 from coupling.run import begin
-from coupling.system import State, System
+from coupling.system import State
 from studies.arrays import Array
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import require, scene
@@ -90,9 +91,9 @@ class Case:
         return np.asarray(self.width * np.sqrt(np.maximum(1.0 - (2.0 * y / self.length) ** 2, 0.0)))
 
     def assembly(self, material: Mapping[str, object]) -> Assembly:
-        """Return the sheet with its stitches, before anything is drawn; `material` are keys of the sheet's material.
+        """Return the sheet with its stitches, before anything is drawn.
 
-        A wound without width is a slit.
+        `material` are keys of the sheet's material. A wound without width is a slit.
         """
         y, depth = self.places, -0.5 * THICKNESS
         sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
@@ -154,17 +155,12 @@ class Hands:
     """The hands that draw the stitches of a case and measure the gaps of the lips."""
 
     case: Case
-    assembly: Assembly
+    material: Mapping[str, object] = field(default_factory=dict)  # keys of the sheet's material
 
-    @classmethod
-    def of(cls, case: Case, material: Mapping[str, object] | None = None) -> "Hands":
-        """Return the hands of a case, with keys of the sheet's material, None for a linear material."""
-        return cls(case, case.assembly(material or {}))
-
-    @property
-    def system(self) -> System:
-        """Thread, sheet and holes."""
-        return self.assembly.system
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Thread, sheet and holes before the hands draw."""
+        return self.case.assembly(self.material)
 
     @property
     def organ(self) -> tissue.QuasiStaticOrgan | tissue.FiniteOrgan:
@@ -175,7 +171,7 @@ class Hands:
 
     @cached_property
     def rim(self) -> tuple[NDArray[np.intp], Array]:
-        """Pairs of lip nodes on the upper side, in order along the wound, and their places along it [m]."""
+        """Pairs of upper lip nodes, in order along the wound, and their places along it [m]."""
         assert self.organ.gaps is not None
         at = self.organ.elasticity.points[self.organ.gaps.nodes[:, 0]]
         upper = np.flatnonzero(at[:, 2] >= -1e-9 * THICKNESS)
@@ -189,7 +185,10 @@ class Hands:
 
     @cached_property
     def answers(self) -> tuple[Array, Array]:
-        """Changes of all gaps [-] and forces [N/m] over the length drawn at each stitch, while the lips are open."""
+        """Changes of all gaps [-] and forces [N/m] over the length drawn at each stitch.
+
+        The lips are open.
+        """
         y, length, straight = self.case.places, 0.01 * self.case.width, self.straight_state
         each = [self.draw(straight, length * unit) for unit in np.eye(len(y))]
         gaps = np.column_stack([self.gaps(state, y) - self.gaps(straight, y) for state in each])
@@ -198,10 +197,10 @@ class Hands:
 
     @cached_property
     def uniform_traction(self) -> float:
-        """Traction on the lips that closes a linear sheet in the middle, over the value of a large sheet,
-        EW/(4c) [-].
+        """Traction on the lips that closes a linear sheet in the middle [-].
 
-        It acts across the wound and is a force per length.
+        It is over the value of a large sheet, EW/(4c). It acts across the wound and is a force per
+        length.
         """
         organ, body, (order, at) = self.organ, self.organ.elasticity, self.rim
         assert isinstance(organ, tissue.QuasiStaticOrgan)
@@ -214,18 +213,22 @@ class Hands:
         return traction / (E * self.case.width / (2.0 * self.case.length))
 
     def draw(self, state: State, lengths: Array) -> State:
-        """Return the equilibrium after stitch k is shortened by `lengths` (k,) [m], half at either end.
+        """Return the equilibrium after stitch k is shortened by `lengths` (k,) [m].
 
-        One unit of time is one move of the hands.
+        Each end is drawn by half of it. One unit of time is one move of the hands.
         """
         now, half = state.time, 0.5 * np.repeat(lengths, 2) * np.tile([-1.0, 1.0], len(lengths))
         tables = [np.array([[now, 0.0], [now + 1.0, length]]) for length in half]
-        pulled = zip(self.system.piercings, tables, strict=True)
-        system = replace(self.system, piercings=tuple(replace(hole, draw=draw) for hole, draw in pulled))
+        system = self.assembly.system
+        pulled = zip(system.piercings, tables, strict=True)
+        system = replace(system, piercings=tuple(replace(hole, draw=draw) for hole, draw in pulled))
         return begin(system, state).load(1.0, now + 1.0).state
 
     def forces(self, state: State) -> Array:
-        """Return the tension of each stitch [N], which acts on its two holes because its tails are free."""
+        """Return the tension of each stitch [N].
+
+        It acts on the two holes of the stitch, because the tails are free.
+        """
         first, last = state.lam[0::2, :3], state.lam[1::2, :3]
         across = state.y[0::2, :3] - state.y[1::2, :3]
         return 0.5 * np.vecdot(first - last, across) / np.linalg.norm(across, axis=1)
@@ -246,10 +249,10 @@ class Hands:
         return np.interp(y, [-end, *at, end], [0.0, *apart, 0.0])
 
     def tighten(self, state: State, tying: Flags, slack: Flags) -> tuple[State, bool]:
-        """Return the state with the stitches `tying` drawn until the lips nearly touch, and whether this was
-        reached.
+        """Return the state with the stitches `tying` drawn until the lips nearly touch.
 
-        The stitches `slack` are drawn until their force is zero; the others are unchanged.
+        The second result is whether this was reached. The stitches `slack` are drawn until their
+        force is zero; the others are unchanged.
         """
         case, y, moving = self.case, self.case.places, tying | slack
         by_gap, by_force = self.answers
@@ -272,10 +275,11 @@ class Hands:
         moving: Flags | slice = slice(None),
         moves: int = MOVES,
     ) -> tuple[State, Array, Array]:
-        """Draw the `moving` stitches until the residual `missing` is within the `limit`, with at most `moves` moves.
+        """Draw the `moving` stitches until the residual `missing` is within the `limit`.
 
-        Returns the state, the change of the residual per length drawn, and the residual, which is infinite
-        without equilibrium. Broyden's method learns the effects of contact and stiffening.
+        There are at most `moves` moves. Returns the state, the change of the residual per length
+        drawn, and the residual, which is infinite without equilibrium. Broyden's method learns the
+        effects of contact and stiffening.
         """
         left = missing(state)
         for _ in range(moves):

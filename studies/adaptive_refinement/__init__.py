@@ -1,1 +1,4 @@
-"""How many unknowns and seconds does a hole's compliance take on uniform, graded and adaptive meshes?"""
+"""How many unknowns and seconds does a hole's compliance take on three kinds of meshes?
+
+The meshes are uniform, graded and adaptive.
+"""

@@ -1,21 +1,22 @@
-"""Adaptive refinement: the error of a hole's compliance over unknowns and over seconds, and the accuracy of its
-estimate.
+"""Adaptive refinement: the error of a hole's compliance over unknowns and over seconds.
 
-There is one hole in a clamped block. The cases are several footprints, a hole near an edge, a skin with a
-thickness of half a footprint, and a wall with the thickness of a footprint. The skin is 20 times or a tenth as
-stiff as the tissue below. The compliance to forces is computed on three kinds of meshes, by linear and by
-quadratic cells:
+The accuracy of the estimated error is also shown. There is one hole in a clamped block. The cases
+are several footprints, a hole near an edge, a skin with a thickness of half a footprint, and a wall
+with the thickness of a footprint. The skin is 20 times or a tenth as stiff as the tissue below. The
+compliance to forces is computed on three kinds of meshes, by linear and by quadratic cells:
 
 - uniform: structured, of one size;
-- graded: structured, with a size at the hole that is a share of the footprint, growing away from it;
+- graded: structured, with a size at the hole that is a share of the footprint, growing away from
+  it;
 - adaptive: a coarse mesh, refined until the estimated error is within `tissue.mesh.accuracy`.
 
-The error is taken in the direction in which it is largest. The reference is an adaptive mesh of quadratic
-cells, finer than all others, plus its own estimated error.
+The error is taken in the direction in which it is largest. The reference is an adaptive mesh of
+quadratic cells, finer than all others, plus its own estimated error.
 
-*Theoretical order.* By Galerkin the error of a compliance is the energy of the error of its column. Under a
-parabolic footprint this is h⁴ ln(a/h) for P2 and h² for P1 (`studies.mesh_refinement`). On meshes that are fine
-only where necessary, N unknowns give N^(−4/3) and N^(−2/3), independent of edges and borders.
+*Theoretical order.* By Galerkin the error of a compliance is the energy of the error of its column.
+Under a parabolic footprint this is h⁴ ln(a/h) for P2 and h² for P1 (`studies.mesh_refinement`). On
+meshes that are fine only where necessary, N unknowns give N^(−4/3) and N^(−2/3), independent of
+edges and borders.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +32,7 @@ from matplotlib.figure import Figure
 import tissue
 from studies.figure import Item, draw, level, panel, series, unnamed
 from studies.simulation.assembly import assemble, site_of
-from studies.study import Job, Table, described, each, grouped, require, require_known, scene, unit_field
+from studies.study import Job, Table, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
 MILLI = 1e-3
@@ -51,7 +52,10 @@ Settings = dict[str, Any]
 
 
 def skin(contrast: float) -> Settings:
-    """Return the keys of a skin of half a footprint; `contrast` is its stiffness over that below."""
+    """Return the keys of a skin of half a footprint.
+
+    `contrast` is its stiffness over the stiffness of the tissue below.
+    """
     return {"tissue.region": [{"name": "skin", "depth": [0.0, THIN * A], "youngs_modulus": contrast * 1e5}]}
 
 
@@ -100,8 +104,8 @@ def main(
 ) -> Iterator[Row]:
     """Yield every mesh of every case.
 
-    `footprints` [m] are in the middle of the block, `cases` are names. Sizes of uniform cells are in [m], sizes
-    of graded cells are at the hole over the footprint. Raises `StudyError`.
+    `footprints` [m] are in the middle of the block, `cases` are names. Sizes of uniform cells are
+    in [m], sizes of graded cells are at the hole over the footprint. Raises `StudyError`.
     """
     require_known("cases", cases, CASES)
     require_known("elements", elements, ("P1", "P2"))
@@ -145,8 +149,10 @@ def cells(mesh: str, size: float, a: float) -> Settings:
 
 
 def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
-    """Return the compliance of the hole with its estimated error, the unknowns, and the seconds before the
-    first step."""
+    """Return the compliance of the hole with its estimated error, the unknowns, and the seconds.
+
+    The seconds are those before the first step.
+    """
     given = scene("adaptive_refinement", keys)
     begun = perf_counter()
     assembly = assemble(given)
@@ -157,9 +163,10 @@ def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
 
 
 def needed(rows: Sequence[Row], field: str) -> float:
-    """Return the unknowns or seconds for the error ASKED, interpolated between two meshes on logarithmic axes.
+    """Return the unknowns or seconds for the error ASKED.
 
-    Not a number if no mesh is so accurate; the value of the coarsest mesh if all are.
+    They are interpolated between two meshes on logarithmic axes. Not a number if no mesh is so
+    accurate; the value of the coarsest mesh if all are.
     """
     ordered = sorted(rows, key=lambda row: -row.error)
     errors, values = ([getattr(row, name) for row in ordered] for name in ("error", field))
@@ -175,16 +182,18 @@ COLUMNS = (  # for the meshes of a kind
     ("seconds for 3 %", lambda rows: shown(needed(rows, "seconds"))),
     ("finest", lambda rows: f"{max(row.unknowns for row in rows)}"),
     ("its error [%]", lambda rows: f"{100.0 * min(row.error for row in rows):.2g}"),
-    (
-        "estimate over error",
-        lambda rows: "{:.2f} to {:.2f}".format(*np.sort([row.effectivity for row in rows])[[0, -1]]),
-    ),
+    ("estimate over error", lambda rows: range_text([row.effectivity for row in rows])),
 )
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for each kind of mesh on a case."""
-    return Table.of(COLUMNS, kinds(rows))
+    return Table.of(COLUMNS, grouped(rows, lambda row: (row.case, row.kind)).values())
+
+
+def range_text(values: Sequence[float]) -> str:
+    """Return the smallest and the largest value as text."""
+    return f"{min(values):.2f} to {max(values):.2f}"
 
 
 def shown(number: float) -> str:
@@ -192,13 +201,11 @@ def shown(number: float) -> str:
     return "not reached" if np.isnan(number) else f"{float(f'{number:.2g}'):g}"
 
 
-def kinds(rows: Sequence[Row]) -> list[list[Row]]:
-    """Return the meshes of each kind in each case."""
-    return list(grouped(rows, lambda row: (row.case, row.kind)).values())
-
-
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the size of other meshes relative to adaptive ones, and on estimates far from the error."""
+    """Return remarks on the sizes of meshes, and on estimates far from the error.
+
+    The other meshes are compared with the adaptive ones.
+    """
     out = []
     for case, own in grouped(rows, lambda row: row.case).items():
         for element, same in grouped(own, lambda row: row.element).items():
@@ -216,30 +223,21 @@ def remarks(rows: Sequence[Row]) -> list[str]:
     return out
 
 
-def thousands(row: Row) -> float:
-    """Return the unknowns of a mesh in thousands."""
-    return row.unknowns / 1000.0
-
-
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of the error over unknowns for each case, then over seconds, and of the estimate over
-    the error."""
+    """Return the figure of the error over unknowns and seconds, and of estimate over error."""
     places: list[Item] = []
     for case, own in grouped(rows, lambda row: row.case).items():
         lines = grouped(own, lambda row: row.kind)
-        curves = series(unnamed(lines) if places else lines, thousands, "error")
+        curves = series(unnamed(lines) if places else lines, lambda row: row.unknowns / 1000.0, "error")
         words = "unknowns [thousands]", ERROR
-        places.append(panel(*words, curves, level("y", ASKED), log="xy", ticks=TICKS | {"y": SHARES}, title=case))
+        places.append(panel(*words, curves, level(ASKED), log="xy", ticks=TICKS | {"y": SHARES}, title=case))
     first = grouped([row for row in rows if row.case == rows[0].case], lambda row: row.kind)
     seconds = series(unnamed(first), "seconds", "error")
     ticks = {"x": (0.2, 0.5, 1.0, 2.0, 5.0, 10.0), "y": SHARES}
     places.append(panel("time [s]", ERROR, seconds, log="xy", ticks=ticks, title=rows[0].case))
     adaptive = grouped([row for row in rows if row.mesh == ADAPTIVE], lambda row: row.element)
-    bounds = [level("y", value, style=":") for value in EFFECTIVITY]
+    bounds = [level(value, style=":") for value in EFFECTIVITY]
     points = series(adaptive, "error", "effectivity", "")
     places.append(panel(ERROR, "estimate over error", points, *bounds, log="x", ticks={"x": SHARES}, title="adaptive"))
     places += [Axes.set_axis_off] * (len(places) % 2)
     return draw(*(places[k : k + 2] for k in range(0, len(places), 2)))
-
-
-STUDY = described("adaptive_refinement", main, table, figure, remarks)

@@ -1,10 +1,11 @@
 """Realistic scenarios drawn at random from a seed, with all defaults.
 
-A suture of the catalogue, 2-0 to 8-0, pierces a block of tissue, 2 kPa to 2 MPa, from above. It goes down and
-up through one to six holes in turn. One end is held, loaded or free, and the other is driven or pulled. The
-`demand` of a scenario is the displacement of its holes by a linear estimate, 0.6 F/(E a), in footprints a. Many
-scenarios have an additional request: rest, ties, tracts, cuts, schedules, finite strain, contact of lips. Each
-request changes the tables of a case by its own random numbers, so the case itself depends only on its seed.
+A suture of the catalogue, 2-0 to 8-0, pierces a block of tissue, 2 kPa to 2 MPa, from above. It
+goes down and up through one to six holes in turn. One end is held, loaded or free, and the other is
+driven or pulled. The `demand` of a scenario is the displacement of its holes by a linear estimate,
+0.6 F/(E a), in footprints a. Many scenarios have an additional request: rest, ties, tracts, cuts,
+schedules, finite strain, contact of lips. Each request changes the tables of a case by its own
+random numbers, so the case itself depends only on its seed.
 """
 
 from collections.abc import Callable, Iterator
@@ -32,7 +33,10 @@ LOOP = np.array([[-1, -1.5e-3, 6e-3], [0, 0, 3e-3], [1, 0, 0], [1, 0, -DEEP], [-
 
 @dataclass(frozen=True)
 class Case:
-    """One scenario as tables, with its `number`, its `kind`, its `demand` [-] and its additional request `ask`."""
+    """One scenario as tables.
+
+    It has its `number`, its `kind`, its `demand` [-] and its additional request `ask`.
+    """
 
     number: int
     kind: str
@@ -98,8 +102,8 @@ def demand_of(tables: Tables, force: float) -> float:
 def path_through(random: Random, at: Array) -> Array:
     """Return the corners of a path through the holes, shape `(k, 3)` [m].
 
-    The path comes from the left above the block, goes down and up through the holes, and leaves to the right.
-    For an odd number of holes it ends below the block.
+    The path comes from the left above the block, goes down and up through the holes, and leaves to
+    the right. For an odd number of holes it ends below the block.
     """
     tail, head = random.uniform(15e-3, 40e-3, 2)
     rise = random.uniform(4e-3, 10e-3)
@@ -112,8 +116,7 @@ def path_through(random: Random, at: Array) -> Array:
 
 
 def ends_of(random: Random, kind: str, path: Array, stiffness: float) -> tuple[Tables, Tables, float, float]:
-    """Return random tables of the start and end of the thread, the force on the holes [N], and the duration of
-    the run [s].
+    """Return random tables of both ends, the force on the holes [N], and the duration [s].
 
     `stiffness` [N/m] is the sum of E a over all holes.
     """
@@ -135,7 +138,10 @@ def ends_of(random: Random, kind: str, path: Array, stiffness: float) -> tuple[T
 
 
 def driven(place: Array, way: Array, time: float) -> Tables:
-    """Return the table of an end that is moved along its `way` [m] from a place within a `time` [s]."""
+    """Return the table of an end that is moved along its `way` [m] within a `time` [s].
+
+    The motion starts at `place`.
+    """
     return {"kind": "driven", "waypoints": [[0.0, *place], [time, *(place + way)]]}
 
 
@@ -192,7 +198,7 @@ def stiffening(random: Random, tables: Tables) -> None:
 
 
 def over_a_wound(random: Random, tables: Tables, stitches: int) -> Array:
-    """Place the holes on both sides of a wound, stitch by stitch, and return the places, (stitches, 2, 3) [m].
+    """Place the holes on both sides of a wound; return the places, (stitches, 2, 3) [m].
 
     The lips touch in about half of the cases.
     """
@@ -224,8 +230,10 @@ def running(random: Random, tables: Tables) -> float:
 
 
 def tied(random: Random, tables: Tables) -> float:
-    """Change the case to tied single stitches over a wound, with cuts between them, and return the force of the
-    hands [N]."""
+    """Change the case to tied single stitches over a wound; return the force of the hands [N].
+
+    The thread is cut between the stitches.
+    """
     at = over_a_wound(random, tables, int(random.integers(1, 4)))
     loops = np.array([LOOP * [right[0], 1.0, 1.0] + [0.0, right[1], 0.0] for _, right in at])
     ends = [[*loops[:k].reshape(-1, 3), 0.5 * (loops[k - 1, -1] + loops[k, 0])] for k in range(1, len(loops))]

@@ -1,15 +1,16 @@
-"""The campaign: random realistic scenarios, the number that complete, and the causes that end the others.
+"""The campaign: random realistic scenarios, how many complete, and the causes of the other ends.
 
-Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default settings, like the
-cases of a sweep. Each completes, is refused before its first step, or stops at a step; the class of the error
-is its cause.
+Scenarios are drawn at random from a seed (`studies.campaign.generator`) and run at default
+settings, like the cases of a sweep. Each completes, is refused before its first step, or stops at a
+step; the class of the error is its cause.
 
-The first `quarter` cases that complete are run again with a quarter of the step. The forces at their holes and
-the lengths drawn through them are compared at the end. If they differ, the run should have a remark on its
-steps.
+The first `quarter` cases that complete are run again with a quarter of the step. The forces at
+their holes and the lengths drawn through them are compared at the end. If they differ, the run
+should have a remark on its steps.
 
-A case is gentle if its loads grow and a linear estimate moves its holes by less than three footprints. Users
-expect these cases to complete; a hole that moves further is beyond a linear organ.
+A case is gentle if its loads grow and a linear estimate moves its holes by less than three
+footprints. Users expect these cases to complete; a hole that moves further is beyond a linear
+organ.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +23,7 @@ from matplotlib.figure import Figure
 
 from studies.campaign.generator import ASKS, KINDS, Case, asked
 from studies.figure import draw, panel, series
-from studies.study import Table, described, each, grouped, measure, measured, unit_field
+from studies.study import Table, each, grouped, measure, measured, unit_field
 from studies.sweeps.case import Result, run_case
 from thread.catalogue import suture
 
@@ -37,9 +38,9 @@ COMPLETED = "completed"
 class Row:
     """The end of one case.
 
-    `cause` is the class of the error, `said` are the codes of the run's remarks. `apart` is the difference of
-    forces and drawn lengths to the same case with a quarter of the step, over the largest: NaN without a second
-    run, infinite if it did not complete.
+    `cause` is the class of the error, `said` are the codes of the run's remarks. `apart` is the
+    difference of forces and drawn lengths to the same case with a quarter of the step, over the
+    largest: NaN without a second run, infinite if it did not complete.
     """
 
     number: int = measured("", lambda at: at.case.number)
@@ -56,12 +57,18 @@ class Row:
 
 
 def main(seed: int = 1, first: int = 0, count: int = 300, quarter: int = 11) -> Iterator[Row]:
-    """Yield the cases of a seed; the first `quarter` that complete are repeated with a quarter of the step."""
+    """Yield the cases of a seed.
+
+    The first `quarter` cases that complete are repeated with a quarter of the step.
+    """
     yield from each([partial(run, case, number < quarter) for number, case in enumerate(asked(seed, count, first))])
 
 
 def run(case: Case, quarter: bool = False) -> Row:
-    """Return one case; with `quarter` it is repeated with a quarter of the step, if it completes."""
+    """Return the row of one case.
+
+    With `quarter` the case is repeated with a quarter of the step, if it completes.
+    """
     result = run_case(case.tables)
     found = measure(Row, SimpleNamespace(case=case, result=result, found=result.summary))
     if not quarter or found.cause != COMPLETED:
@@ -73,9 +80,10 @@ def run(case: Case, quarter: bool = False) -> Row:
 
 
 def apart(one: Result, other: Result, thread: str) -> float:
-    """Return the largest difference of forces or drawn lengths at a hole, over the largest value [-].
+    """Return the largest difference of forces or drawn lengths at a hole [-].
 
-    Lengths are compared with the thread's diameter if it is larger.
+    It is relative to the largest force or length. Lengths are compared with the thread's diameter
+    if it is larger.
     """
     far = []
     for key, scale in (("force", np.finfo(float).tiny), ("slip", suture(thread).diameter)):
@@ -91,9 +99,9 @@ def share(rows: Sequence[Row]) -> str:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return the table with a line for each kind and each request, then for the gentle cases and for all.
+    """Return the table with a line for each kind and each request.
 
-    Each cause has a column.
+    The last lines are for the gentle cases and for all cases. Each cause has a column.
     """
     groups = {name: [row for row in rows if name in (row.kind, row.ask)] for name in (*KINDS, *ASKS)}
     groups |= {"gentle": [row for row in rows if row.gentle], "all": list(rows)}
@@ -103,15 +111,14 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on completion and on runs whose steps created energy, and list every case that did not
-    complete."""
+    """Return remarks on completion, on created energy, and on every case that did not complete."""
     created = [str(row.number) for row in rows if "energy-created" in row.said.split()]
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
     out = [arrived(*of) for of in (("gentle cases", gentle, 0.97), ("sudden dead loads", sudden, 0.9))]
     out.append(f"cases whose steps created energy: {len(created)} of {len(rows)} {', '.join(created)}".strip())
     stopped = [row for row in rows if row.cause != COMPLETED]
-    said = [f"case {row.number} ({row.kind}, {row.ask}): {row.cause} at {row.time:.4g} s" for row in stopped]
-    return [*out, *agreement(rows), *said]
+    ends = [f"case {row.number} ({row.kind}, {row.ask}): {row.cause} at {row.time:.4g} s" for row in stopped]
+    return [*out, *agreement(rows), *ends]
 
 
 def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
@@ -121,14 +128,17 @@ def arrived(name: str, rows: Sequence[Row], asked: float) -> str:
 
 
 def agreement(rows: Sequence[Row]) -> list[str]:
-    """Return the number of agreeing repeated cases in words, and the difference and remarks of each other case."""
+    """Return in words how many repeated cases agree with their first run.
+
+    Each other case is listed with its difference and its remarks.
+    """
     again = [row for row in rows if not np.isnan(row.apart)]
     far, alike = [row for row in again if row.apart > AGREED], [row for row in again if row.apart <= ALIKE]
-    told = [row for row in again if set(row.said.split()) & TELLING]
+    remarked = [row for row in again if set(row.said.split()) & TELLING]
     return [
         f"cases within {AGREED:.0%} of their repetition with a quarter of the step: {len(again) - len(far)} of "
-        f"{len(again)}, {sum(row not in told for row in far)} of the others WITHOUT A REMARK on the steps",
-        f"cases with a remark, but within {ALIKE:.1%}: {sum(row in told for row in alike)} of {len(alike)}",
+        f"{len(again)}, {sum(row not in remarked for row in far)} of the others WITHOUT A REMARK on the steps",
+        f"cases with a remark, but within {ALIKE:.1%}: {sum(row in remarked for row in alike)} of {len(alike)}",
         *(f"case {row.number} ({row.kind}): difference {row.apart:.2g}; remarks: {row.said or 'none'}" for row in far),
     ]
 
@@ -137,6 +147,3 @@ def figure(rows: Sequence[Row]) -> Figure:
     """Return the figure of the ends of the cases over demand and span ratio, by cause."""
     ended = series(grouped(rows, lambda row: row.cause), "demand", "span_ratio", "", markersize=4)
     return draw([panel("demand [footprints]", "span over √(EI/T) [-]", ended, log="x", title="where they ended")])
-
-
-STUDY = described("campaign", main, table, figure, remarks)

@@ -1,8 +1,8 @@
-"""The functions of the command line: ``suture run | check | mesh | study | schema | catalogue | bench``.
+"""The functions of the command line: run, check, mesh, study, schema, catalogue and bench.
 
-Exit status: 0 for success, 1 for a failed run. 2 for refused input: a sentence for each problem on standard
-error, and nothing computed. 3 with ``--strict`` if a remark means an unsupported number. 130 or 143 for a run
-interrupted by SIGINT or SIGTERM. 141 if the output pipe is closed.
+Exit status: 0 for success, 1 for a failed run. 2 for refused input: a sentence for each problem on
+standard error, and nothing computed. 3 with ``--strict`` if a remark means an unsupported number.
+130 or 143 for a run interrupted by SIGINT or SIGTERM. 141 if the output pipe is closed.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import TOLD_IN_STEPS, TOLD_OF_LOOPS, Progress, StudyProgress, duration, stages
+from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, StudyProgress, duration, stages
 from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
 from studies.extras import missing
 from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
@@ -120,16 +120,19 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
     picture = "" if options.no_picture else _draw(simulation, recorder)
     if failure is not None and not options.no_remedies:
         _try_remedies(options, simulation, recorder, failure)
-    log.end(outcome, recorder.remarks)
+    log.end(outcome, recorder.tally.remarks)
     if options.json:
         print(as_json(recorder.summary(outcome)), end="")
     elif not options.quiet:
         print_summary(simulation.scenario, recorder, outcome, picture)
-    return status or _doubt(options, recorder.remarks)
+    return status or _doubt(options, recorder.tally.remarks)
 
 
 def check(options: argparse.Namespace) -> int:
-    """``suture check``: check a scenario and solve its start; draw the start if requested. Return the exit status."""
+    """``suture check``: check a scenario and solve its start; return the exit status.
+
+    The start is drawn if a picture is requested.
+    """
     if options.write:
         print(written(options.file, options.set), end="")
         return 0
@@ -138,8 +141,8 @@ def check(options: argparse.Namespace) -> int:
     remarks, counts = simulation.remarks(), counts_of(simulation, prepared)
     picture = "" if options.picture is None else _draw_start(simulation, options.picture)
     if options.json:
-        told = counts | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
-        print(as_json(told), end="")
+        found = counts | {"remarks": [remark.record() for remark in remarks], "picture": picture or None}
+        print(as_json(found), end="")
         return strict_status(options.strict, remarks)
     memory = f", {size_text(counts['memory'])} of memory" if counts["memory"] else ""
     takes = f"about {size_text(counts['bytes'])} of results{memory} and {duration(counts['seconds'])} of one processor"
@@ -162,8 +165,7 @@ def parts_of(scenario: Scenario, counts: Mapping[str, Any]) -> str:
 
 
 def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
-    """Return the size of a run: holes, balls of tracts, ties, steps, unknowns, bytes of results and memory, and
-    seconds.
+    """Return the size of a run: counts of its parts, bytes of results and memory, and seconds.
 
     The seconds include the time for which the run was `prepared`.
     """
@@ -186,8 +188,9 @@ def counts_of(simulation: Simulation, prepared: float) -> dict[str, Any]:
 
 
 def _draw_start(simulation: Simulation, path: Path) -> str:
-    """Draw thread, holes with footprints, organ and held nodes before the first step; return the line on the
-    picture.
+    """Draw the scene before the first step; return the line on the picture.
+
+    The picture has the thread, holes with footprints, the organ and its held nodes.
 
     Raises `OSError`.
     """
@@ -201,7 +204,7 @@ def _draw_start(simulation: Simulation, path: Path) -> str:
 
 
 def _doubt(options: argparse.Namespace, remarks: Sequence[Remark]) -> int:
-    """Return the exit status for remarks; with ``--quiet``, print only the unsupported ones."""
+    """Return the exit status for remarks; with ``--quiet``, print unsupported remarks."""
     if options.quiet and not options.json:
         print_lines(doubt_lines(remarks, options.out), sys.stderr)
     return strict_status(options.strict, remarks)
@@ -213,7 +216,10 @@ def strict_status(strict: bool, remarks: Sequence[Remark]) -> int:
 
 
 def make_mesh(options: argparse.Namespace) -> int:
-    """``suture mesh``: write the organ's mesh for ParaView, with its quality and a picture; nothing is run."""
+    """``suture mesh``: write the organ's mesh for ParaView, with its quality and a picture.
+
+    Nothing is run.
+    """
     report: list[str] = import_module("studies.pictures.mesh_report").write_report(
         load(options.file, options.set), options.out
     )
@@ -250,8 +256,11 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: measure steps of shipped scenes, many tensions on one organ, finite strain, and an
-    organ's assembly or solvers."""
+    """``suture bench``: measure and return the exit status.
+
+    It measures steps of shipped scenes, many tensions on one organ, finite strain, and an organ's
+    assembly or solvers.
+    """
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
     status, given = 0, {"step": options.solver, "many": options.tensions, "finite": options.solver}
@@ -264,7 +273,10 @@ def run_bench(options: argparse.Namespace) -> int:
 
 
 def run_study(options: argparse.Namespace) -> int:
-    """``suture study``: print the question of a study, and write its table and its limits into a folder."""
+    """``suture study``: write the table, figure and remarks of a study into a folder.
+
+    The question and the checks of the study are printed first.
+    """
     if options.name == "list":
         print_lines([f"{name:20}  {study(name).question}" for name in NAMES])
         return 0
@@ -276,7 +288,7 @@ def run_study(options: argparse.Namespace) -> int:
     progress = StudyProgress()
     try:
         workers = None if options.jobs == 1 else workers_of(options.jobs)
-        with stages(told=TOLD_OF_LOOPS):
+        with stages(names=LOOP_LOGGERS):
             carry_out(options.name, options.preset, given, folder, progress.update, workers)
     except (CouplingError, FactorError, WorkersError, OSError) as error:
         return _stopped(str(error), progress, folder, FAILED)
@@ -290,7 +302,10 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _draw(simulation: Simulation, recorder: Recorder) -> str:
-    """Draw the last frame; return the line on the picture, and add a remark if there is no picture."""
+    """Draw the last frame; return the line on the picture.
+
+    If there is no picture, a remark is added.
+    """
     if recorder.last_frame is None:
         return ""
     target = recorder.folder / "picture.png"
@@ -304,10 +319,10 @@ def _try_remedies(
     options: argparse.Namespace, simulation: Simulation, recorder: Recorder, failure: CouplingError
 ) -> None:
     """Add a remark on a remedy for a failed run, unless the user interrupts the search."""
-    made = Shared()
+    store = Shared()
     with stages(options.quiet or options.json), suppress(KeyboardInterrupt):
         scenario, last = simulation.scenario, recorder.last_step
-        recorder.remark(try_remedies(scenario, failure, last, lambda copy: _prepare(copy, made)))
+        recorder.remark(try_remedies(scenario, failure, last, lambda copy: _prepare(copy, store)))
 
 
 def _simulate(
@@ -322,7 +337,7 @@ def _simulate(
     progress = Progress(simulation.steps, quiet)
     with _signals() as received:
         try:
-            with recorder, stages(quiet, TOLD_IN_STEPS, progress.begin_anew):
+            with recorder, stages(quiet, STEP_LOGGERS, progress.begin_anew):
                 for step, frame in moments:
                     recorder.record(step, frame)
                     progress.update(step.step, step.time, step.newton_iterations, step.seconds)
@@ -359,7 +374,10 @@ def _prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Collect the signals for an end; they act between two steps or two corrections. A second signal acts at once."""
+    """Collect the signals that end a run.
+
+    They act between two steps or two corrections. A second signal acts at once.
+    """
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield received
@@ -384,7 +402,7 @@ def _signals() -> Iterator[list[int]]:
 
 
 def _in_words(error: OSError) -> str:
-    """Return what the system refused, with the name of the file."""
+    """Return the reason of an error of the system, with the name of the file."""
     reason = error.strerror or str(error) or type(error).__name__
     return f"{error.filename}: {reason}" if error.filename else reason
 

@@ -37,11 +37,11 @@ def new(options: argparse.Namespace) -> int:
 
 def list_scenes(options: argparse.Namespace) -> int:
     """``suture scenes``: list the shipped scenarios with their titles and costs."""
-    told = {name: {"title": title_of(name), "cost": cost_of(name)} for name in scenes()}
+    listed = {name: {"title": title_of(name), "cost": cost_of(name)} for name in scenes()}
     if options.json:
-        print(json.dumps(told, ensure_ascii=False))
+        print(json.dumps(listed, ensure_ascii=False))
     else:
-        print_lines([f"{name:22}  {scene['title']} ({scene['cost']})" for name, scene in told.items()])
+        print_lines([f"{name:22}  {scene['title']} ({scene['cost']})" for name, scene in listed.items()])
     return 0
 
 
@@ -61,8 +61,8 @@ class Finding:
     @property
     def lines(self) -> list[str]:
         """The finding in lines for a person."""
-        told = f"{'ok     ' if self.there else 'missing'} {self.name:14}  {self.found}"
-        return [told] if self.there else [told, f"{'':24}needed for {self.needed}; {self.remedy}"]
+        line = f"{'ok     ' if self.there else 'missing'} {self.name:14}  {self.found}"
+        return [line] if self.there else [line, f"{'':24}needed for {self.needed}; {self.remedy}"]
 
 
 def examine(options: argparse.Namespace) -> int:
@@ -94,10 +94,9 @@ def find_gmsh() -> Finding:
     needed = "graded blocks, open wounds, cylinders, tubes, .msh files, surfaces"
     try:
         import_module("gmsh")
-    except ImportError as error:
-        return Finding("gmsh", False, str(error), needed, installation("gmsh"))
-    except OSError as error:
-        return Finding("gmsh", False, str(error), needed, GL)
+    except (ImportError, OSError) as error:
+        remedy = installation("gmsh") if isinstance(error, ImportError) else GL
+        return Finding("gmsh", False, str(error), needed, remedy)
     return Finding("gmsh", True, installed_version("gmsh") or "", needed)
 
 
@@ -111,10 +110,10 @@ def find_gl() -> Finding:
     thread = ThreadRecord(s[:, None] * [1.0, 0.0, 0.0], s, 0.0 * s, 0.0 * s, 1e-4)
     with TemporaryDirectory() as folder:
         drawn = draw_picture(Snapshot(0.0, thread, ()), None, Path(folder) / "picture.png")
-    said, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
+    state, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
     needed = "3-D pictures; without it, pictures are sections"
     remedy = GL if installed_version("pyvista") else installation("pyvista")
-    return Finding("GL", there, said if there else said.partition("; ")[2].partition(", for the")[0], needed, remedy)
+    return Finding("GL", there, state if there else state.partition("; ")[2].partition(", for the")[0], needed, remedy)
 
 
 def finder(name: str, library: str, needed: str) -> Callable[[], Finding]:
@@ -145,7 +144,10 @@ PREAMBLE = {
 
 
 def print_completion(options: argparse.Namespace) -> int:
-    """``suture completion``: print the script by which a shell completes commands, options and scenes."""
+    """``suture completion``: print the script by which a shell completes the command line.
+
+    It completes commands, options and scenes.
+    """
     import shtab
 
     from studies.command.parser import TABLE, parser_for

@@ -12,7 +12,10 @@ LABEL = re.compile(r".{,24}\s{2,}(?=\S)|suture: |")  # the label before the word
 
 
 def print_lines(lines: Sequence[str], stream: TextIO | None = None) -> None:
-    """Print lines on standard output, unless another stream is given; print nothing without lines."""
+    """Print lines on standard output, unless another stream is given.
+
+    An empty list prints nothing.
+    """
     if not lines:
         return
     stream = stream or sys.stdout
@@ -35,9 +38,12 @@ def fold(line: str, width: int) -> list[str]:
 
 
 def complain(why: object, status: int) -> int:
-    """Print on standard error why there is no result, a line for each problem; return the exit status."""
+    """Print the causes of a missing result on standard error; return the exit status.
+
+    Each cause has a line.
+    """
     lines = str(why).splitlines()
-    told = [line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + " …" for line in lines[:MOST_LINES]]
-    told += [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
-    print_lines([f"suture: {line}" for line in told], sys.stderr)
+    shown = [line if len(line) <= LONGEST_LINE else line[:LONGEST_LINE] + " …" for line in lines[:MOST_LINES]]
+    shown += [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    print_lines([f"suture: {line}" for line in shown], sys.stderr)
     return status

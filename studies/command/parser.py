@@ -1,6 +1,7 @@
 """The parser of the command line, made from the list of commands in `commands.toml`.
 
-The arguments and the module of a command are loaded only for its call, so help and version are fast.
+The arguments and the module of a command are loaded only for its call, so help and version are
+fast.
 """
 
 import argparse
@@ -56,15 +57,18 @@ def in_python(key: str, value: Any) -> Any:
 
 
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """Return the parsed command line (None: the arguments of the process); end the process at a fault."""
+    """Return the parsed command line; end the process at a fault.
+
+    None means the arguments of the process.
+    """
     given = sys.argv[1:] if arguments is None else arguments
     parser = parser_for(given)
     asked = next((word for word in given if not word.startswith("-")), None)
     if asked is not None and asked not in TABLE:
         from studies.scenario.refusal import nearest
 
-        near = nearest(asked, TABLE)
-        hint = f"the nearest is {near}; " if near else ""
+        suggestion = nearest(asked, TABLE)
+        hint = f"the nearest is {suggestion}; " if suggestion else ""
         parser.error(f"{asked} is refused: there is no such command; {hint}there are {', '.join(TABLE)}")
     options = parser.parse_args(given)
     options.words = list(given)

@@ -5,7 +5,6 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from time import monotonic
 from typing import Any, TextIO
 
@@ -13,9 +12,9 @@ WIDTH = 30  # largest number of characters of the bar
 TICK = 1.0  # s between two updates of the elapsed time
 REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is overwritten
-TOLD = ("tissue", "coupling", "studies")  # packages that log their stages
-TOLD_OF_LOOPS = ("coupling.step.tables", "coupling.run.course")  # these log compilation
-TOLD_IN_STEPS = (*TOLD_OF_LOOPS, "coupling.run.run", "tissue.organs.krylov")  # also rest and whole organs
+PACKAGES = ("tissue", "coupling", "studies")  # packages that log their stages
+LOOP_LOGGERS = ("coupling.step.tables", "coupling.run.course")  # these log compilation
+STEP_LOGGERS = (*LOOP_LOGGERS, "coupling.run.run", "tissue.organs.krylov")  # also rest and whole organs
 TENTHS = 10  # number of plain lines if the output is not a terminal
 
 
@@ -32,7 +31,10 @@ class Progress:
         self._first_step: int | None = None  # start of the pace measurement; not 1 in a resumed run
 
     def update(self, step: int, time: float, newton_iterations: int, seconds: float) -> None:
-        """Show a completed step: its simulated time [s], its Newton iterations, and its computing time [s]."""
+        """Show a completed step.
+
+        It has its simulated time [s], its Newton iterations, and its computing time [s].
+        """
         if step <= 1 or self._first_step is None:
             self._first = monotonic()  # not in the pace: the first step prepares data for the others
             self._first_step = max(step, 1)
@@ -76,16 +78,16 @@ class Progress:
         now = monotonic()
         if step >= self._steps:
             return f"{duration(now - self._start)} in all"
-        taken = step - (self._first_step or 1)
-        pace = (now - self._first) / taken if taken > 0 else seconds
+        steps = step - (self._first_step or 1)
+        pace = (now - self._first) / steps if steps > 0 else seconds
         return f"{duration(pace * (self._steps - step))} left"
 
 
 class Stages(logging.Handler):
     """Shows the stage before the first step.
 
-    It writes one line per stage. On a terminal one overwritten line shows the elapsed time, until the end or a
-    record that is `over`, which stays. After this record `waited` is called, if given.
+    It writes one line per stage. On a terminal one overwritten line shows the elapsed time, until
+    the end or a record that is `over`, which stays. After this record `waited` is called, if given.
     """
 
     def __init__(
@@ -97,7 +99,8 @@ class Stages(logging.Handler):
         self._told = ""
         self._every = every
         self._waited = waited
-        self._clock: Clock | None = None
+        self._stopped = threading.Event()
+        self._clock: threading.Thread | None = None  # shows the time of the current stage on a terminal
 
     def emit(self, record: logging.LogRecord) -> None:
         """Show the new stage, unless it is already shown."""
@@ -111,7 +114,9 @@ class Stages(logging.Handler):
         stays = over or not self._is_terminal
         self._write((f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else text) + "\n" * stays)
         if not stays:
-            self._clock = Clock(self._every, partial(self._tell_time, text))
+            self._stopped.clear()
+            self._clock = threading.Thread(target=self._show_time, args=(text,), daemon=True)
+            self._clock.start()
 
     def close(self) -> None:
         """Remove the overwritten line."""
@@ -121,9 +126,12 @@ class Stages(logging.Handler):
         self._told = ""
         super().close()
 
-    def _tell_time(self, text: str, seconds: float) -> None:
-        end = f", {duration(seconds)}"
-        self._write(f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
+    def _show_time(self, text: str) -> None:
+        """Show the elapsed time next to the stage `text` until the stage ends."""
+        start = monotonic()
+        while not self._stopped.wait(self._every):
+            end = f", {duration(monotonic() - start)}"
+            self._write(f"\r\x1b[K{text[: TERMINAL - len(end)]}{end}")
 
     def _write(self, text: str) -> None:
         with suppress(BrokenPipeError):  # nobody reads the output; the work continues
@@ -132,37 +140,24 @@ class Stages(logging.Handler):
 
     def _stop(self) -> None:
         if self._clock is not None:
-            self._clock.stop()
+            self._stopped.set()
+            self._clock.join()
         self._clock = None
 
 
-class Clock:
-    """Shows the elapsed time next to the current stage every `every` seconds, until it is stopped."""
-
-    def __init__(self, every: float, tell: Callable[[float], None]) -> None:
-        self._every, self._tell, self._start = every, tell, monotonic()
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop showing the time."""
-        self._stopped.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stopped.wait(self._every):
-            self._tell(monotonic() - self._start)
-
-
 @contextmanager
-def stages(quiet: bool = False, told: Sequence[str] = TOLD, waited: Callable[[], None] | None = None) -> Iterator[None]:
-    """Show the stages that packages or modules log on standard error; `waited` is called at the end of a wait."""
+def stages(
+    quiet: bool = False, names: Sequence[str] = PACKAGES, waited: Callable[[], None] | None = None
+) -> Iterator[None]:
+    """Show the stages that packages or modules log on standard error.
+
+    `waited` is called at the end of a wait.
+    """
     if quiet:
         yield
         return
     handler = Stages(waited=waited)
-    loggers = [logging.getLogger(name) for name in told]
+    loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)

@@ -1,4 +1,7 @@
-"""Entry point of the command: arguments are read before the libraries are loaded, and an interrupt gives a sentence."""
+"""Entry point of the command, which reads the arguments before it loads the libraries.
+
+An interrupt gives a sentence.
+"""
 
 import codecs
 import gc
@@ -37,9 +40,9 @@ def main() -> int:
 
 
 def _mend_streams() -> None:
-    """Redirect a closed stream to nowhere, and write letters outside an encoding as JSON escapes them.
+    """Redirect closed streams to nowhere, and write letters outside an encoding as escapes.
 
-    JSON output therefore remains valid.
+    The escapes are those of JSON. JSON output therefore remains valid.
     """
     codecs.register_error("escaped", _escaped)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
@@ -57,7 +60,10 @@ def _escaped(error: UnicodeError) -> tuple[str, int]:
 
 
 def _keep_freed_memory() -> None:
-    """Free a large unused array, so that freed memory then stays with the process; without glibc this has no effect."""
+    """Free a large unused array, so that freed memory then stays with the process.
+
+    Without glibc this has no effect.
+    """
     import numpy as np
 
     np.empty(KEPT, np.uint8)

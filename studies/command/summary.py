@@ -78,7 +78,10 @@ def remark_lines(remarks: Sequence[Remark]) -> list[str]:
 
 
 def doubt_lines(remarks: Sequence[Remark], folder: Path) -> list[str]:
-    """Return one line on the unsupported numbers of the run in a folder; empty if all are supported."""
+    """Return the line on the unsupported numbers of the run in a folder, as a list.
+
+    The list is empty if all numbers are supported.
+    """
     named = ", ".join(f"{remark.where} ({remark.code})" for remark in remarks if remark.unsupported)
     return [f"suture: unsupported: {named}; the reasons are in {folder / 'summary.json'}"] if named else []
 
@@ -89,9 +92,9 @@ def refinement_line(refinement: Mapping[str, Any]) -> str:
         return ""
     last, errors = refinement["rounds"][-1], refinement["errors"]
     worst = max(errors, key=errors.__getitem__, default="")
-    told = f", estimated error of the compliance at {worst!r} {100.0 * errors[worst]:.2g} %" if worst else ""
+    estimate = f", estimated error of the compliance at {worst!r} {100.0 * errors[worst]:.2g} %" if worst else ""
     count = len(refinement["rounds"])
-    return f"cells      {last['unknowns']} unknowns after {count} round{'s' * (count > 1)} of refinement{told}"
+    return f"cells      {last['unknowns']} unknowns after {count} round{'s' * (count > 1)} of refinement{estimate}"
 
 
 def place_lines(holes: Sequence[Piercing]) -> list[str]:
@@ -160,14 +163,14 @@ def print_summary(scenario: Scenario, recorder: Recorder, status: Status, pictur
     lines[1:1] = ["", *table] if table else []
     if step:
         lines += [range_line(summary["range"])] if "range" in summary else []
-        lines += [line] if (line := refinement_line(recorder.refinement)) else []
+        lines += [line] if (line := refinement_line(recorder.tally.refinement)) else []
         lines += [line for pair in step.contact for line in (contact_line(pair), *wound_lines(pair))]
     lines += place_lines(scenario.piercing)
     lines += load_lines(scenario.thread)
     tables = [name for name in files_of(scenario) if name.endswith(".csv")]
     lines += [
         "",
-        *remark_lines(recorder.remarks),
+        *remark_lines(recorder.tally.remarks),
         "",
         f"ParaView   {folder / 'results.pvd'}",
         f"numbers    {', '.join([str(folder / 'summary.json'), *tables])}",

@@ -8,7 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 from studies.command.lines import complain, print_lines
-from studies.command.progress import TOLD_OF_LOOPS, duration, stages
+from studies.command.progress import LOOP_LOGGERS, duration, stages
 from studies.extras import installation
 from studies.output.files import as_json
 from studies.refinement.refine import in_words, refine
@@ -16,7 +16,7 @@ from studies.refinement.refined import Refined
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
-from studies.sweeps.sweep import Told, sweep
+from studies.sweeps.sweep import SweepProgress, sweep
 from studies.sweeps.table import SweepTable, counted, drawn_columns, plain
 from studies.workers import workers_of
 
@@ -30,15 +30,15 @@ def run_sweep(options: argparse.Namespace) -> int:
     """
     cases = cases_of(options)
     base = read(options.file, options.set)
-    told = Teller(options.json)
-    told.begin(len(cases) or 1)
+    teller = Teller(options.json)
+    teller.begin(len(cases) or 1)
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
         if wanted:
             from studies.sweeps.figure import write_figure  # refused before the runs if matplotlib is missing
-        with stages(options.json, TOLD_OF_LOOPS):
+        with stages(options.json, LOOP_LOGGERS):
             check = partial(drawn_columns, names=wanted) if wanted else None
-            table = sweep(base, cases, options.out, workers, told.tell, check=check)
+            table = sweep(base, cases, options.out, workers, teller.tell, check=check)
         if wanted:
             write_figure(table, wanted, options.out)
     except KeyboardInterrupt:
@@ -51,8 +51,10 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 
 def cases_of(options: argparse.Namespace) -> list[Settings]:
-    """Return the cases of a command line: a table, or lists of values; with both, all lists for each row of the
-    table."""
+    """Return the cases of a command line: a table, or lists of values.
+
+    With both, all lists are run for each row of the table.
+    """
     over = parse_over(options.over)
     lists = paired(over) if options.paired and over else grid(over)
     given = read_table(options.table) if options.table else [{}]
@@ -63,9 +65,9 @@ def report(table: SweepTable, folder: Path) -> list[str]:
     """Return the result of a sweep in lines for a person."""
     statuses, unsupported = table["exit_status"].values, table["unsupported"].values
     count = {word: sum(status == number for status in statuses) for word, number in STATUSES.items()}
-    told = ", ".join(f"{number} {word}" for word, number in count.items() if number)
+    results = ", ".join(f"{number} {word}" for word, number in count.items() if number)
     doubted = sum(bool(number) for number in unsupported)
-    lines = [f"{counted(len(table))}: {told}"]
+    lines = [f"{counted(len(table))}: {results}"]
     lines += [f"remarks    {counted(doubted)} with numbers that are not supported: column remarks"] if doubted else []
     lines += [f"table      {folder / 'table.csv'}" + _parquet(folder)]
     drawn = folder / "figure.png"
@@ -86,8 +88,8 @@ def rows(table: SweepTable) -> list[dict[str, object]]:
 
 def verdict_lines(one: Refined) -> list[str]:
     """Return the verdict on a quantity in lines for a person."""
-    told = {name.partition(",")[0]: text for name, text in in_words(one).items() if name not in ("quantity", "unit")}
-    return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in told.items() if text)]
+    texts = {name.partition(",")[0]: text for name, text in in_words(one).items() if name not in ("quantity", "unit")}
+    return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in texts.items() if text)]
 
 
 class Teller:
@@ -103,30 +105,33 @@ class Teller:
         if not self._quiet:
             print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
 
-    def tell(self, told: Told) -> None:
-        """Write a line on the completed case and the remaining time; cases refused before the run do not count."""
+    def tell(self, progress: SweepProgress) -> None:
+        """Write a line on the completed case and the remaining time.
+
+        Cases refused before the run do not count for the remaining time.
+        """
         if self._quiet:
             return
-        if self._first is None and told.exit_status != REFUSED:
-            self._first = told.done
-        left = "" if self._first is None else f", {self._left(told, self._first)} left"
-        settings = ", ".join(f"{key} = {plain(value)}" for key, value in told.settings.items()) or "unchanged"
-        what = next((word for word, number in STATUSES.items() if number == told.exit_status), "failed")
-        why = f": {'; '.join(told.error.splitlines())}" if told.error else ""
-        print_lines([f"{told.done}/{told.count}{left}: {what}: {settings}{why}"], sys.stderr)
+        if self._first is None and progress.exit_status != REFUSED:
+            self._first = progress.done
+        left = "" if self._first is None else f", {self._left(progress, self._first)} left"
+        settings = ", ".join(f"{key} = {plain(value)}" for key, value in progress.settings.items()) or "unchanged"
+        what = next((word for word, number in STATUSES.items() if number == progress.exit_status), "failed")
+        why = f": {'; '.join(progress.error.splitlines())}" if progress.error else ""
+        print_lines([f"{progress.done}/{progress.count}{left}: {what}: {settings}{why}"], sys.stderr)
 
-    def _left(self, told: Told, first: int) -> str:
+    def _left(self, progress: SweepProgress, first: int) -> str:
         """Return the remaining time in words, from the pace since the `first` case that was run."""
-        taken = monotonic() - self._begin
-        return duration(taken / (told.done - first + 1) * (told.count - told.done))
+        elapsed = monotonic() - self._begin
+        return duration(elapsed / (progress.done - first + 1) * (progress.count - progress.done))
 
 
 def run_refinement(options: argparse.Namespace) -> int:
     """``suture refine``: write the convergence of numbers of a scenario in words."""
-    told = Teller(options.json)
-    told.begin(options.levels)
+    teller = Teller(options.json)
+    teller.begin(options.levels)
     try:
-        with stages(options.json, TOLD_OF_LOOPS):
+        with stages(options.json, LOOP_LOGGERS):
             found = refine(
                 read(options.file, options.set),
                 options.quantity,
@@ -135,7 +140,7 @@ def run_refinement(options: argparse.Namespace) -> int:
                 options.levels,
                 options.ratio,
                 workers_of(options.jobs, options.dask),
-                told.tell,
+                teller.tell,
                 options.adaptive,
             )
     except KeyboardInterrupt:

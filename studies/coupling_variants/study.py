@@ -1,14 +1,14 @@
-"""Three ways to solve thread and organ: one system, the staggered variant (§4.4), and the paper's linear step
-(§4.1).
+"""Three ways to solve thread and organ: one system, staggered (§4.4), and linear (§4.1).
 
-A suture passes two ideal holes of a soft block. One end is held, and a hand draws the other out and back. From
-the same settled state, the scenario is run in each way over the organ's stiffness and the time step, with and
-without inertia of the organ. Measured quantities are: stable steps, the drift |P(s) − x| at the holes, created
-energy over the work of the hand, and the error of the exit's place. The reference for this error is a run of
-the whole system at half the finest step. The cost is the number of linear systems.
+The last two are the paper's. A suture passes two ideal holes of a soft block. One end is held, and
+a hand draws the other out and back. From the same settled state, the scenario is run in each way
+over the organ's stiffness and the time step, with and without inertia of the organ. Measured
+quantities are: stable steps, the drift |P(s) − x| at the holes, created energy over the work of the
+hand, and the error of the exit's place. The reference for this error is a run of the whole system
+at half the finest step. The cost is the number of linear systems.
 
-These are consistency checks of our own paths. Theory says that the exchange destroys energy while it is stable
-(`coupling.paper.staggered`), and that every error decreases with the step.
+These are consistency checks of our own paths. Theory says that the exchange destroys energy while
+it is stable (`coupling.paper.staggered`), and that every error decreases with the step.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +34,7 @@ from studies.arrays import Array
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
-from studies.study import Table, described, each, grouped, measure, measured, require, scene
+from studies.study import Table, each, grouped, measure, measured, require, scene
 from studies.verdicts import beyond_linear, too_coarse
 
 STIFFNESSES = (2e3, 1e4, 5e4, 2.5e5)  # of the organ [Pa]: fat to firm phantom
@@ -57,7 +57,10 @@ COLOUR_OF = dict(zip(("monolithic", "staggered", "linear"), COLOURS, strict=Fals
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One run. `created` is relative to `external_work`, the work of the hand in the reference run."""
+    """One run.
+
+    `created` is relative to `external_work`, the work of the hand in the reference run.
+    """
 
     way: str = measured("", lambda at: at.way)
     inertia: bool = measured("", lambda at: at.tissue.inertia)  # of the organ
@@ -106,7 +109,10 @@ def scenario(youngs_modulus: float, inertia: bool = True, size: float = SIZE) ->
 
 
 def run_ways(scenario: Scenario, step_counts: Sequence[int]) -> Iterator[Row]:
-    """Yield the runs of one organ in all ways with all steps; the linear step has its own start and reference."""
+    """Yield the runs of one organ in all ways with all steps.
+
+    The linear step has its own start and reference.
+    """
     coarsest = step_counts[0]
     with_it = settle(assemble(scenario))
     linear = scenario.solve.model_copy(update={"scheme": "linear"})
@@ -127,14 +133,6 @@ def settle(assembly: Assembly) -> tuple[System, State]:
     return run.system, run.state
 
 
-@dataclass(frozen=True)
-class Way:
-    """A way to take a step, with the function for the energy [J] that a step creates."""
-
-    take: Take
-    created: Callable[[System, Array, Step], float]
-
-
 def constraint_energy(system: System, met: Array, step: Step) -> float:
     """Return the energy created by a linear step [J].
 
@@ -143,60 +141,51 @@ def constraint_energy(system: System, met: Array, step: Step) -> float:
     return -turned_over(step)[REMAINDER] - step.solution.linearisation
 
 
-WAYS = {
-    "monolithic": Way(try_step, staggered.work_of_the_lag),
-    "staggered": Way(staggered.staggered_step, staggered.work_of_the_lag),
-    "linear": Way(linear_step, constraint_energy),
+Way = tuple[Take, Callable[[System, Array, Step], float]]  # takes a step; returns the energy [J] that it creates
+WAYS: dict[str, Way] = {
+    "monolithic": (try_step, staggered.work_of_the_lag),
+    "staggered": (staggered.staggered_step, staggered.work_of_the_lag),
+    "linear": (linear_step, constraint_energy),
 }
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Results of one run up to its end.
+def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> SimpleNamespace:
+    """Return the results of the pull and release in `n` steps.
 
-    Drift and displacement are in [m], energies in [J], `exit` are places `(k, 3)` [m] at the common times of
-    all runs, and `solves` is the number of linear systems.
+    Steps are not halved, so a failed step ends the run. They are whether the run completed, its
+    largest drift and displacement of a hole [m], the created energy and the work of the hand [J],
+    the places of the exit at the `shared` common times of all runs [m], and the number of linear
+    systems that were solved.
     """
-
-    completed: bool
-    drift: float
-    moved: float
-    created: float
-    external_work: float
-    exit: Array
-    solves: int
-
-
-def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> Outcome:
-    """Return the pull and release in `n` steps without halving: a failed step ends the run."""
-    now, met, places = begin(system, state, way.take, halvings=0, downhill=False), state.y, [state.y[1, :3]]
-    drift = moved = created = work = 0.0
-    solves = 0
-
-    def run(completed: bool) -> Outcome:
-        return Outcome(completed, drift, moved, created, work, np.array(places), solves)
-
+    take, created_by = way
+    now, met = begin(system, state, take, halvings=0, downhill=False), state.y
+    found = SimpleNamespace(completed=False, drift=0.0, moved=0.0, created=0.0, external_work=0.0, solves=0)
+    found.exit = [state.y[1, :3]]
     for number in range(1, n + 1):
         before = now.energies
         try:
             now = now.step(DURATION / n)
         except CouplingError:
-            return run(False)
+            return found
         step = now.taken[-1]
-        created += way.created(system, met, step)
+        found.created += created_by(system, met, step)
         met = step.solution.iterate.y
-        drift = max(drift, largest_gap(system, now.state, now.configuration.at))
-        moved = max(moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
-        work += max(0.0, now.energies.external_work - before.external_work)  # work of the hand, without returned work
-        solves += now.iterations
+        found.drift = max(found.drift, largest_gap(system, now.state, now.configuration.at))
+        found.moved = max(found.moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
+        found.external_work += max(0.0, now.energies.external_work - before.external_work)  # without returned work
+        found.solves += now.iterations
         if number % (n // shared) == 0:
-            places.append(now.state.y[1, :3])
-    return run(True)
+            found.exit.append(now.state.y[1, :3])
+    found.completed = True
+    return found
 
 
-def error_of(run: Outcome, whole: Outcome) -> float:
-    """Return the largest distance of the exit from its place in another run, over its path; NaN if the run failed."""
-    away = np.linalg.norm(run.exit - whole.exit[: len(run.exit)], axis=1)
+def error_of(run: SimpleNamespace, whole: SimpleNamespace) -> float:
+    """Return the largest distance of the exit from its place in another run, over its path [-].
+
+    NaN if the run failed.
+    """
+    away = np.linalg.norm(np.array(run.exit) - whole.exit[: len(run.exit)], axis=1)
     return float(away.max()) / whole.moved if run.completed else float("nan")
 
 
@@ -212,8 +201,10 @@ def organs(rows: Sequence[Row]) -> list[tuple[bool, float]]:
 
 
 def largest_stable(runs: Sequence[Row]) -> float:
-    """Return the largest step up to which every step is stable [s], zero if the finest is unstable; `runs`
-    finest first."""
+    """Return the largest step up to which every step is stable [s].
+
+    The `runs` begin with the finest step. Zero if the finest step is unstable.
+    """
     return max((run.dt for run in takewhile(lambda run: run.stable, runs)), default=0.0)
 
 
@@ -221,7 +212,10 @@ def largest_stable(runs: Sequence[Row]) -> float:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return the table with a line for each organ and way: drift and energy at the steps nearest to COMPARED."""
+    """Return the table with a line for each organ and way.
+
+    Drift and energy are given at the steps nearest to COMPARED.
+    """
     steps = " / ".join(f"{dt / MILLI:g}" for dt in COMPARED) + " ms"
 
     def at_steps(runs: Sequence[Row], cell: Callable[[Row], str]) -> str:
@@ -255,9 +249,9 @@ def error_text(runs: Sequence[Row]) -> str:
 
 
 def error_at(cost: float, runs: Sequence[Row]) -> float:
-    """Return the error of the stable runs at a number of linear systems, interpolated in logarithms.
+    """Return the error of the stable runs at a number of linear systems [-].
 
-    NaN outside the range of the runs.
+    It is interpolated in logarithms. NaN outside the range of the runs.
     """
     known = sorted((run.solves, run.error) for run in runs if run.stable)
     if not known or not known[0][0] <= cost <= known[-1][0]:
@@ -278,7 +272,7 @@ def stable_text(runs: Sequence[Row]) -> str:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on organs too soft for small strains, and on a mesh too coarse for the footprint."""
+    """Return remarks on too soft organs, and on a mesh too coarse for the footprint."""
     out = too_coarse("every run", rows[0].size, FOOTPRINT)
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
@@ -342,10 +336,7 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
         panel(
             step, "created energy / work of the hand [-]",
             series(unnamed(by_organ), "dt [ms]", "created", **organ),
-            series(unnamed(unstable), "dt [ms]", "created", "", **hollow), level("y", CREATED),
+            series(unnamed(unstable), "dt [ms]", "created", "", **hollow), level(CREATED),
             lambda axes: axes.set_yscale("symlog", linthresh=CREATED), log="x", ylim=(-1.0, 1e3), **axis,
         ),
     ]  # fmt: skip
-
-
-STUDY = described("coupling_variants", main, table, figure, remarks)

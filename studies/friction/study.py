@@ -1,14 +1,15 @@
 """Friction at a hole: the exact point law, its limit for many holes, and the paper's two passes.
 
-A hole turns a thread by θ, and its tangent is half-way between the strands. Slip begins if the pull is (1 +
-μt)/(1 − μt) times the hold, with t = tan θ/2. From θ = 2 atan 1/μ on, no pull moves the thread. Around a
-capstan the ratio is exp(μθ), and many holes in a row approach this with the square of their number. One lagged
-correction (§4.3) gives 1 + 2μt for a given hold and 1/(1 − 2μt) for a given pull. A bending thread finds its
-own tangent, and its ratio follows from the elastica. If the thread is drawn out and let back, the load makes a
-loop: the ratio on the way out, and its inverse on the way back. For several holes the ratios multiply, and the
-loop grows as their power.
+A hole turns a thread by θ, and its tangent is half-way between the strands. Slip begins if the pull
+is (1 + μt)/(1 − μt) times the hold, with t = tan θ/2. From θ = 2 atan 1/μ on, no pull moves the
+thread. Around a capstan the ratio is exp(μθ), and many holes in a row approach this with the square
+of their number. One lagged correction (§4.3) gives 1 + 2μt for a given hold and 1/(1 − 2μt) for a
+given pull. A bending thread finds its own tangent, and its ratio follows from the elastica. If the
+thread is drawn out and let back, the load makes a loop: the ratio on the way out, and its inverse
+on the way back. For several holes the ratios multiply, and the loop grows as their power.
 
-A rod of 20 mm in a sleeve fixed in space shows the first three, a suture around fixed holes the last.
+A rod of 20 mm in a sleeve fixed in space shows the first three, a suture around fixed holes the
+last.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -26,7 +27,7 @@ from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import curve, draw, laws, panel, series
-from studies.study import Job, StudyError, Table, described, each, grouped, unit_field
+from studies.study import Job, StudyError, Table, each, grouped, unit_field
 from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
@@ -87,8 +88,9 @@ def main(
     loop_turn: float = 90.0,
     loop_holes: Sequence[int] = (1, 2, 3),
 ) -> Iterator[Row]:
-    """Yield every ratio: single holes, lags and loops for every coefficient, and holes in a row over `wrap`
-    [degree].
+    """Yield every ratio: single holes, lags, loops, and holes in a row.
+
+    Every coefficient has all of them. Holes in a row turn the thread by `wrap` [degree] together.
 
     Raises `StudyError` for arguments without a threshold.
     """
@@ -113,7 +115,10 @@ def unit_vector(angle: float) -> Array:
 def fixed_holes(
     thread: Thread, ends: tuple[End, End], mu: float, places: Array, directed: Array | None = None
 ) -> System:
-    """Return a thread through rough holes at `places` (p, 3) [m], fixed in space, all `directed` (3,) or free."""
+    """Return a thread through rough holes at `places` (p, 3) [m], fixed in space.
+
+    All holes have the direction `directed` (3,), or None for free directions.
+    """
     sites = tissue.fixed_sites([tissue.Site(place, direction=directed) for place in places])
     rough = Friction(mu, mu)
     holes = [Piercing(f"hole {k}", directed=directed is not None, friction=rough) for k in range(len(places))]
@@ -124,10 +129,11 @@ def laid_through(
     places: Array, mu: float, path: RoundedPath, s: Array, ends: tuple[End, End], section: Section, spans: int,
     stretch: float = 1.0, damping: float = 0.0,
 ) -> tuple[System, State]:  # fmt: skip
-    """Return a thread laid through rough holes at `places` (p, 3) [m], at its abscissae `s` (p,) [m].
+    """Return a thread laid through rough holes, and its state.
 
-    The thread is stretched by `stretch` to the length of its path, and has `spans` per hole in addition to
-    the spans of the packets.
+    The holes are at `places` (p, 3) [m], and at the abscissae `s` (p,) [m] of the thread. The
+    thread is stretched by `stretch` to the length of its path, and has `spans` per hole in addition
+    to the spans of the packets.
     """
     length = path.length / stretch
     knots = through_holes(length, s, False, length / (spans * s.size))
@@ -140,7 +146,10 @@ def laid_through(
 
 
 def rod(mu: float, half: float, pull: float, hold: float) -> tuple[System, State]:
-    """Return a rod along x in a sleeve, at rest, whose ends are pulled at an angle `half` [rad] to its axis."""
+    """Return a rod along x in a sleeve, at rest, and its state.
+
+    Its ends are pulled at an angle `half` [rad] to its axis.
+    """
     thread = Thread(Spline(uniform_knots(0.02, 8)), ROD)
     ends = (Pulled(-hold * unit_vector(-half)), Pulled(pull * unit_vector(half)))
     system = fixed_holes(thread, ends, mu, np.zeros((1, 3)), unit_vector(0.0))
@@ -154,14 +163,15 @@ def slips(mu: float, half: float, pull: float, hold: float) -> bool:
 
 
 def pull_at_slip(mu: float, half: float, hold: float) -> tuple[float, bool]:
-    """Return the pull [N] at which |f| − μN vanishes, and whether the rod sticks just below and slips just above.
+    """Return the pull [N] at which |f| − μN vanishes, and whether it is the threshold of slip.
 
-    This function is linear in the pull and is measured while the rod sticks.
+    At the threshold the rod sticks just below this pull and slips just above it. This function is
+    linear in the pull and is measured while the rod sticks.
     """
     pulls, margins = (hold, 1.01 * hold), []
     for pull in pulls:
-        seen = begin(*rod(mu, half, pull, hold)).step(DT).piercings[0]
-        margins.append(abs(seen.tangential_force) - mu * seen.normal_force)
+        hole = begin(*rod(mu, half, pull, hold)).step(DT).piercings[0]
+        margins.append(abs(hole.tangential_force) - mu * hole.normal_force)
     pull = pulls[0] - margins[0] * (pulls[1] - pulls[0]) / (margins[1] - margins[0])
     return pull, slips(mu, half, (1 + TINY) * pull, hold) and not slips(mu, half, (1 - TINY) * pull, hold)
 
@@ -180,9 +190,9 @@ def holes_in_a_row(mu: float, wrap: float, holes: int) -> Row:
 
 
 def two_passes(mu: float, turn: float) -> list[Row]:
-    """Return the ratios of a gliding rod after the second pass, which changes the tension by its friction.
+    """Return the ratios of a gliding rod after the second pass.
 
-    Either the hold or the pull is given.
+    This pass changes the tension by its friction. Either the hold or the pull is given.
     """
     half = np.radians(turn) / 2
     system, state = rod(mu, half, HOLD, HOLD)
@@ -206,9 +216,9 @@ def inverse(x: float) -> float:
 
 
 def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
-    """Yield the moments of a suture through a zigzag of holes, with a dead load at one end and a hand at the other.
+    """Yield the moments of a suture through a zigzag of holes.
 
-    The hand moves out and back.
+    One end has a dead load, and a hand holds the other. The hand moves out and back.
     """
     sides = unit_vector(0.0), unit_vector(np.radians(turn))
     arm = 10 * float(np.sqrt(SUTURE.EI / LOOP_HOLD))
@@ -229,7 +239,10 @@ def loop(mu: float, turn: float, holes: int) -> Iterator[Row]:
 
 
 def moment(state: State, mu: float, turn: float, place: float, outwards: bool) -> Row:
-    """Return the ratio of pull and hold; theory is a bending thread, with the measured turns of its force."""
+    """Return the ratio of pull and hold at one moment.
+
+    Its theory is a bending thread, with the turns measured from the forces.
+    """
     hold, pull = np.linalg.norm(state.reaction, axis=1)
     inner = np.cumsum([-state.reaction[0], *-state.lam[:, :3]], axis=0)
     inner /= np.linalg.norm(inner, axis=1)[:, None]
@@ -281,7 +294,7 @@ def branches(runs: Sequence[Row]) -> tuple[list[Row], list[Row]]:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return the table with a line for each coefficient and angle, then for the holes in a row, then for the loops."""
+    """Return the table with a line for each ratio of a rod, then for each branch of a loop."""
     head = ("case", "μ [-]", "turn [°]", "T₁/T₂, measured", "theory", "exp(μθ)", "error [%]", "remark")
     lines = [line(row) for row in rows if row.kind != "loop"]
     for mu, holes in loops_of(rows):
@@ -300,7 +313,10 @@ def line(row: Row) -> tuple[str, ...]:
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """Return coefficient, angle, ratio, theory and capstan as text; on the way back the inverse of the capstan."""
+    """Return coefficient, angle, ratio, theory and capstan as text.
+
+    On the way back the last is the inverse of the capstan.
+    """
     limit = row.limit ** ((row.holes if row.kind == "loop" else 1) * (1 if row.theory >= 1.0 else -1))
     return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{limit:.5g}"
 
@@ -322,7 +338,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of the laws over the angle, the lag, holes in a row, and loops at the middle coefficient."""
+    """Return the figure of the laws over the angle, the lag, holes in a row, and loops.
+
+    The loops are shown for the middle coefficient.
+    """
     mus, many = coefficients(rows), by_coefficient(rows, "holes in a row")
     angles = np.linspace(0.0, max(row.turn for row in rows if row.kind == "one hole"), 101)
     last, middle = list(many.values())[-1], mus[len(mus) // 2]
@@ -372,6 +391,3 @@ def over_degrees(law: Callable[[float, float], float], mu: float, angles: Array)
 def above(row: Row, law: float) -> float:
     """Return the difference of a ratio from a law [%]."""
     return 100 * (row.ratio / law - 1.0)
-
-
-STUDY = described("friction", main, table, figure, remarks)

@@ -1,28 +1,30 @@
-"""Mesh refinement: which numbers of a pulled suture converge, with a bare point and with footprints.
+"""Mesh refinement: the numbers of a pulled suture that converge.
 
-A suture passes two ideal holes of a quasi-static block, one end is held, and a dead load pulls the other.
-Cells, element order, control points, time step and footprint are refined one by one; cells, control points and
-time step also together. Measured quantities are the compliance of a hole along the surface and along its
-normal, the displacement of the entry, the force on it, and the length drawn through the exit. Each quantity of
-each ladder gets a verdict (`studies.verdicts`) from its three finest runs.
+They are compared for a bare point and for footprints. A suture passes two ideal holes of a
+quasi-static block, one end is held, and a dead load pulls the other. Cells, element order, control
+points, time step and footprint are refined one by one; cells, control points and time step also
+together. Measured quantities are the compliance of a hole along the surface and along its normal,
+the displacement of the entry, the force on it, and the length drawn through the exit. Each quantity
+of each ladder gets a verdict (`studies.verdicts`) from its three finest runs.
 
-A bare point has no limit: on meshes that are scaled copies its compliance is c/(E h) plus a constant. A
-shrinking footprint has no limit either: its compliance is c/(E a).
+A bare point has no limit: on meshes that are scaled copies its compliance is c/(E h) plus a
+constant. A shrinking footprint has no limit either: its compliance is c/(E a).
 
-*Theoretical order.* A compliance is an energy, wᵀA⁻¹w, with an error of the square of the error in the energy
-norm: ∫ h²|u″|² for P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at its rim. At a distance r
-from it, u″ ~ log r and u‴ ~ 1/r. This gives h² for P1. For P2 every octave of r between a and h adds the same
-amount: the error is h⁴ ln(a/h), with the order 4 − 1/ln(a/h) instead of 4. Displacements, forces and lengths
-are smooth functions of the compliances and have the same order. A thread's moment has a kink at a hole, inside
-a span where the spline's moment is linear: the energy error is h³ with a small factor. Backward Euler has order
-one, so the coupled ladder refines spans like h and steps like h²: cells and steps are then both of order two.
+*Theoretical order.* A compliance is an energy, wᵀA⁻¹w, with an error of the square of the error in
+the energy norm: ∫ h²|u″|² for P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at
+its rim. At a distance r from it, u″ ~ log r and u‴ ~ 1/r. This gives h² for P1. For P2 every octave
+of r between a and h adds the same amount: the error is h⁴ ln(a/h), with the order 4 − 1/ln(a/h)
+instead of 4. Displacements, forces and lengths are smooth functions of the compliances and have the
+same order. A thread's moment has a kink at a hole, inside a span where the spline's moment is
+linear: the energy error is h³ with a small factor. Backward Euler has order one, so the coupled
+ladder refines spans like h and steps like h²: cells and steps are then both of order two.
 
-Two effects are excluded, because they would hide these orders. Where the clamped bottom meets a free side, the
-stress is infinite: strains like r^(λ−1) with sin²(λπ/2) = (4(1−ν)² − λ²)/(3−4ν) (Williams 1952). At ν = 0.3, λ
-= 0.71 gives a small but persistent error of h^1.42. At ν = 0 the stress is finite (λ = 1, uniaxial stress), so
-ν = 0. The second effect is an imposed direction of the thread. The load of its couple jumps at the rim, so it
-has order two on both elements, with a factor that depends on the cut of the rim by the cells. So the holes
-leave the direction free.
+Two effects are excluded, because they would hide these orders. Where the clamped bottom meets a
+free side, the stress is infinite: strains like r^(λ−1) with sin²(λπ/2) = (4(1−ν)² − λ²)/(3−4ν)
+(Williams 1952). At ν = 0.3, λ = 0.71 gives a small but persistent error of h^1.42. At ν = 0 the
+stress is finite (λ = 1, uniaxial stress), so ν = 0. The second effect is an imposed direction of
+the thread. The load of its couple jumps at the rim, so it has order two on both elements, with a
+factor that depends on the cut of the rim by the cells. So the holes leave the direction free.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -38,7 +40,7 @@ from coupling.reports.observation import site_compliance
 from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
 from studies.lists import study_list
 from studies.simulation import prepare
-from studies.study import Columns, Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import Columns, Job, Table, each, grouped, measure, measured, require, scene, unit_field
 from studies.verdicts import Verdict, beyond_linear, observed_order, too_coarse, verdict
 
 LENGTH = 0.012  # of the block [m]
@@ -81,7 +83,10 @@ class Row:
 
     @property
     def sizes(self) -> tuple[float, str]:
-        """The refined size and its name: cell or footprint [m], time step [s], or one over the spans [-]."""
+        """The refined size and its name.
+
+        The size is a cell or a footprint [m], a time step [s], or one over the spans [-].
+        """
         h = f"h = {self.h / MILLI:.3g} mm"
         return {
             "cells": (self.h, h),
@@ -114,8 +119,8 @@ def main(
 ) -> Iterator[Row]:
     """Yield every run.
 
-    Cells are per length of the block and multiples of eight, so that all meshes are scaled copies around the
-    holes. Raises `StudyError` for ladders without a possible verdict.
+    Cells are per length of the block and multiples of eight, so that all meshes are scaled copies
+    around the holes. Raises `StudyError` for ladders without a possible verdict.
     """
     ladder_of: dict[str, Sequence[float]] = {"p1_cells": p1_cells, "footprint_cells": footprint_cells}
     ladder_of |= {"p2_cells": p2_cells, "coupled_cells": coupled_cells}
@@ -189,7 +194,10 @@ def verdict_on(runs: Sequence[Row], quantity: str) -> Verdict:
 
 
 def formal_order(runs: Sequence[Row]) -> float:
-    """Return the theoretical order of a ladder; for P2 the order of h⁴ ln(a/h) on its three finest meshes."""
+    """Return the theoretical order of a ladder.
+
+    For P2 it is the order of h⁴ ln(a/h) on its three finest meshes.
+    """
     if runs[0].ladder != "cells":
         return FORMAL[runs[0].ladder]
     if runs[0].variant != FOOTPRINT_P2:
@@ -206,7 +214,10 @@ def expected_order(runs: Sequence[Row], quantity: str) -> str:
 
 
 def verdict_text(runs: Sequence[Row], quantity: str) -> str:
-    """Return the verdict in words; a number is not called converged if a compliance of its holes diverges."""
+    """Return the verdict in words.
+
+    A number is not called converged if a compliance of its holes diverges.
+    """
     found = verdict_on(runs, quantity)
     compliances = [name for name in QUANTITIES if name.startswith("compliance") and can_change(runs[0].ladder, name)]
     diverge = any(verdict_on(runs, name).kind == "diverging" for name in compliances)
@@ -216,7 +227,10 @@ def verdict_text(runs: Sequence[Row], quantity: str) -> str:
 
 
 def can_change(ladder: str, quantity: str) -> bool:
-    """Return whether a ladder can change a quantity: the organ's compliance does not depend on the thread."""
+    """Return whether a ladder can change a quantity.
+
+    The organ's compliance does not depend on the thread.
+    """
     return ladder in ("cells", "footprint") or not quantity.startswith("compliance")
 
 
@@ -261,7 +275,7 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of every quantity over the cells, errors with theoretical orders, and the other ladders."""
+    """Return the figure of all quantities over the cells, errors with orders, and other ladders."""
     cells = {variant: runs_of_ladder(rows, "cells", variant) for variant in VARIANTS}
     sizes = {"x": sorted({run.h / MILLI for run in rows if run.ladder == "cells"})}
     places = [
@@ -302,7 +316,10 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str) -> Item:
-    """Return the relative error of a quantity, with its theoretical order through the finest run as a dotted line."""
+    """Return the relative error of a quantity.
+
+    A dotted line shows its theoretical order through the finest run.
+    """
     h, error = np.array([run.h for run in runs]), abs(np.array([getattr(run, quantity) for run in runs]) / limit - 1.0)
     law = h**4 * np.log(FOOTPRINT / h) if runs[0].variant == FOOTPRINT_P2 else h**2
     measured = curve(h / MILLI, error, name, MARKERS[k], COLOURS[k])
@@ -310,7 +327,10 @@ def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str
 
 
 def changes(rows: Sequence[Row], ladder: str, x: str, unit: str) -> Item:
-    """Return the panel of the distance of the quantities from the finest run, over the refined size."""
+    """Return the panel of the changes of the quantities, relative to the finest run.
+
+    They are shown over the refined size.
+    """
     finest, *runs = runs_of_ladder(rows, ladder, FOOTPRINT_P2)
     off = {
         name: lambda run, key=key: abs(getattr(run, key) / getattr(finest, key) - 1.0)
@@ -325,6 +345,3 @@ def changes(rows: Sequence[Row], ladder: str, x: str, unit: str) -> Item:
 def runs_of_ladder(rows: Sequence[Row], ladder: str, variant: str) -> list[Row]:
     """Return the runs of a ladder, finest first."""
     return next(runs for *names, runs in ladders(rows) if names == [ladder, variant])
-
-
-STUDY = described("mesh_refinement", main, table, figure, remarks)

@@ -66,8 +66,8 @@ def seconds_of(
 ) -> float:
     """Estimate the processor time of steps and frames [s], without preparation.
 
-    `unknowns` is the number of an organ's unknowns, `balls` the number of balls of tracts. `by` are the methods
-    from `Simulation.methods`.
+    `unknowns` is the number of an organ's unknowns, `balls` the number of balls of tracts. `by` are
+    the methods from `Simulation.methods`.
     """
     solve, points, organ = scenario.solve, scenario.thread.control_points, scenario.tissue
     holes = len(scenario.piercing) + balls
@@ -84,12 +84,18 @@ def seconds_of(
 
 
 def pace() -> float:
-    """Return the time for a sum on this machine over the time on the machine of the measurements [-]."""
+    """Return the time for a sum on this machine over its time on the measured machine [-].
+
+    The other times of this module were measured on that machine.
+    """
     return min(repeat(partial(sum, range(200_000)), timer=process_time, repeat=5, number=1)) / REFERENCE
 
 
 def size_text(size: float) -> str:
-    """Return a size [byte] in words: two digits or more, in the largest unit that does not exceed the size."""
+    """Return a size [byte] in words with two digits or more.
+
+    The unit is the largest that does not exceed the size.
+    """
     unit, name = next(((unit, name) for unit, name in UNITS if size >= unit), UNITS[-1])
     return f"{size / unit:{'.0f' if size >= 9.95 * unit else '.2g'}} {name}"
 

@@ -1,8 +1,8 @@
 """Checkpoints: everything that the next step depends on, in one file, complete or absent.
 
-``checkpoint.npz`` holds one record with every array of a run's memory in full precision, under the name of its
-field. Eighty files, one per array, took five times as long. A resumed run computes the same numbers, bit by
-bit, as a run that was never interrupted.
+``checkpoint.npz`` holds one record with every array of a run's memory in full precision, under the
+name of its field. Eighty files, one per array, took five times as long. A resumed run computes the
+same numbers, bit by bit, as a run that was never interrupted.
 """
 
 import hashlib
@@ -29,7 +29,10 @@ Record = TypeVar("Record")
 
 
 def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
-    """Return the fields of a dataclass as arrays; a nested dataclass has names ``name.field``, and None is left out."""
+    """Return the fields of a dataclass as arrays.
+
+    A nested dataclass has names ``name.field``. A field that is None is left out.
+    """
     out: dict[str, NDArray[Any]] = {}
     for field in fields(record):
         value, key = getattr(record, field.name), f"{name}.{field.name}"
@@ -43,8 +46,8 @@ def pack(record: Any, name: str) -> dict[str, NDArray[Any]]:
 def unpack(like: Record, arrays: Arrays, name: str, nested: Mapping[str, Any] = MappingProxyType({})) -> Record:
     """Build a dataclass of the type of ``like`` from its arrays.
 
-    If a field of ``like`` is None, ``nested`` gives a model of the dataclass in this field. Raises ``KeyError``
-    if an array is missing for a field that is not None in ``like``.
+    If a field of ``like`` is None, ``nested`` gives a model of the dataclass in this field. Raises
+    ``KeyError`` if an array is missing for a field that is not None in ``like``.
     """
     values: dict[str, Any] = {}
     for field in fields(like):  # type: ignore[arg-type]
@@ -74,8 +77,8 @@ def write_checkpoint(folder: Path, arrays: Arrays) -> None:
 def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
     """Read the folder's checkpoint; None if the run was stopped before its first checkpoint.
 
-    Raises `ScenarioError` if the file differs from the written one in any bit, or was written by another
-    version.
+    Raises `ScenarioError` if the file differs from the written one in any bit, or was written by
+    another version.
     """
     path = folder / CHECKPOINT
     if not path.is_file():
@@ -96,8 +99,8 @@ def read_checkpoint(folder: Path) -> dict[str, NDArray[Any]] | None:
 def sealed(archive: bytes) -> bytes:
     """Return a zip archive with the checksum of its content as its comment.
 
-    The given archive has no comment. The last two bytes of an archive are the length of its comment (PKWARE,
-    .ZIP File Format Specification, 4.3.16).
+    The given archive has no comment. The last two bytes of an archive are the length of its comment
+    (PKWARE, .ZIP File Format Specification, 4.3.16).
     """
     body = archive[:-2] + CHECKSUM_LENGTH.to_bytes(2, "little")
     return body + hashlib.sha256(body).hexdigest().encode()
@@ -118,8 +121,10 @@ def first_in_words(changed: Mapping[str, tuple[Any, Any]]) -> str | None:
 
 
 def changes(before: str, now: str) -> dict[str, tuple[Any, Any]]:
-    """Return the keys that differ between two scenarios in TOML, in order, with both values; None for a missing
-    value."""
+    """Return the keys that differ between two scenarios in TOML, in order, with both values.
+
+    None for a missing value.
+    """
     old, new = (dict(leaves(tomllib.loads(text))) for text in (before, now))
     keys = sorted(key for key in old.keys() | new.keys() if old.get(key) != new.get(key))
     return {key: (old.get(key), new.get(key)) for key in keys}

@@ -1,8 +1,9 @@
 """The quantities of a results folder, each defined once: name, unit, meaning and source.
 
-A `Column` makes the heading of a CSV table, the name of an array in a frame, a key of ``summary.json`` and a line of
-the manual (``python -m studies.output.columns`` writes those lines into it anew). To add a quantity, add its field to a
-record of ``studies.output.records`` and one line to ``columns.toml``, which has name, unit and meaning of each.
+A `Column` gives the heading of a CSV table, the name of an array in a frame, a key of
+``summary.json`` and a line of the manual. ``python -m studies.output.columns`` updates those lines
+of the manual. To add a quantity, add its field to a record of ``studies.output.records``, and a line
+with its name, unit and meaning to ``columns.toml``.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,16 +25,18 @@ Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
 
 STATE_CODES = {"stick": 0, "slip": 1, "anchored": 2, "left": 3}  # of `state` in the frames, which cannot hold text
 TIE_CODES = {"open": 0, "drawn": 1, "tied": 2, "slips": 3, "held": 4}  # codes of the `state` of a tie in the frames
-KINDS = {"whole": "-", "text": ""}  # what the list says in place of a unit, and the unit
+KINDS = {"whole": "-", "text": ""}  # units of the kinds that the list names in place of a unit
 MANUAL = Path(__file__).with_name("README.md")
 
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A quantity: `name` (lower_snake_case), `unit` ("-" for a number without unit, empty for text), `meaning` for the
-    manual, and `source`, a function of a row's record that returns the value or None; without it, the field `name`.
+    """A quantity of a table, a frame or the summary.
 
-    `kind` is "number", "whole" or "text". `parts` are the names of a vector's components in a table; none for a scalar.
+    It has a `name` (lower_snake_case), a `unit` ("-" for a number without unit, empty for text),
+    and a `meaning` for the manual. `source` is a function that returns the value of a row's record,
+    or None for the field `name`. `kind` is "number", "whole" or "text". `parts` are the names of a
+    vector's components in a table; none for a scalar.
     """
 
     name: str
@@ -56,12 +59,15 @@ class Column(Generic[Row]):
 
 
 def columns_of(group: str, **sources: Callable[[Any], Value]) -> list[Column[Any]]:
-    """Return the columns of a group of the list, with the sources of those that are no field of their name."""
+    """Return the columns of a group of the list.
+
+    `sources` are the functions for values that are not a field of the same name.
+    """
     return [column_of(name, entry, sources.get(name)) for name, entry in LIST[group].items()]
 
 
 def column_of(name: str, entry: Sequence[Any], source: Callable[[Any], Value] | None) -> Column[Any]:
-    """Make a column of what the list tells of it."""
+    """Return the column of an entry of the list: its unit, its meaning and its parts, if any."""
     unit, meaning, parts = [*entry, ()][:3]
     kind = unit if unit in KINDS else "number"
     named = (f"{name}_{axis}" for axis in parts) if parts == "xyz" else parts
@@ -69,13 +75,8 @@ def column_of(name: str, entry: Sequence[Any], source: Callable[[Any], Value] | 
 
 
 def coded(codes: Mapping[str, int]) -> str:
-    """Write the codes of words for the manual."""
+    """Return the codes of words as text for the manual."""
     return ", ".join(f"{code} {word}" for word, code in codes.items())
-
-
-def headings(columns: Iterable[Column[Any]]) -> list[str]:
-    """List the headings of a CSV table."""
-    return [heading for column in columns for heading in column.headings]
 
 
 def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
@@ -121,6 +122,11 @@ GAP_PROFILE = columns_of("gap_profile")
 TRACT_NAME, *TRACT = columns_of(
     "tract",
     balls=lambda tract: len(tract.balls),
+    length=lambda tract: sum(ball.bearing or 0.0 for ball in tract.balls),
+    normal_force=lambda tract: sum(ball.normal_force for ball in tract.balls),
+    bearing=lambda tract: max(ball.normal_force / (ball.bearing or np.inf) for ball in tract.balls),
+    bearing_pressure=lambda tract: max(ball.bearing_pressure for ball in tract.balls),
+    displacement=lambda tract: max(float(np.linalg.norm(ball.displacement)) for ball in tract.balls),
     tension_before=lambda tract: tract.balls[0].tension_before,
     tension_after=lambda tract: tract.balls[-1].tension_after,
 )
@@ -168,7 +174,10 @@ class Layout(Generic[Row]):
 
 
 def of_pair(place: int, column: Column[Any]) -> Column[Any]:
-    """Return the column of a pair, of a step and an item of it, that takes its value from one of the two."""
+    """Return the column of a pair that takes its value from one of the two.
+
+    The pair is a step and an item of the step.
+    """
     return replace(column, source=lambda pair: column.of(pair[place]))
 
 
@@ -293,7 +302,10 @@ def _growth_summary(end: object) -> dict[str, Value]:
 
 
 def markdown(columns: Iterable[Column[Any]], what: str) -> str:
-    """Return a list in Markdown; `what` is "column" (components by name), "array" or "key" (whole vectors)."""
+    """Return a list of columns in Markdown.
+
+    `what` is "column" for components by name, or "array" or "key" for whole vectors.
+    """
     lines = []
     for column in columns:
         names = _in_short(column.parts) if what == "column" and column.parts else column.name

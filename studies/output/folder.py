@@ -2,15 +2,18 @@
 
 ``Recorder`` takes the plain arrays of ``studies.output.records`` and writes
 
-- before the first step: ``provenance.json``, ``scenario.toml`` and ``mesh/``, a copy of a mesh file,
-- after every step, in whole lines: ``piercings.csv``, ``energy.csv``, ``steps.csv``, ``events.csv``; for wounds
-  and contact surfaces ``contact.csv`` and ``stitches.csv``; for loads ``loads.csv``; for tracts ``tracts.csv``;
-  for ties ``ties.csv``,
+- before the first step: ``provenance.json``, ``scenario.toml`` and ``mesh/``, a copy of a mesh
+  file,
+- after every step, in whole lines: ``piercings.csv``, ``energy.csv``, ``steps.csv``,
+  ``events.csv``; for wounds and contact surfaces ``contact.csv`` and ``stitches.csv``; for loads
+  ``loads.csv``; for tracts ``tracts.csv``; for ties ``ties.csv``,
 - every ``output.every`` steps, first and last: ``results.pvd`` and ``frames/``,
 - after every frame that was due: ``checkpoint.npz``, from which ``--resume`` continues,
-- at the end, also of a failed or interrupted run: ``summary.json``, and for wounds ``gap_profile.csv``.
+- at the end, also of a failed or interrupted run: ``summary.json``, and for wounds
+  ``gap_profile.csv``.
 
-Files are written under a temporary name and renamed, so a killed run leaves every finished frame readable.
+Files are written under a temporary name and renamed, so a killed run leaves every finished frame
+readable.
 """
 
 import hashlib
@@ -41,9 +44,9 @@ SHOWN = 3  # number of names of missing files in a message
 class Recorder:
     """Writes a run into a folder; leaving the ``with`` block writes the summary.
 
-    The last frame is written even if it is not due, so a frame is passed as a function that makes it. With the
-    folder's ``checkpoint`` a run is resumed: rows and frames after the checkpoint are removed, and the first
-    recorded step must be the step of the checkpoint.
+    The last frame is written even if it is not due, so a frame is passed as a function that makes
+    it. With the folder's ``checkpoint`` a run is resumed: rows and frames after the checkpoint are
+    removed, and the first recorded step must be the step of the checkpoint.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class Recorder:
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
-        self._tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # can refuse, so comes first
+        self.tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # can refuse, so comes first
         self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
         if checkpoint is None:
             manifest.refuse_foreign(self.folder, scenario)
@@ -100,14 +103,14 @@ class Recorder:
         if step.step > self._recorded:
             for layout, table in self._tables:
                 table.append(layout.rows(step))
-            self._tally.count(step)
+            self.tally.count(step)
             self._recorded = step.step
-        self._tally.last_step = step
+        self.tally.last_step = step
         self._pending = frame
         if step.step % self._every == 0:
             self._write_frame()
             if (memory := step.memory) is not None:
-                write_checkpoint(self.folder, {**memory, **self._tally.memory()})
+                write_checkpoint(self.folder, {**memory, **self.tally.memory()})
 
     def finish(self, status: Status, error: str = "") -> None:
         """Write the last frame and the summary."""
@@ -125,31 +128,21 @@ class Recorder:
     @property
     def last_step(self) -> StepRecord | None:
         """The last recorded step, None before the start."""
-        return self._tally.last_step
-
-    @property
-    def refinement(self) -> Mapping[str, Any]:
-        """Rounds of refinement of the cells at the piercings, and the remaining errors."""
-        return self._tally.refinement
-
-    @property
-    def remarks(self) -> list[Remark]:
-        """Remarks on the run up to the last recorded step."""
-        return self._tally.remarks
+        return self.tally.last_step
 
     def remark(self, remark: Remark) -> None:
         """Add a remark on the files; an existing summary is updated."""
-        self._tally.own.append(remark)
+        self.tally.own.append(remark)
         if self._outcome is not None:
             write_json(self.folder / "summary.json", self.summary(*self._outcome))
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Return the contents of ``summary.json`` after the last recorded step."""
-        return self._tally.summary(status, error) | {"provenance": self._origin()}
+        return self.tally.summary(status, error) | {"provenance": self._origin()}
 
     def _origin(self) -> dict[str, Any]:
         """Return the origin of the run, with its methods up to the last recorded step."""
-        methods, step = dict(self.provenance.get("methods", {})), self._tally.whole_from
+        methods, step = dict(self.provenance.get("methods", {})), self.tally.whole_from
         if methods.get("organ") is not None:
             begun = methods["organ"].partition(",")[0]
             methods["organ"] = begun if step is None else f"{begun}, whole from step {step}"
@@ -159,12 +152,15 @@ class Recorder:
         if self._pending is not None and self.last_step is not None:
             self.last_frame = self._pending()
             self._pending = None
-            self._tally.see(self.last_frame.organ)
+            self.tally.see(self.last_frame.organ)
             self._series.write(self.last_step.step, self.last_frame)
 
 
 def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -> None:
-    """Raise `ScenarioError` if a table has other columns, or ends before the step of the checkpoint."""
+    """Raise `ScenarioError` if a table lacks columns or rows for the checkpoint.
+
+    Its columns differ, or it ends before the step of the checkpoint.
+    """
     for layout in layouts:
         path, reason = folder / f"{layout.name}.csv", ""
         try:
@@ -180,7 +176,10 @@ def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -
 
 
 def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
-    """Raise `ScenarioError` if ``results.pvd`` cannot be read or lacks a frame before the checkpoint."""
+    """Raise `ScenarioError` if ``results.pvd`` lacks a frame before the checkpoint.
+
+    A damaged index is also refused.
+    """
     index = folder / "results.pvd"
     try:
         named = steps_in(index)
@@ -192,10 +191,12 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
 
 
 def can_resume(folder: Path | str, scenario: Scenario) -> bool:
-    """Return whether a run in a folder can be continued; false if the run stopped before it wrote its scenario.
+    """Return whether a run in a folder can be continued.
 
-    Raises `ScenarioError` if the folder holds the run of another scenario. A dynamic scenario with only a
-    longer duration counts as the same.
+    False if the run stopped before it wrote its scenario.
+
+    Raises `ScenarioError` if the folder holds the run of another scenario. A dynamic scenario with
+    only a longer duration counts as the same.
     """
     folder = Path(folder)
     before = manifest.read(folder)
@@ -208,7 +209,10 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
 
 
 def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tuple[Any, Any]], more: str = "") -> None:
-    """Refuse to continue the run of another scenario: for the first key in `changed`, or for the reason `more`."""
+    """Refuse to continue the run of another scenario.
+
+    The reason is the first key in `changed`, or else `more`.
+    """
     longer = _is_longer(scenario, changed)
     left = {key: values for key, values in changed.items() if not (longer and key == DURATION)}
     if reason := first_in_words(left) or more:
@@ -219,14 +223,17 @@ def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tupl
 
 
 def completed_run(folder: Path | str, scenario: Scenario) -> dict[str, Any] | None:
-    """Read the summary of a completed run; None if the run is not completed or the scenario is longer now."""
-    summary = read_json(Path(folder) / "summary.json")  # one that is torn is written anew at the end of the run
+    """Read the summary of a completed run.
+
+    None if the run is not completed, or if the scenario is longer now.
+    """
+    summary = read_json(Path(folder) / "summary.json")  # a damaged summary is written again at the end of the run
     ended = summary.get("status") == "completed"
     return summary if ended and not _changes(Path(folder), scenario) else None
 
 
 def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
-    """Return the keys that differ between a scenario and the scenario of a folder, with both values.
+    """Return the keys that differ from the scenario of a folder, with both values.
 
     Raises `ScenarioError`.
     """
@@ -238,6 +245,7 @@ def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
 
 
 def _is_longer(scenario: Scenario, changed: Mapping[str, tuple[Any, Any]]) -> bool:
+    """Return whether a dynamic scenario has a longer duration than before."""
     was, now = changed.get(DURATION, (None, None))
     return scenario.solve.kind == "dynamic" and isinstance(was, float) and isinstance(now, float) and now > was
 
@@ -249,12 +257,12 @@ def check_folder(
     resume: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Refuse a folder that holds anything but earlier results, or those and no leave to replace or continue them. One
-    that cannot be written is refused by `studies.output.lock.locked`.
+    """Refuse a folder with files other than earlier results, or results that may not be replaced.
 
-    Earlier results are replaced, but not before the new run has been prepared. The `file` that is run must lie
-    elsewhere, since it would be replaced with them; `scenario` is what it says. A key that it gives another value than
-    the run that it is to go on with is refused before anything is prepared.
+    `overwrite` permits to replace earlier results, and `resume` to continue them. A folder that cannot
+    be written is refused by `studies.output.lock.locked`. Earlier results are replaced after the new
+    run is prepared. The `file` of the `scenario` must lie in another folder, because it would be
+    replaced too. To continue a run, the keys that the scenario gives must have their earlier values.
     """
     folder = Path(folder)
     if manifest.read(folder) is None:
@@ -278,7 +286,10 @@ def _refuse_others(folder: Path) -> None:
 
 
 def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite: bool) -> None:
-    """Refuse to replace a run without permission, or to replace the scenario or mesh that the run reads."""
+    """Refuse to replace a run without permission.
+
+    A folder with the scenario or the mesh that the run reads is also refused.
+    """
     if not overwrite:
         remedy = "add --overwrite to replace it, --resume to continue it, or give another folder"
         raise refused(folder, f"it already holds a run; {remedy}")
@@ -288,7 +299,10 @@ def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite
 
 
 def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str | None]) -> dict[str, Any]:
-    """Write provenance and scenario, with a copy of the mesh file so that the folder is complete."""
+    """Write provenance and scenario.
+
+    A copy of the mesh file makes the folder complete.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
@@ -321,7 +335,10 @@ def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
 
 
 def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
-    """Return the scenario's text for the results folder, with the digests of the text and of the mesh file."""
+    """Return the scenario's text for the results folder, with digests.
+
+    The digests are of the text and of the mesh file.
+    """
     digests, mesh = {}, mesh_file(scenario)
     if mesh is not None:
         scenario = with_mesh_file(scenario, f"mesh/{mesh.name}")

@@ -1,12 +1,13 @@
 """One run at a time in a folder: a lock that the system releases at any end of its process."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from studies.output.files import unfinished
 from studies.scenario import ScenarioError
 
 LOCK = ".suture.lock"
@@ -23,6 +24,17 @@ def folder_of(given: object) -> Path:
 def refused(folder: Path, reason: str) -> ScenarioError:
     """Return the refusal of a folder that ``--out`` names."""
     return ScenarioError(f"--out {folder} is refused: {reason}")
+
+
+def foreign_file(folder: Path, names: Collection[str], known: bool) -> str:
+    """Return the first name in a folder that does not belong to its results; empty without one.
+
+    `names` belong to the results if they are `known`, that is if the folder has their mark. The
+    lock and temporary files belong to them in any case.
+    """
+    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    begun = {LOCK, *(path.name for path in unfinished(folder, names))}
+    return next((name for name in there if name not in begun and not (known and name in names)), "")
 
 
 @contextmanager

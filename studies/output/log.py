@@ -1,4 +1,7 @@
-"""The log of a run, ``suture.log`` in its folder: its start, the version of the code, and its end."""
+"""The log of a run, ``suture.log`` in its folder.
+
+It has the start of the run, the version of the code, and the end of the run.
+"""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -12,7 +15,10 @@ LOG = "suture.log"
 
 
 class RunLog:
-    """Appends lines to the log of a folder, each with its time [UTC]; a resumed run appends to the same log."""
+    """Appends lines to the log of a folder, each with its time [UTC].
+
+    A resumed run appends to the same log.
+    """
 
     def __init__(self, folder: Path, command: str) -> None:
         self._path = folder / LOG

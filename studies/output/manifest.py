@@ -1,7 +1,7 @@
 """The manifest of a run, ``provenance.json``: the list of the files that belong to the run.
 
-A folder belongs to a run only if it holds a manifest of this code. Files outside the manifest, except frames,
-belong to the user: they are neither removed nor overwritten.
+A folder belongs to a run only if it holds a manifest of this code. Files outside the manifest,
+except frames, belong to the user: they are neither removed nor overwritten.
 """
 
 import re
@@ -52,12 +52,18 @@ def read(folder: Path) -> dict[str, Any] | None:
 
 
 def holds_run(folder: Path) -> bool:
-    """Return whether a folder holds a run, finished or not; false if the run stopped before it wrote its scenario."""
+    """Return whether a folder holds a run, finished or not.
+
+    False if the run stopped before it wrote its scenario.
+    """
     return read(folder) is not None and (folder / SCENARIO).is_file()
 
 
 def own_files(folder: Path) -> list[Path]:
-    """List the files of the run in a folder, with the manifest and the temporary files of a killed run."""
+    """List the files of the run in a folder, with the manifest.
+
+    The temporary files of a killed run are included.
+    """
     listed = (read(folder) or {}).get("files", [])
     known = [name for name in listed if name in FILES or re.fullmatch(r"mesh/[^/\\]+", str(name))]
     frames = frame_files(folder / "frames") if known else []
@@ -82,7 +88,10 @@ def refuse_foreign(folder: Path, scenario: Scenario) -> None:
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` if a folder inside is a link, because its target does not belong to the run."""
+    """Raise `ScenarioError` if a folder inside is a link.
+
+    The target of a link does not belong to the run.
+    """
     for name in names:
         if (folder / name).is_symlink():
             remedy = "replace the link by that folder, or give a new or empty folder"

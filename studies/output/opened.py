@@ -66,13 +66,15 @@ class OpenRun:
         return list(self.results.tables)
 
     def table(self, name: str) -> "pd.DataFrame":
-        """Return a table as a pandas data frame: columns by their names, their units in ``attrs["units"]``.
+        """Return a table as a pandas data frame.
+
+        Columns have their names, and their units are in ``attrs["units"]``.
 
         Raises `ResultsError` if there is no table of this name, and `ImportError` without pandas.
         """
         if name not in self.tables:
-            near = nearest(str(name), self.tables)
-            hint = f"; the nearest is {near}" if near else ""
+            suggestion = nearest(str(name), self.tables)
+            hint = f"; the nearest is {suggestion}" if suggestion else ""
             raise ResultsError(f"table {name} is not in {self.folder}: there are {', '.join(self.tables)}{hint}")
         try:
             import pandas as pd
@@ -93,10 +95,10 @@ class OpenRun:
     def frame(self, number: int = -1) -> "pv.MultiBlock":
         """Return a frame by its number; the default is the last frame.
 
-        Its blocks are "organ" (absent without an organ), "thread" and "piercings", with the units of their
-        arrays in ``user_dict["units"]``. The organ's points are in the reference shape: use
-        ``frame["organ"].warp_by_vector("displacement")``. Raises `IndexError`, and `ResultsError` for a missing
-        file.
+        Its blocks are "organ" (absent without an organ), "thread" and "piercings", with the units
+        of their arrays in ``user_dict["units"]``. The organ's points are in the reference shape:
+        use ``frame["organ"].warp_by_vector("displacement")``. Raises `IndexError`, and
+        `ResultsError` for a missing file.
         """
         import pyvista as pv
 
@@ -111,5 +113,8 @@ class OpenRun:
 
 
 def open_run(folder: Path | str) -> OpenRun:
-    """Open the folder of a run, ended or not. Raises `studies.output.reading.ResultsError` if it holds no run."""
+    """Open the folder of a run, ended or not.
+
+    Raises `studies.output.reading.ResultsError` if it holds no run.
+    """
     return OpenRun(read_run(folder))

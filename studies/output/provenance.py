@@ -14,7 +14,7 @@ BENEATH = ("vtk", "mkl")  # packages below these that can influence results
 
 
 def provenance() -> dict[str, Any]:
-    """Return the versions of the code, of Python and of the packages, the machine, and the time [UTC]."""
+    """Return the versions of code, Python and packages, the machine, and the time [UTC]."""
     return {
         "suturefem": installed_version(CODE),
         "commit": commit(ROOT),

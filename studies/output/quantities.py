@@ -1,7 +1,8 @@
 """The numbers and words of a run's summary by their dotted names, each with its unit.
 
-``piercings.exit.tension_after`` is in newton. A vector has a name for each component, as in the tables:
-``piercings.exit.force_x``. Wall-clock time differs between runs of a scenario and is not included.
+``piercings.exit.tension_after`` is in newton. A vector has a name for each component, as in the
+tables: ``piercings.exit.force_x``. Wall-clock time differs between runs of a scenario and is not
+included.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,12 +12,15 @@ from typing import Any
 from studies.output.columns import ANY, SUMMARY, Column
 
 NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and the origin of a run
-TOLD_APART = ("remarks",)  # a list of sentences, read separately
+SEPARATE = ("remarks",)  # a list of sentences, read separately
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number, a word or None, with its `unit`: "-" for a number without unit, empty for a word."""
+    """A number, a word or None, with its `unit`.
+
+    The unit is "-" for a number without unit, and empty for a word.
+    """
 
     name: str
     unit: str
@@ -35,7 +39,7 @@ def headed(name: str, unit: str) -> str:
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
     """Return all numbers and words of a summary by name, in its order."""
-    kept = {key: value for key, value in summary.items() if key not in (*NOT_REPEATED, *TOLD_APART)}
+    kept = {key: value for key, value in summary.items() if key not in (*NOT_REPEATED, *SEPARATE)}
     return {found.name: found for found in leaves(kept, ())}
 
 

@@ -122,8 +122,8 @@ class FrameFiles:
 class RunResults:
     """The content of a run's folder.
 
-    `summary` is empty before the end of the run, `provenance` is the manifest, `scenario` the scenario's text. `tables`
-    are by name, `frames` in the order of time.
+    `summary` is empty before the end of the run, `provenance` is the manifest, `scenario` the
+    scenario's text. `tables` are by name, `frames` in the order of time.
     """
 
     folder: Path
@@ -140,7 +140,10 @@ class RunResults:
 
     @property
     def title(self) -> str:
-        """The title of the scenario, or the folder's name without a title or with a damaged file."""
+        """The title of the scenario.
+
+        It is the folder's name without a title or with a damaged file.
+        """
         try:
             return str(tomllib.loads(self.scenario).get("title", "")) or self.name
         except (tomllib.TOMLDecodeError, RecursionError):
@@ -153,9 +156,10 @@ class RunResults:
         return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
 
     def parts(self, name: str) -> dict[str, Table]:
-        """Return a table in parts with one row per step, by the name of the piercing, pair of surfaces, or boundary.
+        """Return a table in parts with one row per step, by the name of the part.
 
-        A second load on a boundary is `top (2)`. A table without such names is one part with an empty name.
+        This is the name of a piercing, a pair of surfaces, or a boundary. A second load on a
+        boundary is `top (2)`. A table without such names is one part with an empty name.
         """
         table = self.tables[name]
         if name not in ITEM:
@@ -207,7 +211,10 @@ def read_run_table(path: Path) -> Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a CSV table whose headings have units. Raises `ResultsError` for a damaged or empty file."""
+    """Read a CSV table whose headings have units.
+
+    Raises `ResultsError` for a damaged or empty file.
+    """
     with refused_if_torn(path), path.open(encoding="utf-8", newline="") as file:
         head, *rows = list(csv.reader(file)) or [[]]
     if not head:
@@ -231,7 +238,10 @@ def column_of(cells: Sequence[str]) -> NDArray[Any]:
 
 
 def read_frames(index: Path) -> tuple[FrameFiles, ...]:
-    """Return the files that a `.pvd` file names, frame by frame; none if it is missing or damaged."""
+    """Return the files that a `.pvd` file names, frame by frame.
+
+    Empty if the file is missing or damaged.
+    """
     try:
         parts = list(ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet"))
     except (OSError, ValueError, ElementTree.ParseError):
@@ -273,7 +283,10 @@ def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
 
 
 def organ_of(organ: Any) -> OrganRecord:
-    """Return the organ of a frame; quantities that no frame stores, for example shares of strain energy, are NaN."""
+    """Return the organ of a frame.
+
+    Quantities that no frame stores, for example shares of strain energy, are NaN.
+    """
     arrays = {
         name: np.asarray(values, dtype=np.float64)
         for data in (organ.point_data, organ.cell_data)
@@ -283,6 +296,14 @@ def organ_of(organ: Any) -> OrganRecord:
     known = {field.name for field in fields(OrganRecord)} & arrays.keys()
     given: dict[str, Any] = dict.fromkeys(needed, np.nan) | {name: arrays[name] for name in known}
     return OrganRecord(**given)
+
+
+def evenly_spaced(count: int, most: int) -> NDArray[np.int64]:
+    """Return at most `most` of the numbers below `count`, evenly spaced.
+
+    The first and the last number are included.
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 def topology_of(frame: FrameFiles) -> OrganTopology | None:
@@ -302,7 +323,7 @@ def cells_of(organ: Any) -> NDArray[np.int64]:
 
 
 def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
-    """Return values of cells, shape `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
+    """Return values of cells `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
     flat = cells.ravel()
     total = np.bincount(flat, np.repeat(values, cells.shape[1]), minlength=nodes)
     return np.asarray(total / np.maximum(np.bincount(flat, minlength=nodes), 1))

@@ -85,7 +85,10 @@ class GapRecord:
 
 @dataclass(frozen=True)
 class TractRecord:
-    """The tissue along the thread between two holes at one time, as balls in the order of the thread."""
+    """The tissue along the thread between two holes at one time.
+
+    It consists of balls in the order of the thread.
+    """
 
     tract: str  # its name
     balls: tuple[PiercingRecord, ...]
@@ -96,18 +99,16 @@ class TractRecord:
         return np.sum([ball.force for ball in self.balls], axis=0)
 
     @property
-    def length(self) -> float:
-        """Length of the path on which the thread bears [m]."""
-        return sum(ball.bearing or 0.0 for ball in self.balls)
-
-    @property
     def spacing(self) -> float:
         """Largest length of path per ball, the distance to the next ball [m]."""
         return max(ball.bearing or 0.0 for ball in self.balls)
 
     @property
     def turn(self) -> float:
-        """Largest turn of the thread between neighbouring balls [rad], across a wound per ball spacing."""
+        """Largest turn of the thread between neighbouring balls [rad].
+
+        Across a wound it is the turn per ball spacing.
+        """
         tangents, s = (np.array([getattr(ball, name) for ball in self.balls]) for name in ("tangent", "s"))
         angles = np.arccos(np.clip(np.vecdot(tangents[1:], tangents[:-1]), -1.0, 1.0))
         return float(np.max(angles * self.spacing / np.maximum(np.diff(s), self.spacing), initial=0.0))
@@ -118,29 +119,9 @@ class TractRecord:
         return max(0.0, *(max(ball.tension_before, ball.tension_after) for ball in self.balls))
 
     @property
-    def bearing(self) -> float:
-        """Largest force across the thread per length [N/m]."""
-        return max(ball.normal_force / (ball.bearing or np.inf) for ball in self.balls)
-
-    @property
-    def normal_force(self) -> float:
-        """Sum of the forces across the thread [N]."""
-        return sum(ball.normal_force for ball in self.balls)
-
-    @property
     def friction(self) -> float:
         """Sum of the forces along the thread, towards rising s [N]."""
         return sum(ball.tangential_force for ball in self.balls)
-
-    @property
-    def displacement(self) -> float:
-        """Largest displacement of a ball [m]."""
-        return max(float(norm(ball.displacement)) for ball in self.balls)
-
-    @property
-    def bearing_pressure(self) -> float:
-        """Largest pressure of the thread on a ball [Pa]."""
-        return max(ball.bearing_pressure for ball in self.balls)
 
     @property
     def slipping(self) -> int:
@@ -214,7 +195,10 @@ class StepRecord:
 
     @property
     def spans_between(self) -> float | None:
-        """Fewest spans between neighbouring holes along the thread [-], None with fewer than two holes."""
+        """Fewest spans between neighbouring holes along the thread [-].
+
+        None with fewer than two holes.
+        """
         number = self.apart()
         return number if np.isfinite(number) else None
 
@@ -318,9 +302,9 @@ class Extremes:
 
     @property
     def swing(self) -> float:
-        """Largest deviation of a hole's force from a straight line over the last steps, over the largest force [-].
+        """Largest deviation of a hole's force from a straight line over the last steps [-].
 
-        Zero with fewer steps, or if all forces are round-off.
+        It is relative to the largest force. Zero with fewer steps, or if all forces are round-off.
         """
         largest = float(norm(self.forces, axis=2).max(initial=0.0))
         if not largest > STILL * self.tension:
@@ -346,7 +330,10 @@ class Extremes:
 
 
 def at_least(met: Array, now: Array | None) -> Array:
-    """Return the larger of the earlier and the new values, shape `(p,)`; None if there are no new values."""
+    """Return the larger of the earlier and the new values, shape `(p,)`.
+
+    None means no new values.
+    """
     return met if now is None else np.asarray(np.maximum(met, now))
 
 

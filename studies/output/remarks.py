@@ -1,8 +1,9 @@
 """Remarks on the numbers of a run, in `summary.json`, on the console and from Python.
 
-The catalogue, `remarks.toml`, has each code once, with its severity, the bound that it is said beyond, why there, and
-its message. A remark of the severity "unsupported" says that a number of the run is not what its model means; a "note"
-says what a reader should know. Who judges a run is `studies.simulation.remarks`.
+The catalogue, `remarks.toml`, has each code once, with its severity, its bound, the reason of the
+bound, and its message. A remark is made beyond its bound. The severity "unsupported" means that the
+model does not support a number of the run. A "note" is information for the reader.
+`studies.simulation.remarks` decides which remarks a run has.
 """
 
 from collections.abc import Iterable
@@ -47,8 +48,11 @@ BOUNDS |= {"SEEN": SEEN, "SWITCHES": SWITCHES}
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of remark; `bound` is the condition for it and `reason` its explanation, both for the manual. `message` is
-    what a run says, with names in braces for its values."""
+    """A kind of remark.
+
+    `bound` is the condition of the remark and `reason` its explanation, both for the manual.
+    `message` is the text of the remark, with names in braces for its values.
+    """
 
     code: str
     bound: str
@@ -81,23 +85,17 @@ class Remark:
         return asdict(self)
 
 
-def catalogue() -> dict[str, Kind]:
-    """Read the kinds of remarks by their codes, in the order of the manual."""
-    tables = list_of(__file__, "remarks.toml")
-    return {code: Kind(code, **table) for code, table in tables.items()}
-
-
-CATALOGUE = catalogue()
+CATALOGUE = {code: Kind(code, **table) for code, table in list_of(__file__, "remarks.toml").items()}
 
 
 def remark(code: str, where: str, **values: object) -> Remark:
-    """Make a remark of a kind of the catalogue, with the values that its message names."""
+    """Return a remark of the catalogue by its code, with the values that its message names."""
     kind = CATALOGUE[code]
     return Remark(code, kind.severity, kind.message.format(where=where, **BOUNDS, **values), where)
 
 
 def judged(deserved: bool, code: str, where: str, **values: object) -> list[Remark]:
-    """Return a remark of a kind of the catalogue if `deserved`, else none."""
+    """Return a list with a remark of the catalogue if it is `deserved`, else an empty list."""
     return [remark(code, where, **values)] if deserved else []
 
 
@@ -106,18 +104,13 @@ def any_unsupported(remarks: Iterable[Remark]) -> bool:
     return any(each.unsupported for each in remarks)
 
 
-def _sentence(words: str) -> str:
-    """Return a sentence with a capital first letter."""
-    return words[0].upper() + words[1:]
-
-
 def markdown() -> str:
     """Return the lists of the manual, one for each severity."""
     lines = []
     for severity in get_args(Severity):
         lines += ["", f"Severity `{severity}`:", ""]
         lines += [
-            f"- `{kind.code}`: {kind.bound.format(**BOUNDS)}. {_sentence(kind.reason)}."
+            f"- `{kind.code}`: {kind.bound.format(**BOUNDS)}. {kind.reason[0].upper()}{kind.reason[1:]}."
             for kind in CATALOGUE.values()
             if kind.severity == severity
         ]

@@ -1,12 +1,14 @@
-"""Time series for ParaView: ``results.pvd`` naming one file per frame of organ, thread, piercings and ties.
+"""Time series for ParaView: ``results.pvd``, and the files of each frame.
 
-The files are VTK XML with appended arrays as plain bytes, a quarter smaller than as text, in float32 and int32.
-VTK 8.2 and ParaView 5.11 or newer read them. Organ and thread are compressed by LZMA. The few numbers of
-piercings and ties are compressed by zlib, which is faster for small arrays. The files are not written by VTK,
-so the organ's mesh is encoded once, and a run needs no graphics package. Neighbouring rows of the mesh and of
-the thread are similar. A standard filter of the format stores their differences: a structured mesh then takes a
-fiftieth of its bytes, and the thread less than half. The organ's points are in the reference shape, with the
-array ``displacement`` (Warp By Vector); thread and piercings are in the deformed shape.
+A frame has one file for each of organ, thread, piercings and ties. The files are VTK XML with
+appended arrays as plain bytes, a quarter smaller than as text, in float32 and int32. VTK 8.2 and
+ParaView 5.11 or newer read them. Organ and thread are compressed by LZMA. The few numbers of
+piercings and ties are compressed by zlib, which is faster for small arrays. The files are not
+written by VTK, so the organ's mesh is encoded once, and a run needs no graphics package.
+Neighbouring rows of the mesh and of the thread are similar. A standard filter of the format stores
+their differences: a structured mesh then takes a fiftieth of its bytes, and the thread less than
+half. The organ's points are in the reference shape, with the array ``displacement`` (Warp By
+Vector); thread and piercings are in the deformed shape.
 
 ``studies.output.columns`` defines the arrays.
 """
@@ -75,7 +77,10 @@ class Markup:
         return Markup(self.text + other.text, self.arrays + other.arrays)
 
     def within(self, tag: str) -> "Markup":
-        """Return this markup as the content of an element; `tag` is the element's name with its attributes."""
+        """Return this markup as the content of an element.
+
+        `tag` is the element's name with its attributes.
+        """
         return Markup(f"<{tag}>\n{self.text}</{tag.partition(' ')[0]}>\n", self.arrays)
 
     @property
@@ -156,7 +161,10 @@ def file_of(line: str) -> str:
 
 
 def steps_in(index: Path) -> set[int]:
-    """Return the steps whose frames a ``.pvd`` file names. Raises `OSError` or `ValueError` for a damaged file."""
+    """Return the steps whose frames a ``.pvd`` file names.
+
+    Raises `OSError` or `ValueError` for a damaged file.
+    """
     try:
         parts = ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet")
     except ElementTree.ParseError as error:
@@ -165,7 +173,10 @@ def steps_in(index: Path) -> set[int]:
 
 
 def frame_files(folder: Path) -> list[Path]:
-    """List the files of frames in a folder, with the temporary ones of a killed run, and no other files."""
+    """List the files of frames in a folder, and no other files.
+
+    The temporary files of a killed run are included.
+    """
     paths = folder.iterdir() if folder.is_dir() else ()
     return [path for path in paths if FRAME.fullmatch(UNFINISHED.sub(r"\1", path.name))]
 
@@ -196,7 +207,10 @@ def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
 
 
 def thread_file(thread: ThreadRecord) -> bytes:
-    """Return the thread of one frame as a polyline in a ``.vtp`` file; ``radius`` is for the Tube filter."""
+    """Return the thread of one frame as a polyline in a ``.vtp`` file.
+
+    The array ``radius`` is for the Tube filter.
+    """
     count = len(thread.points)
     data = _arrays("PointData", values(columns.THREAD_ARRAYS, thread), 'Scalars="tension"', as_differences)
     return _poly_data(thread.points, "Lines", thread.pieces or ([count] if count else []), data, as_differences)
@@ -210,7 +224,10 @@ def _vertices(items: Sequence[Any], chosen: Sequence[Column[Any]], active: str) 
 
 
 def _data_array(name: str, values: ArrayLike, kind: str, pack: Pack, unit: str = "") -> Markup:
-    """Return a field, shape `(n,)` or `(n, components)`, as a compressed ``DataArray`` with its unit."""
+    """Return a field as a compressed ``DataArray`` with its unit.
+
+    Its shape is `(n,)` or `(n, components)`.
+    """
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     return _array(name, _encoded(array, pack), kind, array.shape[1] if array.ndim == 2 else 1, unit)
 
@@ -232,7 +249,10 @@ def _unit_key(unit: str) -> str:
 
 
 def _small(values: NDArray[Any], kind: str) -> bytes:
-    """Encode an array of the mesh directly or as row differences, whichever compresses its first rows better."""
+    """Encode an array of the mesh directly or as row differences.
+
+    The choice is the one that compresses its first rows better.
+    """
     array = np.ascontiguousarray(values, dtype=np.dtype(kind))
     step, sample = _between_rows(array), array[:SAMPLE]
     filters = min(([], [step]), key=lambda filters: len(_lzma([*filters, QUICK], sample)))
@@ -240,8 +260,11 @@ def _small(values: NDArray[Any], kind: str) -> bytes:
 
 
 def _encoded(array: NDArray[Any], pack: Pack) -> bytes:
-    """Encode one compressed block after its header: number of blocks, block size, size of a partial last block,
-    and compressed size."""
+    """Encode one compressed block after its header.
+
+    The header has the number of blocks, the block size, the size of a partial last block, and the
+    compressed size.
+    """
     if not array.size:
         return np.zeros(3, dtype=np.uint32).tobytes()
     packed = pack(array)
@@ -258,7 +281,10 @@ def _rounded(name: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _on_grid(values: NDArray[Any], size: float, bits: int) -> NDArray[Any]:
-    """Return numbers rounded to this number of bits of a size; unchanged if the size is zero or not finite."""
+    """Return numbers rounded to this number of bits of a size.
+
+    They are unchanged if the size is zero or not finite.
+    """
     least = 2.0 ** (np.frexp(size)[1] - bits) if 0.0 < size < np.inf else 0.0
     return np.asarray(np.rint(values / least) * least if least else values)
 
@@ -271,8 +297,10 @@ def _without_last_bits(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], data: Markup, pack: Pack) -> bytes:
-    """Return a file of points joined in order into cells of ``counts`` points, with their data in the same
-    compression."""
+    """Return a file of points joined in order into cells of ``counts`` points.
+
+    The data of the points have the same compression.
+    """
     cells = _data_array("connectivity", np.arange(sum(counts)), "i4", pack)
     cells += _data_array("offsets", np.cumsum(counts, dtype=np.int64), "i4", pack)
     extent = float(np.ptp(points, axis=0).max(initial=0.0)) if len(points) else 0.0
@@ -283,7 +311,10 @@ def _poly_data(points: NDArray[np.float64], kind: str, counts: Sequence[int], da
 
 
 def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack) -> Markup:
-    """Return fields by name as markup, whole numbers as integers; a field that is None is left out."""
+    """Return fields by name as markup, whole numbers as integers.
+
+    A field that is None is left out.
+    """
     given = {name: _rounded(name, np.asarray(values)) for name, values in arrays.items() if values is not None}
     fields = (
         _data_array(name, values, "i4" if values.dtype.kind == "i" else "f4", pack, columns.UNITS[name])
@@ -299,7 +330,10 @@ def _entry(time: float, name: str) -> str:
 
 
 def _file(kind: str, piece: Markup, compressor: str = LZMA) -> bytes:
-    """Return a file of one data set: its XML, then its arrays, which a reader finds by their offsets."""
+    """Return a file of one data set: its XML, then its arrays.
+
+    A reader finds the arrays by their offsets.
+    """
     packed = f' header_type="UInt32" compressor="{compressor}"'
     text = _head(kind, "1.0", packed) + piece.within(kind).placed + '<AppendedData encoding="raw">\n_'
     return sealed(text.encode() + b"".join(piece.arrays) + b"\n</AppendedData>\n</VTKFile>\n")
@@ -313,8 +347,8 @@ def sealed(body: bytes) -> bytes:
 def is_whole(data: bytes) -> bool:
     """Return whether a frame's file is complete and unchanged, by its checksum.
 
-    VTK does not notice every damaged file. A file of an earlier version has no checksum: its last tag is
-    checked.
+    VTK does not notice every damaged file. A file of an earlier version has no checksum: its last
+    tag is checked.
     """
     found = SEAL.search(data[-SEALED:])
     return sealed(data[:-SEALED]) == data if found else data.endswith(b"</VTKFile>\n")

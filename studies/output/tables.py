@@ -7,7 +7,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from studies.output.columns import TABLES, Column, Layout, Row, Value, headings
+from studies.output.columns import TABLES, Column, Layout, Row, Value
 from studies.scenario import Scenario
 
 SPECIAL = re.compile(r'[",\r\n]')  # text with one of these is quoted
@@ -58,7 +58,10 @@ def whole_table(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
 
 
 def writer_of(column: Column[Any]) -> Callable[[Any], str]:
-    """Return the function that writes a value as the cells of a row; a number that is None is an empty cell."""
+    """Return the function that writes a value as the cells of a row.
+
+    A number that is None gives an empty cell.
+    """
     if column.parts:
         return _numbers
     return {"number": _number, "whole": _whole, "text": _quoted}[column.kind]
@@ -84,13 +87,16 @@ def _quoted(value: str) -> str:
 
 def head_of(columns: Iterable[Column[Any]]) -> bytes:
     """Return the first line of a table."""
-    return (",".join(headings(columns)) + "\n").encode()
+    return (",".join(heading for column in columns for heading in column.headings) + "\n").encode()
 
 
 def rows_until(path: Path, step: int) -> list[bytes]:
-    """Read a table's head and its rows up to a step, as whole lines; the step is the second column of every table.
+    """Read a table's head and its rows up to a step, as whole lines.
 
-    Raises `ValueError` for a row without a step there, and `IndexError` for a row without a second column.
+    The step is the second column of every table.
+
+    Raises `ValueError` for a row without a step there, and `IndexError` for a row without a second
+    column.
     """
     head, *rows = path.read_bytes().splitlines(keepends=True)
     return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]

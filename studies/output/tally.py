@@ -65,7 +65,10 @@ class Tally:
 
     @property
     def whole_from(self) -> int | None:
-        """The first step with all unknowns of an organ instead of its Krylov space, None if there was none."""
+        """The first step with all unknowns of an organ instead of its Krylov space.
+
+        None if there was no such step.
+        """
         number: int = self._totals["whole_from"]
         return None if number == NEVER else number
 
@@ -88,18 +91,18 @@ class Tally:
         step = self.last_step
         totals = {key: self._totals[key] for key in ("newton_iterations", "constraint_max", "seconds")}
         head = values(RUN, RunRecord(status, error, step, tissue_dofs=self._tissue_dofs, **totals))
-        said: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
+        parts: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self._scenario.tissue is not None:
-            said["range"] = range_summary(self._names, self._extremes)
+            parts["range"] = range_summary(self._names, self._extremes)
         if step is not None and step.reduction is not None:
-            said["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
+            parts["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
         if step is not None and step.krylov is not None:
-            said["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
+            parts["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
         if "rounds" in self.refinement:
-            said["mesh"] = {"rounds": self.refinement["rounds"]}
+            parts["mesh"] = {"rounds": self.refinement["rounds"]}
         state = state_summary(step, self._scenario.piercing, self._scenario.thread) if step else {}
-        told = {"compliance_error": "errors", "bounds": "bounds"}
+        sources = {"compliance_error": "errors", "bounds": "bounds"}
         for name, hole in state.get("piercings", {}).items():
-            known = {key: self.refinement.get(of, {}).get(name) for key, of in told.items()}
+            known = {key: self.refinement.get(of, {}).get(name) for key, of in sources.items()}
             hole.update({key: value for key, value in known.items() if value is not None})
-        return head | said | state
+        return head | parts | state

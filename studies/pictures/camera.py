@@ -1,7 +1,7 @@
 """Camera of a picture: its position, projections of points, and free places for labels.
 
-The camera has no perspective, so one scale bar is valid for the whole picture, and the pixel of a point is a
-linear function of its place.
+The camera has no perspective, so one scale bar is valid for the whole picture, and the pixel of a
+point is a linear function of its place.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ CLEAR = 6.0  # pixels around a label
 class Camera:
     """A view without perspective.
 
-    It has unit vectors to the right, up and towards the camera, the place in the middle of the picture, the
-    pixels per metre, and the picture's size in pixels.
+    It has unit vectors to the right, up and towards the camera, the place in the middle of the
+    picture, the pixels per metre, and the picture's size in pixels.
     """
 
     right: Array  # (3,)
@@ -34,7 +34,10 @@ class Camera:
     size: tuple[int, int]
 
     def pixels(self, points: Array) -> Array:
-        """Return the pixels of points `(n, 3)` [m] in the picture, `(n, 2)`, from its lower left corner."""
+        """Return the pixels `(n, 2)` of points `(n, 3)` [m] in the picture.
+
+        They are counted from its lower left corner.
+        """
         across = (np.atleast_2d(points) - self.focus) @ np.stack([self.right, self.up], axis=1)
         return np.asarray(self.scale * across + 0.5 * np.array(self.size))
 
@@ -78,33 +81,39 @@ def along_arrows(holes: Array, tips: Array) -> Array:
     return np.asarray((holes + share * (tips - holes)).reshape(-1, 2))
 
 
-def label_places(anchors: Array, boxes: Array, taken: Array, size: tuple[int, int]) -> Array:
+def label_places(anchors: Array, boxes: Array, occupied: Array, size: tuple[int, int]) -> Array:
     """Return the lower left corners `(n, 2)` [pixels] of labels of sizes `boxes` `(n, 2)`.
 
-    Each label is near its anchor `(n, 2)`. If there is room, labels cover neither each other nor `taken` points
-    `(k, 2)`.
+    Each label is near its anchor `(n, 2)`. If there is room, labels cover neither each other nor
+    `occupied` points `(k, 2)`.
     """
     placed: list[tuple[Array, Array]] = []
     for anchor, box in zip(anchors, boxes, strict=True):
         tries = [corner_at(anchor, box, ring, turn) for ring in RINGS for turn in range(ROUND)]
-        costs = [covered(corner, box, taken, placed, size) + 0.02 * k / ROUND for k, corner in enumerate(tries)]
+        costs = [covered(corner, box, occupied, placed, size) + 0.02 * k / ROUND for k, corner in enumerate(tries)]
         placed.append((tries[int(np.argmin(costs))], box))
     return np.array([corner for corner, _ in placed]).reshape(-1, 2)
 
 
 def corner_at(anchor: Array, box: Array, ring: float, turn: int) -> Array:
-    """Return the corner of a label at a distance from its anchor in one of the directions; the first is below."""
+    """Return the corner of a label at a distance from its anchor in one of the directions.
+
+    The first direction is below.
+    """
     angle = 2.0 * np.pi * turn / ROUND - 0.5 * np.pi
     way = np.array([np.cos(angle), np.sin(angle)])
     return np.asarray(anchor + ring * box[1] * way + 0.5 * box * way - 0.5 * box)
 
 
 def covered(
-    corner: Array, box: Array, taken: Array, placed: Sequence[tuple[Array, Array]], size: tuple[int, int]
+    corner: Array, box: Array, occupied: Array, placed: Sequence[tuple[Array, Array]], size: tuple[int, int]
 ) -> float:
-    """Return the cost of the covered area of a label: one per point, ten per label, 1000 outside the picture."""
+    """Return the cost of the area that a label covers.
+
+    It is one per point, ten per label, and 1000 outside the picture.
+    """
     low, high = corner - CLEAR, corner + box + CLEAR
-    points = float(np.all((taken >= low) & (taken <= high), axis=1).sum()) if len(taken) else 0.0
+    points = float(np.all((occupied >= low) & (occupied <= high), axis=1).sum()) if len(occupied) else 0.0
     others = sum(bool(np.all((low < there + wide) & (high > there))) for there, wide in placed)
     outside = bool(np.any(low < 0.0) or np.any(high > size))
     return points + 10.0 * others + 1000.0 * outside

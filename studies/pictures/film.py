@@ -12,7 +12,10 @@ PAUSE, LAST = 120, 1500  # ms of each picture, and of the last one
 
 
 def write_frames(frames: Sequence[Frame], path: Path, draw: Callable[[Frame, Path], None]) -> None:
-    """Write the first frame as a PNG file, or all frames as an endless GIF; `draw` draws one into a picture."""
+    """Write the first frame as a PNG file, or all frames as an endless GIF.
+
+    `draw` draws one frame into a picture.
+    """
     if path.suffix.lower() != FILM:
         draw(frames[0], path)
         return

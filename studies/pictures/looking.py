@@ -6,11 +6,17 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from meshes.child import run_module
 from studies.output.files import write_bytes
-from studies.output.reading import FrameFiles, ResultsError, RunResults, read_run, snapshot_of, topology_of
+from studies.output.reading import (
+    FrameFiles,
+    ResultsError,
+    RunResults,
+    evenly_spaced,
+    read_run,
+    snapshot_of,
+    topology_of,
+)
 from studies.pictures.picture import Drawn, draw_picture, draw_scene, words_of
 from studies.pictures.scene import FILM, frame_of
 
@@ -28,10 +34,10 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
         raise ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
     if out is not None:
         return [drawn_into(run, out, time)]
-    lacking = window(folder) if has_screen(os.environ, sys.platform) else "no screen"
-    if not lacking:
+    reason = window(folder) if has_screen(os.environ, sys.platform) else "no screen"
+    if not reason:
         return []
-    return [f"window     none: {lacking}", *(drawn_into(run, folder / f"view{kind}", time) for kind in KINDS)]
+    return [f"window     none: {reason}", *(drawn_into(run, folder / f"view{kind}", time) for kind in KINDS)]
 
 
 def write_macro(path: Path) -> list[str]:
@@ -48,14 +54,20 @@ def has_screen(environment: Mapping[str, str], system: str) -> bool:
 
 
 def window(folder: Path) -> str:
-    """Open a window and wait until it is closed; return the reason if none could be opened, else an empty text."""
+    """Open a window and wait until it is closed; return the reason if this failed.
+
+    An empty text means that a window was opened.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         done = run_module("studies.pictures.window", Path(scratch), [folder.resolve()], patience=None)
     return words_of(done) if done.returncode else ""
 
 
 def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
-    """Draw the frame nearest to a time, by default the last, or all frames; return the line on the picture."""
+    """Draw one frame or all frames into a file; return the line on the picture.
+
+    One frame is the nearest to a time, or the last if the time is None.
+    """
     if out.suffix.lower() not in KINDS:
         raise ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
@@ -73,14 +85,12 @@ def still(run: RunResults, out: Path, time: float | None) -> Drawn:
 
 
 def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
-    """Return the frame nearest to a time [s], or the last frame without a time."""
+    """Return the frame nearest to a time [s], or the last frame if the time is None."""
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 
 def film(run: RunResults, out: Path) -> Drawn:
     """Draw frames into a GIF file, at most `MOST_PICTURES` of them."""
-    count = len(run.frames)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_PICTURES)).round().astype(int)).tolist()
-    frames = [frame_of(snapshot_of(run.frames[number], run.piercings)) for number in chosen]
-    scene = frames, topology_of(run.frames[0]), run.title
-    return draw_scene(scene, out, patience=10.0)
+    chosen = [run.frames[number] for number in evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
+    frames = [frame_of(snapshot_of(frame, run.piercings)) for frame in chosen]
+    return draw_scene((frames, topology_of(run.frames[0]), run.title), out, patience=10.0)

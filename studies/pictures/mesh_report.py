@@ -1,4 +1,4 @@
-"""``suture mesh``: the organ's mesh of a scenario as a file for ParaView, with its quality in words and a picture."""
+"""``suture mesh``: the organ's mesh as a file for ParaView, with its quality and a picture."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +30,8 @@ NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the re
 class MeshScene:
     """A mesh for a picture.
 
-    It has points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of the wound's
-    lips, the places of the piercings `(p, 3)` [m], and a title.
+    It has points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of
+    the wound's lips, the places of the piercings `(p, 3)` [m], and a title.
     """
 
     points: Array
@@ -43,7 +43,9 @@ class MeshScene:
 
 
 def write_report(scenario: Scenario, path: Path) -> list[str]:
-    """Make the mesh, write it to `path` (.vtu) with a picture next to it, and return the lines for a person.
+    """Make the mesh and write it to `path` (.vtu); return the lines for a person.
+
+    A picture is written next to it.
 
     Raises `ScenarioError` or `MeshError` for a mesh that cannot be made or used.
     """
@@ -82,7 +84,7 @@ def round_lines(fit: tissue.Fitted | None) -> list[str]:
 
 
 def lines(mesh: skfem.MeshTet, scenario: Scenario) -> list[str]:
-    """Return the lines on size, quality, boundaries, regions, and the element size at each piercing."""
+    """Return the lines on size, quality, boundaries and regions, and on cells at each piercing."""
     found, content = quality(mesh), volumes(mesh.p.T, mesh.t.T)
     unknowns = 3 * mesh.nvertices, 3 * (mesh.nvertices + mesh.nedges)
     return [
@@ -107,7 +109,10 @@ def areas(mesh: skfem.MeshTet, facets: Indices) -> Array:
 
 
 def region_numbers(mesh: skfem.MeshTet) -> Indices:
-    """Return the number of the region of each cell, from 1 in the order of their names, 0 outside all regions."""
+    """Return the number of the region of each cell.
+
+    Regions are numbered from 1 in the order of their names. Cells outside all regions have 0.
+    """
     numbers = np.full(mesh.nelements, NO_REGION)
     for number, cells in enumerate((mesh.subdomains or {}).values(), start=NO_REGION + 1):
         numbers[cells] = number

@@ -15,7 +15,10 @@ from studies.pictures.view import MARKER, MILLI, SIZE, colours
 
 
 def draw_section(scene: MeshScene, path: Path) -> None:
-    """Draw the cut y = const through the piercings [mm], coloured by the mean edge length at each node."""
+    """Draw the cut y = const through the piercings [mm].
+
+    It is coloured by the mean edge length at each node.
+    """
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), layout="constrained")
     axes = figure.add_subplot()
     low, high = scene.points[:, 1].min(), scene.points[:, 1].max()
@@ -33,7 +36,10 @@ def draw_section(scene: MeshScene, path: Path) -> None:
 
 
 def _sizes(scene: MeshScene) -> np.ndarray:
-    """Return the mean length of the edges at each node [m], weighted by the number of cells of each edge."""
+    """Return the mean length of the edges at each node [m].
+
+    Each edge is weighted by the number of its cells.
+    """
     cells = np.asarray(scene.cells)
     pairs = cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)

@@ -1,4 +1,7 @@
-"""The picture of a mesh in three dimensions, by pyvista; in a child process, like `studies.pictures.space`."""
+"""The picture of a mesh in three dimensions, by pyvista.
+
+It is drawn in a child process, like `studies.pictures.space`.
+"""
 
 import pickle
 import sys
@@ -17,7 +20,10 @@ LIP = THREAD
 
 
 def draw_space(scene: MeshScene, path: Path) -> None:
-    """Draw the surface into a PNG file, and next to it the cells behind a plane through the piercings."""
+    """Draw the surface into a PNG file, next to a cut.
+
+    The cut shows the cells behind a plane through the piercings.
+    """
     plotter: Any = pv.Plotter(off_screen=True, window_size=list(SIZE), shape=(1, 2), border=False)
     plotter.set_background("white")
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: np.asarray(scene.cells)}, scene.points)

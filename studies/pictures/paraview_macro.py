@@ -1,8 +1,8 @@
 """Macro for ParaView 5.11 or newer that draws a run.
 
-It warps the organ by its displacement. It draws the thread as a tube coloured by its tension and the holes'
-forces as arrows, and names the holes. In ParaView: Macros > Import new macro, open results.pvd, select it,
-start the macro. Or pvpython FILE.py DIR.
+It warps the organ by its displacement. It draws the thread as a tube coloured by its tension and
+the holes' forces as arrows, and names the holes. In ParaView: Macros > Import new macro, open
+results.pvd, select it, start the macro. Or pvpython FILE.py DIR.
 """
 
 import csv
@@ -67,7 +67,10 @@ def draw_thread(thread: Any, view: Any, radius: float) -> None:
 
 
 def draw_forces(holes: Any, view: Any, length: float) -> None:
-    """Draw the forces of the holes on the thread as arrows; `length` is the length of the longest."""
+    """Draw the forces of the holes on the thread as arrows.
+
+    `length` is the length of the longest arrow.
+    """
     if holes is None:
         return
     largest = holes.PointData["force"].GetRange(-1)[1] or 1.0

@@ -1,8 +1,8 @@
 """A picture of one frame: the deformed organ, the thread and its piercings.
 
-It is three-dimensional by VTK if OpenGL works, else a section by matplotlib. Without OpenGL a renderer can end
-its process by a segmentation fault, even if its library is installed. So each picture is drawn in a child
-process, and its result is the test of OpenGL.
+It is three-dimensional by VTK if OpenGL works, else a section by matplotlib. Without OpenGL a
+renderer can end its process by a segmentation fault, even if its library is installed. So each
+picture is drawn in a child process, and its result is the test of OpenGL.
 """
 
 import pickle
@@ -31,7 +31,8 @@ VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place 
 class Drawn:
     """The result of drawing a picture.
 
-    `line` is for a person, and `failure` is the reason of a failure, empty if the picture was drawn.
+    `line` is for a person, and `failure` is the reason of a failure, empty if the picture was
+    drawn.
     """
 
     line: str
@@ -48,8 +49,8 @@ def draw_picture(
 ) -> Drawn:
     """Draw a frame into a PNG file.
 
-    If given, the places of `held` nodes `(k, 3)` [m] and the radii of the holes' `footprints` [m] are also
-    drawn.
+    If given, the places of `held` nodes `(k, 3)` [m] and the radii of the holes' `footprints` [m]
+    are also drawn.
     """
     shown = frame_of(frame)
     sizes = footprints or [0.0] * len(shown.piercings)
@@ -66,8 +67,8 @@ def draw_scene(
 ) -> Drawn:
     """Draw a scene into a file by the module `space` if OpenGL works, else by the module `section`.
 
-    Each module runs with the pickled scene and the path of the picture. Its time limit is `patience` times the
-    limit of one picture.
+    Each module runs with the pickled scene and the path of the picture. Its time limit is
+    `patience` times the limit of one picture.
     """
     causes = []
     with tempfile.TemporaryDirectory() as folder:
@@ -97,7 +98,10 @@ def is_installed(library: str) -> bool:
 
 
 def draw_apart(module: str, source: Path, path: Path, setting: Mapping[str, str], patience: float = 1.0) -> str:
-    """Draw by a module in a child process; return an empty text, or the child's reason for no picture."""
+    """Draw by a module in a child process; return the child's reason for no picture.
+
+    An empty text means that the picture was drawn.
+    """
     target = source.with_name("film.gif" if path.suffix.lower() == FILM else "picture.png")
     target.unlink(missing_ok=True)
     try:

@@ -1,4 +1,7 @@
-"""A frame for a picture in a child process, which would load the classes of a run in half a second."""
+"""A frame for a picture in a child process.
+
+The process does not load the classes of a run, which would take half a second.
+"""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,8 +19,8 @@ FILM = ".gif"  # suffix of an animation
 class Hole:
     """A piercing in a picture.
 
-    It has its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the thread [N], its
-    state in a word, and the radius of its `footprint` [m], zero if it is not drawn.
+    It has its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the
+    thread [N], its state in a word, and the radius of its `footprint` [m], zero if it is not drawn.
     """
 
     name: str

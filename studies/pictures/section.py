@@ -63,7 +63,10 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: vie
 
 
 def cut(points: Array, cells: view.Indices, values: Array, y: float) -> tuple[Array, view.Indices, Array]:
-    """Return the cut of tetrahedra by the plane at ``y``: points (x, z), shape ``(k, 2)``, triangles, values there."""
+    """Return the cut of tetrahedra by the plane at ``y``.
+
+    It has points (x, z), shape ``(k, 2)``, triangles, and the values at the points.
+    """
     side = points[:, 1] > y
     count = side[cells].sum(axis=1)
     edges, triangles, start = [], [], 0
@@ -123,9 +126,9 @@ def _section_names(axes: Axes, frame: Frame, scale: view.Scale) -> None:
         axes.transData.transform(points[:, [0, 2]] / view.MILLI)
         for points in (view.places_of(frame), scale.tips(frame), frame.thread.points)
     )
-    taken = np.concatenate([thread, along_arrows(holes, tips)])
+    occupied = np.concatenate([thread, along_arrows(holes, tips)])
     anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / view.MILLI)
-    for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, taken, view.SIZE), strict=True):
+    for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, occupied, view.SIZE), strict=True):
         axes.annotate(
             text, anchor, corner, xycoords="figure pixels", textcoords="figure pixels", fontsize=LETTERS * 72 / DPI,
             ha="left", va="bottom", zorder=6, arrowprops={"arrowstyle": "-", "linewidth": 0.8, "shrinkA": 0},
@@ -145,7 +148,10 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: view.Scale) -> N
 
 
 def _section_y(frame: Frame, deformed: Array) -> float:
-    """Return the y of the cut [m]: near the piercings, inside the organ, and not through nodes of a regular mesh."""
+    """Return the y of the cut [m].
+
+    The cut is near the piercings, inside the organ, and not through nodes of a regular mesh.
+    """
     low, high = deformed[:, 1].min(), deformed[:, 1].max()
     middle = np.mean([hole.x[1] for hole in frame.piercings] or frame.thread.points[:, 1])
     hair = ASIDE * (high - low)

@@ -1,6 +1,7 @@
-"""The picture in three dimensions, by VTK; in a child process, because a renderer without OpenGL ends it.
+"""The picture in three dimensions, by VTK.
 
-VTK's modules are loaded one by one. pyvista is not used, because its loading takes twice the time of drawing.
+It is drawn in a child process, because a renderer without OpenGL ends its process. VTK's modules
+are loaded one by one. pyvista is not used, because its loading takes twice the time of drawing.
 """
 
 import sys
@@ -47,7 +48,10 @@ BARS = (0.34, 0.04, 0.97, 0.165)  # place of the colour bars with their titles
 
 @dataclass(frozen=True)
 class Stage:
-    """The constant parts of a run's pictures: the organ's mesh, a title, the scale and the camera."""
+    """The constant parts of a run's pictures.
+
+    They are the organ's mesh, a title, the scale and the camera.
+    """
 
     topology: OrganTopology | None
     title: str
@@ -70,15 +74,18 @@ def draw_space(frames: Sequence[Frame], topology: OrganTopology | None, path: Pa
 
 
 def draw_staged(stage: Stage, frame: Frame, path: Path) -> None:
-    """Draw a frame on a stage into a PNG file. Raises `RuntimeError` if the renderer draws nothing."""
-    window = made(
+    """Draw a frame on a stage into a PNG file.
+
+    Raises `RuntimeError` if the renderer draws nothing.
+    """
+    window = make(
         vtkRenderingCore.vtkRenderWindow,
         OffScreenRendering=True,
         Size=view.SIZE,
         MultiSamples=SAMPLES,
         NumberOfLayers=2,
     )
-    renderer = made(vtkRenderingCore.vtkRenderer, Background=(1.0, 1.0, 1.0))
+    renderer = make(vtkRenderingCore.vtkRenderer, Background=(1.0, 1.0, 1.0))
     vtkRenderingCore.vtkLightKit().AddLightsToRenderer(renderer)
     for prop in props_of(frame, stage):
         renderer.AddViewProp(prop)
@@ -108,7 +115,7 @@ def put(thing: Any, **settings: Any) -> Any:
     return thing
 
 
-def made(kind: Callable[[], Any], **settings: Any) -> Any:
+def make(kind: Callable[[], Any], **settings: Any) -> Any:
     """Make an object of VTK with some properties."""
     return put(kind(), **settings)
 
@@ -123,7 +130,7 @@ def place_camera(renderer: Any, camera: Camera) -> None:
 
 def _axes(camera: Camera) -> Any:
     """Return the renderer of the directions of x, y and z in a corner, as the camera sees them."""
-    axes, renderer = vtkAxesActor(), made(vtkRenderingCore.vtkRenderer, Viewport=CORNER, Layer=1)
+    axes, renderer = vtkAxesActor(), make(vtkRenderingCore.vtkRenderer, Viewport=CORNER, Layer=1)
     for axis, colour in zip("XYZ", AXES, strict=True):
         for part in ("Shaft", "Tip"):
             put(getattr(axes, f"Get{axis}Axis{part}Property")(), Color=view.rgb(colour), LineWidth=3.0)
@@ -148,14 +155,14 @@ def _organ(topology: OrganTopology, frame: Frame, scale: view.Scale) -> list[Any
     if frame.organ is None:
         return []
     points = _points(topology.points + frame.organ.displacement)
-    skin = made(vtkPolyData, Points=points, Polys=_cells(view.surface(topology)))
+    skin = make(vtkPolyData, Points=points, Polys=_cells(view.surface(topology)))
     skin.GetPointData().SetScalars(_array(frame.organ.von_mises / view.KILO))
-    clean = made(vtkCleanPolyData, InputData=skin)
-    smooth = made(vtkPolyDataNormals, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP, Splitting=True)
+    clean = make(vtkCleanPolyData, InputData=skin)
+    smooth = make(vtkPolyDataNormals, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP, Splitting=True)
     table = _table(view.colours(), [value / view.KILO for value in scale.stress])
     actor = _coloured(smooth, table, ambient=0.45)
     put(actor.GetProperty(), Opacity=0.6, BackfaceCulling=True, Specular=0.1)
-    edges = made(vtkFeatureEdges, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP)
+    edges = make(vtkFeatureEdges, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP)
     put(edges, BoundaryEdges=False, Coloring=False)
     return [actor, _plain(edges, "#8a6d5c", line_width=1.5), _bar(table, view.stress_words(frame), 0.34)]
 
@@ -176,7 +183,7 @@ def _tube(points: Array, values: Array, radius: float) -> Any:
     """Return the source of a tube along points `(k, 3)` [m] with their values `(k,)`."""
     line = _line(points)
     line.GetPointData().SetScalars(_array(values))
-    return made(vtkTubeFilter, InputData=line, Radius=radius, NumberOfSides=24, Capping=True)
+    return make(vtkTubeFilter, InputData=line, Radius=radius, NumberOfSides=24, Capping=True)
 
 
 def _piercings(frame: Frame, scale: view.Scale) -> list[Any]:
@@ -198,22 +205,22 @@ def _piercings(frame: Frame, scale: view.Scale) -> list[Any]:
 
 def _ball(place: Array, radius: float) -> Any:
     """Return the source of a ball around a place (3,) [m]."""
-    return made(vtkSphereSource, Radius=radius, Center=place, ThetaResolution=30, PhiResolution=30)
+    return make(vtkSphereSource, Radius=radius, Center=place, ThetaResolution=30, PhiResolution=30)
 
 
 def _held(frame: Frame) -> list[Any]:
     """Return the held nodes as dots."""
     if frame.held is None:
         return []
-    places = made(vtkPolyData, Points=_points(frame.held))
-    actor = _plain(made(vtkVertexGlyphFilter, InputData=places), view.THREAD)
+    places = make(vtkPolyData, Points=_points(frame.held))
+    actor = _plain(make(vtkVertexGlyphFilter, InputData=places), view.THREAD)
     put(actor.GetProperty(), PointSize=7.0, RenderPointsAsSpheres=True)
     return [actor]
 
 
 def _arrow(start: Array, way: Array) -> Any:
     """Return an arrow from the place `start` along `way`, `(3,)` each [m]."""
-    source = made(vtkArrowSource, ShaftRadius=0.018, TipRadius=0.05, TipLength=0.2)
+    source = make(vtkArrowSource, ShaftRadius=0.018, TipRadius=0.05, TipLength=0.2)
     put(source, ShaftResolution=20, TipResolution=20)
     placed = np.eye(4)
     length = float(np.linalg.norm(way))
@@ -241,7 +248,10 @@ def _names(frame: Frame, stage: Stage) -> list[Any]:
 
 
 def taken_pixels(frame: Frame, stage: Stage) -> Array:
-    """Return the pixels of thread, holes, arrows and colour bars `(k, 2)`, which names should not cover."""
+    """Return the pixels of thread, holes, arrows and colour bars, shape `(k, 2)`.
+
+    Names should not cover them.
+    """
     holes, tips = (stage.camera.pixels(places) for places in (view.places_of(frame), stage.scale.tips(frame)))
     left, below, right, above = np.array(BARS) * (*view.SIZE, *view.SIZE)
     bars = np.stack(np.meshgrid(np.arange(left, right, NAMES), np.arange(below, above, NAMES)), axis=-1).reshape(-1, 2)
@@ -280,13 +290,16 @@ def _plain(source: Any, colour: str, line_width: float = 1.0) -> Any:
 
 
 def _actor(source: Any) -> tuple[Any, Any]:
-    mapper = made(vtkRenderingCore.vtkPolyDataMapper, InputConnection=source.GetOutputPort())
-    return made(vtkRenderingCore.vtkActor, Mapper=mapper), mapper
+    mapper = make(vtkRenderingCore.vtkPolyDataMapper, InputConnection=source.GetOutputPort())
+    return make(vtkRenderingCore.vtkActor, Mapper=mapper), mapper
 
 
 def _bar(table: Any, title: str, left: float) -> Any:
-    """Return a colour bar under its title; `left` is its left end as a share of the picture's width."""
-    bar = made(vtkScalarBarActor, LookupTable=table, MaximumNumberOfColors=table.GetNumberOfTableValues())
+    """Return a colour bar under its title.
+
+    `left` is its left end as a share of the picture's width.
+    """
+    bar = make(vtkScalarBarActor, LookupTable=table, MaximumNumberOfColors=table.GetNumberOfTableValues())
     bar.SetOrientationToHorizontal()
     put(bar, Position=(left, BARS[1]), Width=0.29, Height=BARS[3] - BARS[1], Title=f"{title}\n")
     put(bar, CustomLabels=_array(view.ticks(*table.GetRange())), UseCustomLabels=True, LabelFormat="%.3g")
@@ -299,7 +312,7 @@ def _bar(table: Any, title: str, left: float) -> Any:
 
 def _text(words: str, corner: Iterable[float], size: int) -> Any:
     """Return a text with its lower left corner at a pixel."""
-    text = made(vtkRenderingCore.vtkTextActor, Input=words, Position=tuple(corner))
+    text = make(vtkRenderingCore.vtkTextActor, Input=words, Position=tuple(corner))
     _write_in_black(text.GetTextProperty(), size)
     return text
 
@@ -312,18 +325,18 @@ def _write_in_black(letters: Any, size: int) -> None:
 def _pixel_line(places: Array, width: float) -> Any:
     """Return a line through pixels `(n, 2)`."""
     line = _line(np.column_stack([places, np.zeros(len(places))]))
-    actor = made(vtkRenderingCore.vtkActor2D, Mapper=made(vtkRenderingCore.vtkPolyDataMapper2D, InputData=line))
+    actor = make(vtkRenderingCore.vtkActor2D, Mapper=make(vtkRenderingCore.vtkPolyDataMapper2D, InputData=line))
     put(actor.GetProperty(), Color=BLACK, LineWidth=width)
     return actor
 
 
 def _line(points: Array) -> Any:
     """Return a line through points `(n, 3)`."""
-    return made(vtkPolyData, Points=_points(points), Lines=_cells(np.arange(len(points))[None]))
+    return make(vtkPolyData, Points=_points(points), Lines=_cells(np.arange(len(points))[None]))
 
 
 def _points(places: Array) -> Any:
-    return made(vtkPoints, Data=_array(places))
+    return make(vtkPoints, Data=_array(places))
 
 
 def _cells(corners: view.Indices) -> Any:
@@ -339,7 +352,7 @@ def _array(values: Array) -> Any:
 def _table(shades: Array, ends: Sequence[float]) -> Any:
     """Return the colour table `(n, 3)` between two values."""
     whole = np.rint(255.0 * np.column_stack([shades, np.ones(len(shades))])).astype(np.uint8)
-    return made(vtkLookupTable, Table=numpy_to_vtk(whole, deep=True), Range=tuple(ends))
+    return make(vtkLookupTable, Table=numpy_to_vtk(whole, deep=True), Range=tuple(ends))
 
 
 if __name__ == "__main__":

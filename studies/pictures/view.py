@@ -36,7 +36,10 @@ def read_scene(path: str) -> Scene:
 
 
 def surface(topology: OrganTopology) -> Indices:
-    """Return the corner nodes of the boundary triangles, shape ``(facets, 3)``, anticlockwise seen from outside."""
+    """Return the corner nodes of the boundary triangles, shape ``(facets, 3)``.
+
+    They are anticlockwise as seen from outside.
+    """
     corners = topology.cells[:, :4].copy()
     edges = topology.points[corners[:, 1:]] - topology.points[corners[:, :1]]
     left_handed = np.linalg.det(edges) < 0
@@ -53,8 +56,8 @@ def surface(topology: OrganTopology) -> Indices:
 class Scale:
     """The common scale of the pictures of frames.
 
-    It has the corners of the box of the selected points [m], the colour ranges of stress [Pa] and tension [N],
-    and the largest force of a hole [N], zero without forces.
+    It has the corners of the box of the selected points [m], the colour ranges of stress [Pa] and
+    tension [N], and the largest force of a hole [N], zero without forces.
     """
 
     low: Array  # (3,)
@@ -99,7 +102,8 @@ def scale_of(frames: Sequence[Frame]) -> Scale:
 def aimed_at(frame: Frame) -> Array:
     """Return the points of the thread to be shown, shape `(k, 3)` [m].
 
-    These are the pieces in holes, and free pieces at a distance of at most the extent of the former.
+    These are the pieces in holes, and free pieces at a distance of at most the extent of the
+    former.
     """
     pieces = frame.thread.split()
     bounds = np.split(frame.thread.s, np.cumsum(frame.thread.pieces[:-1]))
@@ -143,8 +147,10 @@ def limits(values: Array, least: float = 0.0) -> tuple[float, float]:
 
 
 def ticks(low: float, high: float) -> Array:
-    """Return the labels of a colour bar for `low` ≤ 0 ≤ `high`: at most `TICKS` multiples of a round number,
-    with zero."""
+    """Return the labels of a colour bar for `low` ≤ 0 ≤ `high`.
+
+    They are at most `TICKS` multiples of a round number, with zero.
+    """
     decade = 10.0 ** np.floor(np.log10((high - low) / TICKS))
     parts = decade * np.append(ROUND, 10.0 * ROUND)
     first, last = np.ceil(low / parts), np.floor(high / parts)
@@ -153,7 +159,10 @@ def ticks(low: float, high: float) -> Array:
 
 
 def stress_words(frame: Frame) -> str:
-    """Return the title of the stress colours, with the largest stress [kPa], which can lie above the range."""
+    """Return the title of the stress colours, with the largest stress [kPa].
+
+    The largest stress can lie above the range.
+    """
     most = "" if frame.organ is None else f", maximum {frame.organ.von_mises.max() / KILO:.3g}"
     return f"von Mises stress [kPa]{most}"
 
@@ -199,7 +208,7 @@ def rgb(colour: str) -> Array:
 
 
 def blend(names: Sequence[str], shares: Array) -> Array:
-    """Return the colours at `shares` (n,) of the way from the first to the last colour, shape `(n, 3)`."""
+    """Return the colours at `shares` (n,) of the way from the first to the last, shape `(n, 3)`."""
     places = np.linspace(0.0, 1.0, len(names))
     return np.stack([np.interp(shares, places, part) for part in np.array([rgb(name) for name in names]).T], axis=1)
 
@@ -210,7 +219,7 @@ def colours() -> Array:
 
 
 def tension_colours(scale: Scale) -> Array:
-    """Return the colours of the thread's tension, from the lowest to the highest, shape `(SHADES, 3)`.
+    """Return the colours of the thread's tension, from the lowest on, shape `(SHADES, 3)`.
 
     Compression has its own colour, as strong as a tension of the same size.
     """

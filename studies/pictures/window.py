@@ -1,4 +1,7 @@
-"""A window in which a run can be turned and played, by pyvista; in a process that can end without OpenGL."""
+"""A window in which a run can be turned and played, by pyvista.
+
+It runs in a process that can end without OpenGL.
+"""
 
 import os
 import sys

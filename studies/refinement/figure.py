@@ -21,8 +21,10 @@ def pictures(found: Sequence[Refined], rungs: Ladder) -> dict[str, bytes]:
 
 
 def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:
-    """Return the figure with a row of panels for each quantity: its numbers, and their distance from the limit
-    if there is one."""
+    """Return the figure with a row of panels for each quantity.
+
+    A row shows its numbers, and their distance from the limit if there is one.
+    """
     what = KINDS[rungs.kinds[0]].words if len(rungs.kinds) == 1 else "cells, steps and spans"
     label, limits = f"{what}, over the coarsest", any(map(has_limit, found))
     return draw(*([numbers(label, one), *([errors(label, one)] if limits else [])] for one in found))
@@ -37,15 +39,18 @@ def numbers(label: str, one: Refined) -> Item:
     """Return the panel of the numbers over the refined size, with the limit and the interval."""
     items = [curve(1.0 / np.array(one.factors), one.numbers, None, "o-", COLOURS[0])]
     if one.verdict is not None and has_limit(one):
-        items.append(level("y", one.verdict.limit, "limit", ":"))
+        items.append(level(one.verdict.limit, "limit", ":"))
     if one.interval is not None:
-        items.append(band("y", *one.interval, "interval", COLOURS[0]))
+        items.append(band(*one.interval, "interval", COLOURS[0]))
     name = literal(f"{one.quantity} [{one.unit}]")
     return panel(label, name, *items, title=one.text, xlim=(0.0, 1.05))
 
 
 def errors(label: str, one: Refined) -> Item:
-    """Return the panel of the distance from the limit, with the theoretical order; empty without a limit."""
+    """Return the panel of the distance from the limit, with the theoretical order.
+
+    It is empty without a limit.
+    """
     if one.verdict is None or not has_limit(one):
         return Axes.set_axis_off
     size, error = 1.0 / np.array(one.factors), np.abs(np.array(one.numbers) - one.verdict.limit)
@@ -53,10 +58,10 @@ def errors(label: str, one: Refined) -> Item:
     if not kept.any():
         return Axes.set_axis_off
     estimate = np.array(one.estimates) * abs(one.finest)
-    told = [curve(size, estimate, "estimate for the compliance", "s--")] if one.estimates else []
+    estimated = [curve(size, estimate, "estimate for the compliance", "s--")] if one.estimates else []
     law = error[kept][0] * (size[kept] / size[kept][0]) ** one.theory
     return panel(
         label, f"distance from the limit [{one.unit}]",
         curve(size[kept], error[kept], f"order {one.verdict.order:.2f}", "o-", COLOURS[0]),
-        curve(size[kept], law, f"theoretical order {one.theory:g}", ":"), *told, log="xy",
+        curve(size[kept], law, f"theoretical order {one.theory:g}", ":"), *estimated, log="xy",
     )  # fmt: skip

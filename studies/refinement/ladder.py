@@ -1,4 +1,7 @@
-"""The levels of a refinement: a scenario with finer cells, steps or spans, or smaller footprints, level by level."""
+"""The levels of a refinement of a scenario.
+
+Each level has finer cells, steps or spans, or smaller footprints.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,9 +25,9 @@ Finer = Callable[[Scenario, float], Settings]  # returns the keys of a scenario 
 class Kind:
     """A quantity that can be refined.
 
-    `words` is its name, `finer` returns the keys of a refined scenario, and `order` the theoretical order of
-    the errors. `lacking` returns the reason why a scenario lacks the quantity, or None. `ratio` is the default
-    ratio of its levels.
+    `words` is its name, `finer` returns the keys of a refined scenario, and `order` the theoretical
+    order of the errors. `lacking` returns the reason why a scenario lacks the quantity, or None.
+    `ratio` is the default ratio of its levels.
     """
 
     words: str
@@ -49,7 +52,10 @@ def finer_holes(scenario: Scenario, factor: float) -> Settings:
 
 
 def finer_steps(scenario: Scenario, factor: float) -> Settings:
-    """Return the refined time step, or the larger number of load steps; the time between frames is unchanged."""
+    """Return the refined time step, or the larger number of load steps.
+
+    The time between frames is unchanged.
+    """
     solve, every = scenario.solve, max(1, round(scenario.output.every * factor))
     if solve.kind == "static":
         return {"solve.load_steps": round(solve.load_steps * factor), "output.every": every}
@@ -125,9 +131,10 @@ DISCRETE = ("h", "dt", "control_points")  # refined by `all`; a footprint belong
 class Ladder:
     """Levels of a scenario, from the scenario itself, which is the coarsest.
 
-    It has the refined quantities, the `settings` and `factor` of each level, and the theoretical order. For
-    levels of accuracy it also has the `estimates` of the relative error of the holes' compliance [-], NaN for a
-    failed level, and the `unknowns` of the organ; otherwise both are empty.
+    It has the refined quantities, the `settings` and `factor` of each level, and the theoretical
+    order. For levels of accuracy it also has the `estimates` of the relative error of the holes'
+    compliance [-], NaN for a failed level, and the `unknowns` of the organ; otherwise both are
+    empty.
     """
 
     kinds: tuple[str, ...]
@@ -139,7 +146,10 @@ class Ladder:
 
 
 def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: float | None = None) -> Ladder:
-    """Return the levels of a scenario, each finer by `ratio`; None means the default ratio. Raises `ScenarioError`."""
+    """Return the levels of a scenario, each finer by `ratio`; None means the default ratio.
+
+    Raises `ScenarioError`.
+    """
     kinds = kinds_of(scenario, over)
     step = max(KINDS[kind].ratio for kind in kinds) if ratio is None else ratio
     if not (isinstance(levels, Integral) and levels >= LEAST):
@@ -159,7 +169,10 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
 
 
 def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
-    """Return the refined quantities; for `all` every one that the scenario has. Raises `ScenarioError`."""
+    """Return the refined quantities; for `all` every one that the scenario has.
+
+    Raises `ScenarioError`.
+    """
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if not (isinstance(over, str) and over in KINDS):
@@ -179,7 +192,7 @@ def finer(scenario: Scenario, kinds: tuple[str, ...], factor: float) -> Settings
 def effective(scenario: Scenario, kinds: tuple[str, ...]) -> Callable[[Mapping[str, Any], float], float]:
     """Return the function for the factor of a level from its keys, with rounded steps and spans."""
 
-    def told(settings: Mapping[str, Any], factor: float) -> float:
+    def factor_of(settings: Mapping[str, Any], factor: float) -> float:
         if kinds == ("dt",) and "solve.load_steps" in settings:
             return float(settings["solve.load_steps"] / scenario.solve.load_steps)
         if kinds == ("dt",) and "solve.dt" in settings:
@@ -189,4 +202,4 @@ def effective(scenario: Scenario, kinds: tuple[str, ...]) -> Callable[[Mapping[s
             return float(spans / (scenario.thread.control_points - END_POINTS))
         return factor
 
-    return told
+    return factor_of

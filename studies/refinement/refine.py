@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import isnan, nan
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
 from studies.refinement.refined import Refined
 from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
+from studies.study import Table
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep, tell_nothing
 from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import verdict
@@ -35,8 +37,8 @@ def refine(
 
     - `base`: a file, a shipped scene by its name, tables, or a scenario.
     - `quantity`: numbers of the summary by their dotted names, as in `studies.output.quantities`.
-    - `over`: "h", "dt", "control_points", "footprint", "accuracy" (of the cells at the holes), or "all", the
-      first three.
+    - `over`: "h", "dt", "control_points", "footprint", "accuracy" (of the cells at the holes), or
+      "all", the first three.
     - `ratio`: ratio of the levels; None means √2, or 2 for the accuracy.
     - `workers`: as in `studies.sweeps.sweep`.
     - `adaptive`: the same as `over="accuracy"`.
@@ -55,7 +57,8 @@ def refine(
         )
     plain = base_tables(base)
     rungs = ladder(parsed(plain), ADAPTIVE if adaptive else over, levels, ratio)
-    table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", lambda known: check_names(known, names))
+    check = partial(check_names, names=names)
+    table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", check)
     rungs = as_estimated(as_meshed(rungs, table), table)
     found = tuple(refined(name, rungs, table) for name in names)
     write(found, rungs, Path(folder))
@@ -65,9 +68,10 @@ def refine(
 
 
 def as_meshed(rungs: Ladder, table: SweepTable) -> Ladder:
-    """Return the levels with the factors of their real meshes, if cells are refined and all meshes were made.
+    """Return the levels with the factors of their real meshes.
 
-    The factor is (cells of the level over cells of the coarsest level)^⅓ (Celik et al. 2008).
+    They are unchanged unless cells are refined and all meshes were made. The factor is (cells of
+    the level over cells of the coarsest level)^⅓ (Celik et al. 2008).
     """
     cells = table["cells"].values
     if "h" not in rungs.kinds or None in cells:
@@ -98,7 +102,10 @@ def check_names(table: SweepTable, names: Sequence[str]) -> None:
 
 
 def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
-    """Return the convergence of a quantity over the levels of a table. Raises `ScenarioError` if it is not a number."""
+    """Return the convergence of a quantity over the levels of a table.
+
+    Raises `ScenarioError` if the quantity is not a number.
+    """
     column = asked_column(table, name, "--quantity")
     done = [status == 0 for status in table["exit_status"].values]
     values = tuple(
@@ -111,37 +118,30 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
         why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
         return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
-    said = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
-    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, said, estimates=rungs.estimates)
+    judged = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
+    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, judged, estimates=rungs.estimates)
 
 
 def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
     """Return the verdicts in Markdown."""
     rows = [in_words(one) for one in found]
-    table = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
-    lines = [title(found[0], rungs), "", *(f"| {' | '.join(row)} |" for row in table)]
-    return "\n".join(lines) + "\n"
+    table = Table(list(rows[0]), [list(row.values()) for row in rows])
+    return f"{title(found[0], rungs)}\n\n{table.markdown}"
 
 
 def title(one: Refined, rungs: Ladder) -> str:
     """Return the refined quantity, the factors and the unknowns, in words."""
-    what, factors = (
-        ", ".join(words) for words in ([KINDS[kind].words for kind in rungs.kinds], map(short, one.factors))
-    )
+    what = ", ".join(KINDS[kind].words for kind in rungs.kinds)
+    factors = ", ".join(f"{factor:.3g}" for factor in one.factors)
     unknowns = f" Unknowns of the organ: {', '.join(map(str, rungs.unknowns))}." if rungs.unknowns else ""
     return f"Refined: {what}, by {factors}. Theoretical order {one.theory:g}.{unknowns}"
 
 
-def short(number: float) -> str:
-    """Return a number with three digits."""
-    return f"{number:.3g}"
-
-
 def in_words(one: Refined) -> dict[str, str]:
     """Return the findings as texts for a person, by their headings."""
-    said = one.verdict
-    order = "" if said is None else "swings" if isnan(said.order) else f"{said.order:.2f}"
-    limit = "" if said is None or isnan(said.limit) else f"{said.limit:.6g}"
+    judged = one.verdict
+    order = "" if judged is None else "swings" if isnan(judged.order) else f"{judged.order:.2f}"
+    limit = "" if judged is None or isnan(judged.limit) else f"{judged.limit:.6g}"
     between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
     numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)
     estimates = ", ".join("none" if isnan(error) else f"{100.0 * error:.2g} %" for error in one.estimates)

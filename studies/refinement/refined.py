@@ -13,9 +13,10 @@ NO_VERDICT = "no verdict"
 class Refined:
     """Convergence of a quantity.
 
-    It has its `numbers` from the coarsest level, NaN for a failed level, the `factors` of the levels, the
-    theoretical order, and the verdict, None with fewer than three numbers. For levels of accuracy it also has
-    the `estimates` of the relative error of the holes' compliance [-]; otherwise they are empty.
+    It has its `numbers` from the coarsest level, NaN for a failed level, the `factors` of the
+    levels, the theoretical order, and the verdict, None with fewer than three numbers. For levels
+    of accuracy it also has the `estimates` of the relative error of the holes' compliance [-];
+    otherwise they are empty.
     """
 
     quantity: str
@@ -55,8 +56,8 @@ class Refined:
 
     def record(self) -> dict[str, Any]:
         """Return the content of ``verdict.json``."""
-        said = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
-        said |= asdict(self.verdict) if self.verdict else {}
+        judged = {"order": None, "limit": None, "index": None, "kind": NO_VERDICT}
+        judged |= asdict(self.verdict) if self.verdict else {}
         plain = {"quantity": self.quantity, "unit": self.unit, "factors": self.factors, "numbers": self.numbers}
         plain |= {"estimates": self.estimates} if self.estimates else {}
-        return {**plain, "order_of_theory": self.theory, **said, "interval": self.interval, "verdict": self.text}
+        return {**plain, "order_of_theory": self.theory, **judged, "interval": self.interval, "verdict": self.text}

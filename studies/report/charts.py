@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.lists import list_of
-from studies.output.reading import RunResults, Table
+from studies.output.reading import RunResults, Table, evenly_spaced
 
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
 FIRST = 3  # number of charts next to the result
-CHARTS = list_of(__file__, "charts.toml")["chart"]
+SUMMARY, CHARTS = (list_of(__file__, "charts.toml")[key] for key in ("summary", "chart"))
 LOOSE = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 
@@ -53,18 +52,24 @@ class Series:
 
 
 def series_of(run: RunResults, name: str) -> list[Series]:
-    """Return every quantity of a run's tables with one row per step, and the length of every vector."""
+    """Return every quantity of a run's tables with one row per step.
+
+    The length of every vector is included.
+    """
     return [one for table, item, rows in parts_over_time(run) for one in quantities(name, table, item, rows)]
 
 
 def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
-    """Return the tables of a run except its events, part by part: name, item, and rows, one per step."""
+    """Return the tables of a run except its events, part by part.
+
+    A part has its name, its item, and its rows, one per step.
+    """
     return [(name, item, rows) for name in run.tables if name != "events" for item, rows in run.parts(name).items()]
 
 
 def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
     """Yield the quantities of a table's rows, with fewer points and in the units of the charts."""
-    chosen = thinned(len(rows.columns["time"]))
+    chosen = evenly_spaced(len(rows.columns["time"]), MOST_ROWS)
     scalars = [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in LOOSE]
     time = rows.columns["time"][chosen]
     for name, unit, values in [*scalars, *lengths(rows)]:
@@ -82,13 +87,6 @@ def lengths(rows: Table) -> list[tuple[str, str, Array]]:
     ]
 
 
-def thinned(rows: int) -> NDArray[np.int64]:
-    """Return at most `MOST_ROWS` row numbers, evenly spaced, with the first and the last row."""
-    if rows <= MOST_ROWS:
-        return np.arange(rows, dtype=np.int64)
-    return np.unique(np.linspace(0, rows - 1, MOST_ROWS).round().astype(np.int64))
-
-
 def plain(values: Array) -> list[float | None]:
     """Return numbers with six digits for JSON, None for numbers that are not finite."""
     return [float(f"{value:.6g}") if np.isfinite(value) else None for value in values.tolist()]
@@ -96,10 +94,10 @@ def plain(values: Array) -> list[float | None]:
 
 def chart_records(series: Iterable[Series]) -> list[dict[str, Any]]:
     """Return the charts with data, each with the keys of its series."""
-    told = list(series)
+    every = list(series)
     charts = []
     for chart in CHARTS:
-        shown = [one for one in told if f"{one.table}.{one.column}" in chart["columns"]]
+        shown = [one for one in every if f"{one.table}.{one.column}" in chart["columns"]]
         if shown:
             keys = list(dict.fromkeys(one.key for one in shown))
             charts.append({"title": chart["title"], "unit": shown[0].unit, "keys": keys})

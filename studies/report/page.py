@@ -1,4 +1,7 @@
-"""The page of a report: pieces of HTML, and the whole page including its style, its script and plotly's script."""
+"""The page of a report: pieces of HTML, and the whole page.
+
+The page includes its style, its script and plotly's script.
+"""
 
 import html
 import json
@@ -96,7 +99,7 @@ def remark_list(remarks: Sequence[Mapping[str, str]], without: str) -> str:
     return f'<ul class="remarks">{"".join(items)}</ul>'
 
 
-def beside(left: str, right: str) -> str:
+def side_by_side(left: str, right: str) -> str:
     """Return two parts next to each other; on a narrow screen one is below the other."""
     return f'<div class="beside"><div>{left}</div><div>{right}</div></div>'
 

@@ -45,11 +45,11 @@ def line_of(run: RunResults, name: str) -> Line:
     known = {key: (table, column) for key, table, column in columns_of(run)}
     if name not in known:
         alike = [key for key in known if name in key]
-        near = nearest(name, alike or list(known))
-        hint = f"the nearest is {near}; " if near else ""
-        beside = [key for key in known if key.partition(".")[0] == (near or name).partition(".")[0]]
+        suggestion = nearest(name, alike or list(known))
+        hint = f"the nearest is {suggestion}; " if suggestion else ""
+        siblings = [key for key in known if key.partition(".")[0] == (suggestion or name).partition(".")[0]]
         raise ResultsError(
-            f"{name} is refused: the run has no such column; {hint}it has {', '.join(alike or beside or known)}"
+            f"{name} is refused: the run has no such column; {hint}it has {', '.join(alike or siblings or known)}"
         )
     table, column = known[name]
     vectors = {key: (unit, values) for key, unit, values in lengths(table)}
@@ -61,8 +61,8 @@ def line_of(run: RunResults, name: str) -> Line:
 def columns_of(run: RunResults) -> list[tuple[str, Table, str]]:
     """List the columns that can be drawn, each with its table and its column there.
 
-    Examples are `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`, `piercings.exit.force` for
-    the length of a vector and `piercings.exit.force_x` for a component.
+    Examples are `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`,
+    `piercings.exit.force` for the length of a vector and `piercings.exit.force_x` for a component.
     """
     return [
         (".".join(filter(None, (name, item, column))), table, column)

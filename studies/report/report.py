@@ -20,7 +20,7 @@ from studies.output.quantities import headed
 from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
 from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page
-from studies.report.charts import FIRST, SHOWN, chart_records, plain, series_of
+from studies.report.charts import FIRST, SHOWN, SUMMARY, chart_records, plain, series_of
 from studies.report.space import BYTES, view_record
 from studies.study import holds_study
 from studies.sweeps.sweep import MARK, holds_sweep
@@ -45,7 +45,10 @@ HOLE_UNITS = {column.name: column.unit for column in HOLE_SUMMARY}
 
 @dataclass(frozen=True)
 class Rows:
-    """A study, a sweep or a refinement: its question, remarks, rows, figure in base64, and origin."""
+    """A study, a sweep or a refinement.
+
+    It has its question, remarks, rows, figure in base64, and origin.
+    """
 
     name: str
     question: str
@@ -59,8 +62,8 @@ class Rows:
 def write_report(folders: Sequence[Path], path: Path) -> list[str]:
     """Write the report of folders into a page; return the lines for a person.
 
-    Raises `ResultsError` for a folder without a run, a study or a sweep, and for a page with another suffix
-    than HTML.
+    Raises `ResultsError` for a folder without a run, a study or a sweep, and for a page with
+    another suffix than HTML.
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"--out {path} is refused: a report is an HTML page; name it {path.stem}.html")
@@ -85,7 +88,10 @@ def labels(folders: Sequence[Path]) -> list[str]:
 
 
 def read_rows(folder: Path) -> Rows:
-    """Read a study, a sweep or a refinement. Raises `ResultsError` for another or an unfinished folder."""
+    """Read a study, a sweep or a refinement.
+
+    Raises `ResultsError` for another or an unfinished folder.
+    """
     swept = holds_sweep(folder) or holds_sweep(folder, "refinement")
     if not swept and not holds_study(folder):
         raise ResultsError(f"{folder} is refused: it holds no run, study or sweep; give a folder with one of them")
@@ -99,12 +105,12 @@ def read_sweep(folder: Path) -> Rows:
     asked, table = read_json(folder / MARK), read_table(folder / "table.csv")
     found = read_json(folder / "verdict.json").get("quantities", ())
     doubted = int(np.count_nonzero(table.columns["unsupported"]))
-    said = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
-    said += [f"{counted(doubted)} with unsupported numbers: see the column remarks"] if doubted else []
+    remarks = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
+    remarks += [f"{counted(doubted)} with unsupported numbers: see the column remarks"] if doubted else []
     return Rows(
         folder.resolve().name,
         f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {counted(asked['cases'])}",
-        tuple(said),
+        tuple(remarks),
         table,
         table,
         drawn(folder),
@@ -113,7 +119,10 @@ def read_sweep(folder: Path) -> Rows:
 
 
 def estimated(one: Mapping[str, Any]) -> str:
-    """Return the estimated error of the finest level in words; empty without refinement to an accuracy."""
+    """Return the estimated error of the finest level in words.
+
+    Empty if no accuracy is refined.
+    """
     known = [error for error in one.get("estimates", ()) if error is not None]
     return f"; estimated error of the holes' compliance {100.0 * known[-1]:.2g} %" if known else ""
 
@@ -157,15 +166,15 @@ def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
     return page.whole_page(title, body, data)
 
 
-def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], seen: bool) -> Iterator[str]:
+def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], has_views: bool) -> Iterator[str]:
     """Yield the sections of a report on runs, in order: the result first, notes below."""
     places = [page.chart(f"chart{k}") for k in range(len(charts))]
     yield page.heading("Result")
     for name, run in runs.items():
         yield f"<h3>{page.escaped(name)}</h3>" if len(runs) > 1 else page.paragraph(run.title)
-        yield page.beside(last_picture(run), doubts(run) + page.table(["quantity", ""], hole_rows([run])))
+        yield page.side_by_side(last_picture(run), doubts(run) + page.table(["quantity", ""], hole_rows([run])))
     yield f'<div class="charts">{"".join(places[:FIRST])}</div>'
-    if seen:
+    if has_views:
         yield page.heading("In space")
         yield page.paragraph(
             "Deformations are to scale. The thread is coloured by its tension; arrows are forces of the holes on the "
@@ -209,18 +218,7 @@ def remarks_of(run: RunResults, severity: str) -> list[Mapping[str, str]]:
 def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
     """Return the lines of the summary: a quantity, and its value in each run."""
     summaries = [run.summary for run in runs]
-    rows: list[list[object]] = [
-        [label, *(summary.get(key) for summary in summaries)]
-        for label, key in (
-            ("status", "status"),
-            ("time reached [s]", "time"),
-            ("steps", "steps"),
-            ("Newton iterations", "newton_iterations"),
-            ("seconds a step", "seconds_per_step"),
-            ("unknowns of the organ", "tissue_dofs"),
-            ("largest distance of thread and hole [m]", "constraint_max"),
-        )
-    ]
+    rows: list[list[object]] = [[label, *(summary.get(key) for summary in summaries)] for label, key in SUMMARY.items()]
     rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
     rows += hole_rows(runs) if len(runs) > 1 else []
     for key in dict.fromkeys(name for summary in summaries for name in summary.get("energy", {})):
@@ -282,8 +280,10 @@ def rows_sections(rows: Rows, number: int) -> Iterator[str]:
 
 
 def axes_of(table: Table) -> tuple[str, str]:
-    """Return the names of the first axes: the first and the last column of numbers that change, without the
-    case number."""
+    """Return the names of the first axes.
+
+    They are the first and the last column of numbers that change, without the case number.
+    """
     varied = [name for name in table.numeric if name != "case" and changes(table.columns[name])] or table.numeric
     return (varied[0], varied[-1]) if varied else ("", "")
 
@@ -304,7 +304,10 @@ def whole_table(table: Table, names: Sequence[str]) -> str:
 
 
 def grid_record(rows: Rows) -> dict[str, Any]:
-    """Return the rows of a study or a sweep for the script of the page, in the units of the charts."""
+    """Return the rows of a study or a sweep for the script of the page.
+
+    They are in the units of the charts.
+    """
     factors = {name: SHOWN.get(unit, (1.0, unit)) for name, unit in rows.table.units.items()}
     columns = {
         name: plain(factors.get(name, (1.0, ""))[0] * values) if values.dtype.kind == "f" else values.tolist()

@@ -1,22 +1,22 @@
-"""The three-dimensional view of a report: the organ's surface, the thread and the forces, frame by frame, packed.
+"""The three-dimensional view of a report, frame by frame, packed.
 
-Numbers are 16-bit integers in base64: displacements relative to the largest, a field relative to its range. If
-this exceeds the budget of the page, frames are left out first. Then the surface is made coarser; its corners
-remain nodes of the mesh.
+It has the organ's surface, the thread and the forces. Numbers are 16-bit integers in base64:
+displacements relative to the largest, a field relative to its range. If this exceeds the budget of
+the page, frames are left out first. Then the surface is made coarser; its corners remain nodes of
+the mesh.
 """
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.output.reading import FrameFiles, RunResults, cells_of, nodal, pieces, refused_if_torn
+from studies.output.reading import FrameFiles, RunResults, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -33,8 +33,8 @@ THREAD_POINTS = 600  # largest number per frame
 class Skin:
     """The drawn part of an organ's surface.
 
-    `nodes` are the numbers of its nodes in the mesh, shape `(n,)`, and `triangles` are places in `nodes`, shape
-    `(k, 3)`.
+    `nodes` are the numbers of its nodes in the mesh, shape `(n,)`, and `triangles` are places in
+    `nodes`, shape `(k, 3)`.
     """
 
     nodes: Indices
@@ -44,7 +44,7 @@ class Skin:
 def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
     """Return a run's view for the page; without an organ only the thread. Raises `ResultsError`."""
     with refused_if_torn(run.folder / "frames"):
-        frames = [run.frames[int(k)] for k in chosen_frames(len(run.frames))]
+        frames = [run.frames[k] for k in evenly_spaced(len(run.frames), MOST_FRAMES).tolist()]
         record: dict[str, Any] = {
             "name": name,
             "times": plain(np.array([frame.time for frame in frames])),
@@ -57,32 +57,26 @@ def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, 
         return record
 
 
-def chosen_frames(count: int) -> NDArray[np.int64]:
-    """Return at most `MOST_FRAMES` frame numbers, evenly spaced, with the first and the last frame."""
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(np.int64))
-
-
 def organ_record(frames: Sequence[FrameFiles], budget: float) -> dict[str, Any]:
     """Return the organ of all frames, packed into about `budget` bytes."""
     first = frames[0].read("organ")
     cells, points = cells_of(first), np.asarray(first.points, dtype=np.float64)
-    fields = field_names(first)
-    per_node = 2.0 * (3 + len(fields)) * len(frames)
+    names = field_names(field_values(first, cells))
+    per_node = 2.0 * (3 + len(names)) * len(frames)
     skin = decimated(points, whole_skin(points, cells), max(FEWEST_NODES, int(budget / per_node)))
     moved, shown = [], []
     for frame in frames:
         organ = frame.read("organ")
         moved.append(np.asarray(organ.point_data["displacement"], dtype=np.float64)[skin.nodes])
-        shown.append([values[skin.nodes] for values in field_values(organ, cells, fields)])
+        values = field_values(organ, cells)
+        shown.append([values[name][skin.nodes] for name in names])
     largest = float(np.abs(moved).max()) or 1.0
     return {
         "points": packed(points[skin.nodes], np.float32),
         "triangles": packed(skin.triangles, np.int32),
         "displacement": packed(np.round(np.array(moved) / largest * SHORT), np.int16),
         "displacement_scale": largest / SHORT,
-        "fields": [
-            field_record(label, unit, np.array([frame[k] for frame in shown])) for k, (label, unit) in enumerate(fields)
-        ],
+        "fields": [field_record(name, np.array([frame[k] for frame in shown])) for k, name in enumerate(names)],
         "nodes": len(skin.nodes),
         "of": len(points),
     }
@@ -108,40 +102,40 @@ def decimated(points: Array, skin: Skin, most: int) -> Skin:
     return Skin(skin.nodes[near], np.asarray(coarse.regular_faces, dtype=np.int64))
 
 
-def field_names(organ: Any) -> list[tuple[str, str]]:
-    """Return the names of the selectable fields, with units: von Mises stress first, then other nodal and cell
-    fields."""
-    scalars = [
-        name
-        for data in (organ.point_data, organ.cell_data)
-        for name in data
-        if np.ndim(data[name]) == 1 and np.isfinite(data[name]).all()
-    ]
-    first = [name for name in ("von_mises",) if name in scalars]
-    names = [*first, "displacement", *(name for name in scalars if name not in first)]
-    labels = [(name, UNITS.get(name, "")) for name in names]
-    return labels + [(f"stress_{part}", UNITS["stress"]) for part in STRESSES if "stress" in organ.point_data]
+def field_names(fields: Mapping[str, Array]) -> list[str]:
+    """Return the names of the fields without NaN.
+
+    The von Mises stress and the displacement are first.
+    """
+    finite = [name for name, values in fields.items() if np.isfinite(values).all()]
+    first = [name for name in ("von_mises", "displacement") if name in finite]
+    return first + [name for name in finite if name not in first]
 
 
-def field_values(organ: Any, cells: Indices, fields: Sequence[tuple[str, str]]) -> list[Array]:
-    """Return each field at the nodes, shape `(nodes,)`; a field of cells is averaged over the cells at a node."""
-    nodes = organ.n_points
-    out = []
-    for name, _ in fields:
-        if name == "displacement":
-            values = np.linalg.norm(np.asarray(organ.point_data[name], dtype=np.float64), axis=1)
-        elif name.startswith("stress_"):
-            values = np.asarray(organ.point_data["stress"], dtype=np.float64)[:, STRESSES.index(name[-2:])]
-        elif name in organ.point_data:
-            values = np.asarray(organ.point_data[name], dtype=np.float64)
-        else:
-            values = nodal(np.asarray(organ.cell_data[name], dtype=np.float64), cells, nodes)
-        out.append(values)
+def field_values(organ: Any, cells: Indices) -> dict[str, Array]:
+    """Return each field at the nodes by its name, shape `(nodes,)`.
+
+    A field of cells is averaged over the cells at a node. Vectors are left out, except the length
+    of the displacement and the components of the stress.
+    """
+    data, cell_data = (
+        {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+        for given in (organ.point_data, organ.cell_data)
+    )
+    out = {name: values for name, values in data.items() if values.ndim == 1}
+    out |= {name: nodal(values, cells, organ.n_points) for name, values in cell_data.items() if values.ndim == 1}
+    out["displacement"] = np.linalg.norm(data["displacement"], axis=1)
+    if "stress" in data:
+        out |= {f"stress_{part}": data["stress"][:, k] for k, part in enumerate(STRESSES)}
     return out
 
 
-def field_record(name: str, unit: str, values: Array) -> dict[str, Any]:
-    """Return a field of all frames, shape `(frames, n)`, in the unit of the charts, with the range of its colours."""
+def field_record(name: str, values: Array) -> dict[str, Any]:
+    """Return a field of all frames, shape `(frames, n)`, with its colour range.
+
+    It is in the unit of the charts.
+    """
+    unit = UNITS.get("stress" if name.startswith("stress_") else name, "")
     factor, shown = SHOWN.get(unit, (1.0, unit))
     scaled = factor * values
     low, high = float(scaled.min()), float(scaled.max())
@@ -173,7 +167,10 @@ def thread_record(thread: Any) -> dict[str, Any]:
 
 
 def holes_record(frame: FrameFiles, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the piercings of one frame that contain the thread: name, place in mm, and force [N]."""
+    """Return the piercings of one frame that contain the thread.
+
+    Each has its name, its place [mm] and its force [N].
+    """
     holes = frame.read("piercings")
     if holes is None:
         return []

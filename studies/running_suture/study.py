@@ -1,22 +1,23 @@
 """A running suture: the reach of a pull along the stitches, compared with a published experiment.
 
-Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured the thread
-of the second stitch: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth stitch on, and no influence
-of the fifth, sixth and seventh. Here a thread runs through two rough holes per stitch, its first hole is a
-knot, and its loose end is pulled.
+Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured
+the thread of the second stitch: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth
+stitch on, and no influence of the fifth, sixth and seventh. Here a thread runs through two rough
+holes per stitch, its first hole is a knot, and its loose end is pulled.
 
-*One pull.* Seven stitches carry no load except a small laying tension. The end is pulled, and let back. One
-number, the coefficient of friction μ, is fitted: two stitches back the tension is the published third of the
-pull.
+*One pull.* Seven stitches carry no load except a small laying tension. The end is pulled, and let
+back. One number, the coefficient of friction μ, is fitted: two stitches back the tension is the
+published third of the pull.
 
-*Placing.* With this μ the stitches are placed one after the other. The end is held, passed through two new
-holes, pulled, and let back to the hold. Friction keeps the tension of earlier stitches. The hold is not
-published, so it is varied.
+*Placing.* With this μ the stitches are placed one after the other. The end is held, passed through
+two new holes, pulled, and let back to the hold. Friction keeps the tension of earlier stitches. The
+hold is not published, so it is varied.
 
 A hole is a ring around which the thread bends: T₁ − T₂ = μN with T₁(1 − cos α) = T₂(1 − cos β), see
-`studies.theory.bent_ratio`. Around a cylinder the ratio would be exp(μθ). Segments follow `tensions_by_law`,
-independent of their elasticity, if only the pull moves thread through a hole. Neglected are contact of the
-lips, tearing of holes, creep of tissue, and the sensor on the published thread.
+`studies.theory.bent_ratio`. Around a cylinder the ratio would be exp(μθ). Segments follow
+`tensions_by_law`, independent of their elasticity, if only the pull moves thread through a hole.
+Neglected are contact of the lips, tearing of holes, creep of tissue, and the sensor on the
+published thread.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,7 +37,7 @@ from studies.arrays import Array
 from studies.figure import curve, deviations, draw, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import assemble
-from studies.study import Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import Job, Table, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import bent_ratio, tensions_by_law
 from studies.verdicts import bearing_strain, beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
@@ -66,7 +67,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One stitch at one moment of one run; `tension` is that of the thread behind the stitch."""
+    """One stitch at one moment of one run; `tension` is the tension of the thread behind it."""
 
     kind: str  # ONE, CALIBRATED or PLACING
     fixed: bool = measured("", lambda line: line.case.fixed)
@@ -99,7 +100,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Hand(Free):
-    """A hand with a dead load that changes from `begin` to `end` (3,) [N] between two `times` [s]."""
+    """A hand with a dead load that changes between two `times` [s].
+
+    The load changes from `begin` to `end` (3,) [N].
+    """
 
     times: tuple[float, float]
     begin: Array
@@ -113,7 +117,10 @@ class Hand(Free):
 
 @dataclass(frozen=True)
 class Line:
-    """A suture in its holes; `law` (segments,) [N] are the tensions behind each hole by the law of friction."""
+    """A suture in its holes.
+
+    `law` (segments,) [N] are the tensions behind each hole by the law of friction.
+    """
 
     case: Case
     run: Run[Any]
@@ -126,9 +133,12 @@ class Line:
 
     @cached_property
     def forces(self) -> Array:
-        """Tensions before and after each hole with the thread, and its force, shape `(holes, 3)` [N]."""
-        seen = self.run.piercings[: self.holes]
-        return np.array([(abs(o.tension_before), abs(o.tension_after), np.linalg.norm(o.force)) for o in seen])
+        """Tensions before and after each hole, and its force, shape `(holes, 3)` [N].
+
+        Only holes with the thread are included.
+        """
+        observed = self.run.piercings[: self.holes]
+        return np.array([(abs(o.tension_before), abs(o.tension_after), np.linalg.norm(o.force)) for o in observed])
 
     @property
     def moved(self) -> Array:
@@ -143,7 +153,10 @@ class Line:
 
     @property
     def turns(self) -> Array:
-        """Turn of the thread in each hole except the knot (holes − 1,) [rad], from the balance of forces."""
+        """Turn of the thread in each hole except the knot (holes − 1,) [rad].
+
+        It follows from the balance of forces.
+        """
         before, after, force = self.forces[1:].T
         cosine = (before**2 + after**2 - force**2) / (2.0 * before * after)
         return np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -155,10 +168,11 @@ def main(
     holds: Sequence[float] = (0.2, 0.4, 0.8),
     fixed: bool = False,
 ) -> Iterator[Row]:
-    """Yield one pull for every coefficient and for the calibrated one, and the placing with every hold [N].
+    """Yield one pull for every coefficient, one for the calibrated coefficient, and the placings.
 
-    The placing with the middle hold is also run in holes `fixed` in space; with `fixed`, all runs are. Raises
-    `StudyError` for arguments that prevent a calibration.
+    There is a placing for every hold [N]. The placing with the middle hold is also run in holes
+    `fixed` in space; with `fixed`, all runs are. Raises `StudyError` for arguments that prevent a
+    calibration.
     """
     allowed = stitches > BACK and min(mus) >= 0.0 and max(mus) < 1.0 and min(holds) > 0.0
     reason = f"give more than {BACK} stitches, coefficients from 0 to below 1 and holds above 0"
@@ -214,7 +228,7 @@ def lay_taut(case: Case, stitches: int, tension: float) -> Line:
 
 
 def begun(system: System, state: State) -> Run[Any]:
-    """Return a new run in which smooth holes slide and rough ones stick."""
+    """Return a new run in which smooth holes slide and rough holes stick."""
     slip = np.where(system.may_slide & ~system.rough & state.present, 1.0, 0.0)
     return begin(system, replace(state, sigma=slip), try_step)
 
@@ -228,7 +242,10 @@ def lead(line: Line, force: Array, seconds: float) -> Line:
 
 
 def pull(line: Line, hand: float, seconds: float) -> Line:
-    """Return the line after a move of the hand and a rest, with the prediction of the law of friction."""
+    """Return the line after a move of the hand and a rest.
+
+    The prediction of the law of friction is updated.
+    """
     line = lead(lead(line, hand * OVER, seconds), hand * OVER, REST)
     ratios = np.array([bent_ratio(line.case.mu, turn) for turn in line.turns])
     return replace(line, law=tensions_by_law(line.law, hand, ratios))
@@ -287,14 +304,16 @@ def runs(rows: Sequence[Row], *kinds: str) -> list[list[Row]]:
 def rows_at(run: Sequence[Row]) -> dict[int, Row]:
     """Return the rows of a run by stitches back from the pull.
 
-    For one pull these are the stitches along the line. For placed stitches it is the second stitch under each
-    pull.
+    For one pull these are the stitches along the line. For placed stitches it is the second stitch
+    under each pull.
     """
     return {row.stitches_back: row for row in run if row.stitch == 2 or row.kind != PLACING}
 
 
 def calibrate(rows: Sequence[Row], left: float = LEFT) -> float:
-    """Return the μ for a tension [N] two stitches back; ln of the ratio is nearly linear in artanh μ.
+    """Return the μ for a tension [N] two stitches back.
+
+    The logarithm of the ratio is nearly linear in artanh μ.
 
     Raises `StudyError`.
     """
@@ -307,13 +326,19 @@ def calibrate(rows: Sequence[Row], left: float = LEFT) -> float:
 
 
 def law_error(run: Sequence[Row]) -> float:
-    """Return the largest relative error of the tensions after slip, compared with the law of a ring."""
+    """Return the largest relative error of the tensions after slip.
+
+    The reference is the law of a ring.
+    """
     slid = [row for row in run if row.stitches_back and row.law > SLIPPED * row.hold]
     return max((abs(row.tension / row.law - 1.0) for row in slid), default=0.0)
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return the table with a line for each run: along the line, or the second stitch under each pull."""
+    """Return the table with a line for each run.
+
+    A line follows the suture, or the second stitch under each pull.
+    """
     most = max(row.stitches for row in rows)
 
     def cell(back: int) -> Callable[[list[Row]], str]:
@@ -328,8 +353,8 @@ def table(rows: Sequence[Row]) -> Table:
         ("off the law [%]", lambda run: f"{100 * law_error(run):.2g}"),
     )
     found = Table.of(columns, runs(rows, ONE) + runs(rows, CALIBRATED) + runs(rows, PLACING))
-    seen = [f"{PULL:g} (SD {PULL_SD:g})", "", f"{LEFT:g} (SD {LEFT_SD:g})", *["the same"] * 3, *[""] * most][:most]
-    return Table(found.head, [["Horeman et al., stitch 2", "pig fascia", "", "", *seen, ""], *found.lines])
+    published = [f"{PULL:g} (SD {PULL_SD:g})", "", f"{LEFT:g} (SD {LEFT_SD:g})", *["the same"] * 3, *[""] * most][:most]
+    return Table(found.head, [["Horeman et al., stitch 2", "pig fascia", "", "", *published, ""], *found.lines])
 
 
 def organ(row: Row) -> str:
@@ -348,13 +373,16 @@ def second_stitches(rows: Sequence[Row]) -> dict[str, dict[int, Row]]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the calibration, the predictions against the published values, and the limits of all runs."""
+    """Return remarks on the calibration, the predictions, and the limits of all runs.
+
+    Predictions are compared with published values.
+    """
     first = runs(rows, CALIBRATED)[0][0]
     return [
         f"calibrated: μ = {first.mu:.3f}, for {LEFT:g} N two stitches back from a pull of {first.hand:g} N",
         *(f"{name}: stitch 2 {sequence(found)}" for name, found in second_stitches(rows).items() if BACK in found),
         "the hold is not published: with this second free number the published course is possible, but not predicted",
-        *not_settled("all runs", max(row.settled for row in rows), 1.0),
+        *not_settled("all runs", max(row.settled for row in rows)),
         *beyond_linear("all runs", max(row.moved for row in rows), FOOTPRINT),
         *beyond_bearing("all runs", max(row.bearing for row in rows)),
     ]
@@ -375,7 +403,10 @@ def sequence(tensions: dict[int, Row]) -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of the tension along the line, and of the second stitch while stitches are placed."""
+    """Return the figure of the tension along the line, and of the second stitch.
+
+    The second stitch is followed while stitches are placed.
+    """
     most = max(row.stitches for row in rows)
     pulls = {f"μ = {run[0].mu:.3g}": list(rows_at(run).values()) for run in runs(rows, ONE) if run[0].mu}
     pulls |= {f"μ = {run[0].mu:.3g} calibrated": run for run in runs(rows, CALIBRATED)}
@@ -399,6 +430,3 @@ def figure(rows: Sequence[Row]) -> Figure:
             ),
         ],
     )  # fmt: skip
-
-
-STUDY = described("running_suture", main, table, figure, remarks)

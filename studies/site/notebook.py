@@ -1,8 +1,8 @@
 """The notebook of the site: executed by the tests, and a page of the site with its stored outputs.
 
-``python -m studies.site.notebook`` executes the notebook and stores its outputs. Its cells are plain Python and
-need no kernel, because nbclient would add about thirty packages. As in Jupyter, a cell shows its printed text,
-the value of its last line, and the open figures of pyplot.
+``python -m studies.site.notebook`` executes the notebook and stores its outputs. Its cells are
+plain Python and need no kernel, because nbclient would add about thirty packages. As in Jupyter, a
+cell shows its printed text, the value of its last line, and the open figures of pyplot.
 """
 
 import ast
@@ -39,7 +39,10 @@ def executed(cells: list[Cell]) -> Iterator[Cell]:
 
 
 def outputs_of(source: str, names: dict[str, Any], number: int) -> list[dict[str, Any]]:
-    """Execute a cell with the names defined by earlier cells, and return its outputs in notebook format."""
+    """Execute a cell, and return its outputs in notebook format.
+
+    The cell knows the names defined by earlier cells.
+    """
     tree = ast.parse(source)
     tail = tree.body[-1]
     shown = isinstance(tail, ast.Expr) and not source.rstrip().endswith(";")

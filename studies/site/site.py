@@ -1,7 +1,8 @@
 """The site by mkdocs: the Markdown pages, pages generated from the code, and the linked files.
 
-``python -m studies.site.site DIR`` builds the site into a folder; a warning is an error. Pages load nothing
-from the network: formulas become MathML here, and the theme's files are stored with the pages.
+``python -m studies.site.site DIR`` builds the site into a folder; a warning is an error. Pages load
+nothing from the network: formulas become MathML here, and the theme's files are stored with the
+pages.
 """
 
 import ast
@@ -30,7 +31,10 @@ FORMULA = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+)\$", re.DOTALL)
 
 
 def build(target: Path) -> None:
-    """Build the site into a folder. Raises `RuntimeError` for a warning, for example about a broken link."""
+    """Build the site into a folder.
+
+    Raises `RuntimeError` for a warning, for example about a broken link.
+    """
     from mkdocs.commands.build import build as build_pages
     from mkdocs.config import load_config
     from mkdocs.exceptions import Abort
@@ -103,7 +107,10 @@ def with_code_links(text: str, up: str) -> str:
 
 
 def code_link(file: str, name: str) -> str:
-    """Return the link to the description of a class or function, else of its file; a member has its class's link."""
+    """Return the link to the description of a class or function, else of its file.
+
+    A member has the link of its class.
+    """
     package, module = Path(file).parts[0], module_of(Path(file))
     first = name.partition(".")[0]
     known = {each.name for each in public(ROOT / file)}
@@ -130,7 +137,10 @@ def mathml(found: re.Match[str]) -> str:
 
 
 def package_page(package: str) -> str:
-    """Return the page of a package: its modules with their docstrings, and their public classes and functions."""
+    """Return the page of a package.
+
+    It has the modules with their docstrings, and their public classes and functions.
+    """
     modules = sorted((ROOT / package).rglob("*.py"))
     return f"# {package}\n\n" + "\n".join(line for path in modules for line in module_lines(path))
 
@@ -153,7 +163,10 @@ def module_of(path: Path) -> str:
 
 
 def public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
-    """Return the public classes and functions of a module, whose names have no leading underscore."""
+    """Return the public classes and functions of a module.
+
+    Their names have no leading underscore.
+    """
     body = ast.parse(path.read_text(encoding="utf-8")).body
     return [each for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef) and each.name[0] != "_"]
 

@@ -1,24 +1,25 @@
-"""Stitch patterns: the pull on the first throw that closes a wound under tension, from single stitch to mattress.
+"""Stitch patterns: the pull on the first throw that closes a wound under tension.
 
-Marsidi, Vermeulen, Horeman & Genders (J. Surg. Res. 255 (2020) 135, abstract read) closed a wound model of
-neoprene under 5 N with five stitches, and measured the pull on the first throw. A loop that crosses a wound
-several times is a tackle: without friction each of n crossing strands bears the same, 1/n of the wound's
+The patterns are a single stitch, a pulley and two mattress stitches. Marsidi, Vermeulen, Horeman &
+Genders (J. Surg. Res. 255 (2020) 135, abstract read) closed a wound model of neoprene under 5 N
+with five stitches, and measured the pull on the first throw. A loop that crosses a wound several
+times is a tackle: without friction each of n crossing strands bears the same, 1/n of the wound's
 tension. Friction reduces it at every turn.
 
-*Model.* The lips are closed and fixed; the force of the thread on one lip across the wound is the wound's
-tension. A hole turns the thread by 90° at the skin and by 90° below it, each over a row of rough rings fixed in
-space. Both hands pull equally. The throw also turns each strand, over rings that belong to no lip; in a
-mattress stitch it lies on one side of the wound. One μ, for thread on skin and for thread on thread, is fitted
-to the single stitch; the other pulls are predictions. The capstan law estimates their error for a pull of the
-single stitch one standard deviation away.
+*Model.* The lips are closed and fixed; the force of the thread on one lip across the wound is the
+wound's tension. A hole turns the thread by 90° at the skin and by 90° below it, each over a row of
+rough rings fixed in space. Both hands pull equally. The throw also turns each strand, over rings
+that belong to no lip; in a mattress stitch it lies on one side of the wound. One μ, for thread on
+skin and for thread on thread, is fitted to the single stitch; the other pulls are predictions. The
+capstan law estimates their error for a pull of the single stitch one standard deviation away.
 
-*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around each other by one
-and a half turns, the minimum of a half knot, at a pitch angle α each bend by 540° sin α: 180° to 360° for 20°
-to 42°. The abstract also does not describe the modified pulley stitch, so it is not run. Sizes have no effect
-if the rings are many √(EI/T) apart.
+*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around each
+other by one and a half turns, the minimum of a half knot, at a pitch angle α each bend by 540° sin
+α: 180° to 360° for 20° to 42°. The abstract also does not describe the modified pulley stitch, so
+it is not run. Sizes have no effect if the rings are many √(EI/T) apart.
 
-*By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan). For a bending
-thread this is the product over the rings of `studies.theory.bent_ratio`.
+*By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan). For a
+bending thread this is the product over the rings of `studies.theory.bent_ratio`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +35,7 @@ from studies.arrays import Array
 from studies.figure import curve, deviations, draw, laws, level, panel, series
 from studies.friction.study import laid_through
 from studies.lists import sentences
-from studies.study import Table, described, each, grouped, require, require_known, unit_field
+from studies.study import Table, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
@@ -57,8 +58,9 @@ Law = Callable[[float], float]  # ratio of tensions at one ring, by the angle of
 class Pattern:
     """A stitch.
 
-    `published` is its pull and `spread` the standard deviation [N]. `first` is the direction of the strand from the
-    throw. `corners` are the corners of the loop back to the throw, each with its new direction and its lip.
+    `published` is its pull and `spread` the standard deviation [N]. `first` is the direction of the
+    strand from the throw. `corners` are the corners of the loop back to the throw, each with its
+    new direction and its lip.
     """
 
     published: float
@@ -86,10 +88,11 @@ FITTED = "single"  # stitch of the fit of μ
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A load step of a stitch (`kind` "load"), or a strand between two rings at the last load step ("strand").
+    """A load step of a stitch, or a strand between two rings at the last load step.
 
-    For a strand, `turn` is the turn from its nearer hand, and `tension` its own tension. For a load step,
-    `tension` is the force of the thread on a lip, across the wound.
+    The `kind` is "load" or "strand". For a strand, `turn` is the turn from its nearer hand, and
+    `tension` its own tension. For a load step, `tension` is the force of the thread on a lip,
+    across the wound.
     """
 
     kind: str
@@ -144,7 +147,10 @@ def main(
 
 
 def stitches(throw: float, rings: int, patterns: Sequence[str], how: Pull) -> Iterator[Row]:
-    """Yield the rows of all stitches, pulled by `how`, with the μ fitted to the published pull of the single stitch."""
+    """Yield the rows of all stitches, pulled by `how`.
+
+    Their μ is fitted to the published pull of the single stitch.
+    """
     mu = fit(throw, rings, PATTERNS[FITTED].published, how)
     for name in patterns:
         way = Way.of(PATTERNS[name], throw, rings)
@@ -178,8 +184,8 @@ def fit(throw: float, rings: int, pull: float, how: Pull) -> float:
 class Way:
     """The polygon of a thread.
 
-    It has the `headings` (k + 1, 3) and `lengths` (k + 1,) [m] of its sides. `on_right` (k,) tells which of its
-    k corners, the rings, are on the right lip.
+    It has the `headings` (k + 1, 3) and `lengths` (k + 1,) [m] of its sides. `on_right` (k,) tells
+    which of its k corners, the rings, are on the right lip.
     """
 
     headings: Array
@@ -188,8 +194,10 @@ class Way:
 
     @classmethod
     def of(cls, pattern: Pattern, throw: float, rings: int) -> "Way":
-        """Return the way of a stitch from hand to hand, with `rings` per corner; `throw` [degree] is the turn
-        of each strand."""
+        """Return the way of a stitch from hand to hand.
+
+        It has `rings` per corner. `throw` [degree] is the turn of each strand.
+        """
         turns = max(1, round(rings * throw / 90.0))
         angles = np.radians(throw) * np.arange(turns + 1) / turns
         headings = list(turned(pattern.first, Z, angles[::-1]))
@@ -219,8 +227,10 @@ class Way:
         return np.minimum(turned_by, turned_by[-1] - turned_by)[:-1]
 
     def closing(self, law: Law) -> float:
-        """Return the force of the thread on the right lip, across the wound, over the pull of each hand, for a
-        `law`."""
+        """Return the force of the thread on the right lip, over the pull of each hand [-].
+
+        The force is across the wound, for a `law`.
+        """
         loss = np.concatenate([[0.0], np.cumsum(np.log([law(turn) for turn in self.turns]))])
         tensions = np.exp(-np.minimum(loss, loss[-1] - loss))[:, None] * self.headings
         return float((tensions[:-1] - tensions[1:])[self.on_right, 0].sum())
@@ -231,7 +241,10 @@ class Way:
 
 
 def turned(heading: Array, towards: Array, angles: Array) -> Array:
-    """Return a unit vector turned by `angles` (k,) [rad] towards a perpendicular one, shape `(k, 3)`."""
+    """Return a unit vector turned by `angles` (k,) [rad], shape `(k, 3)`.
+
+    It turns towards a perpendicular unit vector.
+    """
     return np.outer(np.cos(angles), heading) + np.outer(np.sin(angles), towards)
 
 
@@ -261,7 +274,10 @@ def across(way: Way, run: Run) -> float:
 
 
 def is_sliding(way: Way, run: Run) -> bool:
-    """Return whether the thread slides towards its nearer hand in all rings, except possibly two in the middle."""
+    """Return whether the thread slides towards its nearer hand in all rings.
+
+    Two rings in the middle are not tested.
+    """
     half = (way.on_right.size - 1) // 2
     sigma = run.state.sigma
     return bool((sigma[:half] > 0.0).all() and (sigma[-half:] < 0.0).all())
@@ -323,27 +339,29 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 def case_words(found: Sequence[Row]) -> str:
     """Return the predictions for a throw and their errors, in words."""
-    fitted, said = next(row for row in found if row.pattern == FITTED), []
+    fitted, predictions = next(row for row in found if row.pattern == FITTED), []
     for row in found:
         if row is not fitted:
             word = "agrees" if abs(row.off_published) <= AGREES else "DISAGREES"
             far = f"({row.off_published:+.2f} SD; {row.closing_pull / row.by_capstan - 1.0:+.1%} of the capstan)"
-            said.append(f"{row.pattern} {row.closing_pull:.3g} N, published {row.stitch.text}: {word} {far}")
-    return say("case", fitted=fitted, said="; ".join(said))
+            predictions.append(f"{row.pattern} {row.closing_pull:.3g} N, published {row.stitch.text}: {word} {far}")
+    return say("case", fitted=fitted, said="; ".join(predictions))
 
 
 def spread_words(found: Sequence[Row], fitted: Row) -> str:
-    """Return the range of the predictions over the spread of the fitted pull, by the capstan law, in words."""
+    """Return the range of the predictions over the spread of the fitted pull, in words.
+
+    The predictions are by the capstan law.
+    """
     away = [fitted.stitch.published + sign * fitted.stitch.spread for sign in (-1.0, 1.0)]
     others = dict.fromkeys(row.pattern for row in found if row.pattern != FITTED)
     pulls = {name: [predicted_by_capstan(name, fitted.throw, pull) for pull in away] for name in others}
-    said = ", ".join(f"{name} {few:.3g} to {many:.3g} N" for name, (few, many) in pulls.items())
-    return f"throw {fitted.throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {said}"
+    ranges = ", ".join(f"{name} {few:.3g} to {many:.3g} N" for name, (few, many) in pulls.items())
+    return f"throw {fitted.throw:g}°, fitted to {away[0]:.3g} to {away[1]:.3g} N instead, by the capstan: {ranges}"
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of published and predicted pulls, their dependences, load steps, and tension along the
-    thread."""
+    """Return the figure of pulls, load steps, and tension along the thread."""
     loads, strands, found = of_middle_throw(rows, "load"), of_middle_throw(rows, "strand"), ends(rows)
     names, fitted = list(loads), loads[FITTED][-1]
     predicted = grouped(found, lambda row: f"throw {row.throw:g}°")
@@ -376,7 +394,7 @@ def figure(rows: Sequence[Row]) -> Figure:
             panel(
                 "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", "", marks),
                 laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
-                level("y", WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
+                level(WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
                 title=f"load steps, throw {fitted.throw:g}°",
             ),
             panel(
@@ -387,6 +405,3 @@ def figure(rows: Sequence[Row]) -> Figure:
             ),
         ],
     )  # fmt: skip
-
-
-STUDY = described("stitch_patterns", main, table, figure, remarks)

@@ -1,1 +1,4 @@
-"""At which force and drawn length does a suture near the edge of a strip hold, and how far is the tissue stretched?"""
+"""At which force and drawn length does a suture near the edge of a strip hold?
+
+How far is the tissue then stretched?
+"""

@@ -1,14 +1,15 @@
-"""Suture retention (ISO 7198): a loop 2 mm from the edge of a strip is drawn 10 mm, and the force on it is measured.
+"""Suture retention (ISO 7198): the force on a loop near the edge of a strip.
 
-A strip is clamped at one end. A suture passes through its thickness near the other end, in the middle of its
-width, and both ends of the loop are drawn along the strip. Nothing tears in the model: force, bearing pressure
-F/(d t), the largest stretch and the energy density at the hole continue to rise. The question is their values
-when a real strip fails.
+The loop is 2 mm from the edge and is drawn 10 mm. A strip is clamped at one end. A suture passes
+through its thickness near the other end, in the middle of its width, and both ends of the loop are
+drawn along the strip. Nothing tears in the model: force, bearing pressure F/(d t), the largest
+stretch and the energy density at the hole continue to rise. The question is their values when a
+real strip fails.
 
-*Tissues.* They are exponential, with E and b from a uniaxial test only. E is the initial slope. With b, the
-curve of a strip of the organ's Poisson's ratio passes through the point where the strips broke. Two quantities
-are predictions: the state at the published failure force of a loop, and the state at the stretch of the broken
-strips.
+*Tissues.* They are exponential, with E and b from a uniaxial test only. E is the initial slope.
+With b, the curve of a strip of the organ's Poisson's ratio passes through the point where the
+strips broke. Two quantities are predictions: the state at the published failure force of a loop,
+and the state at the stretch of the broken strips.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +29,7 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Table, described, each, grouped, measure, measured, require, require_known, scene, unit_field
+from studies.study import Table, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
 from thread.catalogue import suture
 
@@ -48,8 +49,8 @@ say = sentences("suture_retention")
 class Tissue:
     """A published tissue.
 
-    It has the initial slope of a uniaxial test [Pa], nominal stress [Pa] and strain at failure, thickness [m],
-    the force at which a suture tore out [N] with its spread, and the sources.
+    It has the initial slope of a uniaxial test [Pa], nominal stress [Pa] and strain at failure,
+    thickness [m], the force at which a suture tore out [N] with its spread, and the sources.
     """
 
     slope: float
@@ -62,7 +63,10 @@ class Tissue:
 
     @cached_property
     def law(self) -> Fibrous:
-        """The law of the tissue, with the b for which the curve passes through the point of failure."""
+        """The law of the tissue.
+
+        Its b is the one for which the curve passes through the point of failure.
+        """
 
         def off(stiffening: float) -> float:
             return float(np.log(Fibrous(self.slope, POISSON, stiffening).strip(self.broken)[0] / self.stress))
@@ -132,7 +136,8 @@ def main(
 ) -> Iterator[Row]:
     """Yield every load step of each tissue and footprint.
 
-    The last footprint is also run with a linear organ of the same E, and on coarser cells. Raises `StudyError`.
+    The last footprint is also run with a linear organ of the same E, and on coarser cells. Raises
+    `StudyError`.
     """
     require_known("tissues", tissues, TISSUES)
     require_known("variants", variants, (LINEAR, COARSER))
@@ -147,7 +152,10 @@ def main(
 
 
 def run(case: Case) -> Iterator[Row]:
-    """Yield every load step; if one fails, the last equilibrium again with the name of the failure."""
+    """Yield every load step.
+
+    If one fails, the last equilibrium is yielded again with the name of the failure.
+    """
     simulation = prepare(scenario(case))
     now = simulation.beginning()
     while now.number < simulation.steps:
@@ -160,7 +168,10 @@ def run(case: Case) -> Iterator[Row]:
 
 
 def scenario(case: Case) -> Scenario:
-    """Return the strip, clamped at its left end, and the loop through it, whose ends are drawn to the right."""
+    """Return the strip, clamped at its left end, and the loop through it.
+
+    The ends of the loop are drawn to the right.
+    """
     thickness = case.tissue.thickness
     at, middle, hand = 0.5 * LENGTH - EDGE, -0.5 * thickness, 0.5 * LENGTH + LEG
     stiffening = {"tissue.material": "exponential", "tissue.stiffening": case.tissue.law.stiffening}
@@ -212,20 +223,28 @@ def uniaxial_stretch(case: Case, nominal: float) -> float:
 
 
 def runs_of(rows: Sequence[Row]) -> dict[tuple[str, float, str], list[Row]]:
-    """Return the equilibria by tissue, footprint and variant, in the order of the draw, without failed ones."""
+    """Return the equilibria by tissue, footprint and variant, without failed ones.
+
+    They are in the order of the draw.
+    """
     return grouped((row for row in rows if not row.failed), lambda row: (row.name, row.footprint, row.variant))
 
 
 def where(runs: Sequence[Row], known: str, value: float, asked: str) -> float:
-    """Return a quantity at the point where another has a value, linear between load steps; NaN beyond the last."""
+    """Return a quantity at the point where another has a value.
+
+    It is linear between load steps, and NaN beyond the last.
+    """
     rest = {"stretch": 1.0}
     x, y = ([rest.get(name, 0.0), *(getattr(row, name) for row in runs)] for name in (known, asked))
     return float(np.interp(value, x, y, right=np.nan))
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return the table with a line for each run: at the end, at the published force, and at the stretch of
-    broken strips."""
+    """Return the table with a line for each run.
+
+    It shows the end, the published force, and the stretch of broken strips.
+    """
     columns = (
         ("tissue", lambda runs: runs[-1].name),
         ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
@@ -279,7 +298,10 @@ def fit_words(name: str) -> str:
 
 
 def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
-    """Return in words where the tissue reaches the stretch of broken strips, and the published force."""
+    """Return in words whether the tissue reaches the stretch of broken strips.
+
+    The published force is added.
+    """
     of = TISSUES[name]
     at = where(runs, "stretch", of.broken, "force")
     words = f"reached within 10 mm, at {at:.3g} N;" if np.isfinite(at) else "not reached within 10 mm;"
@@ -287,7 +309,7 @@ def prediction(name: str, footprint: float, runs: Sequence[Row]) -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of force, largest stretch and bearing pressure over the draw, and of the uniaxial curves."""
+    """Return the figure of force, stretch and bearing pressure, and of the uniaxial curves."""
     named = {f"{name}, {a / MILLI:g} mm, {v}".rstrip(", "): runs for (name, a, v), runs in runs_of(rows).items()}
     colour = dict(zip(dict.fromkeys(row.name for row in rows), COLOURS, strict=False))
     small, colours = {"fontsize": 6}, [colour[runs[0].name] for runs in named.values()]
@@ -299,7 +321,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     drawn = [
         panel(
             "drawn [mm]", label, series(named, "drawn [mm]", y, "-", MARKERS, colours),
-            *(level("y", getattr(TISSUES[name], of), None, "-.", colour[name]) for name in colour if of),
+            *(level(getattr(TISSUES[name], of), None, "-.", colour[name]) for name in colour if of),
             log=log, title=title, legend=small,
         )
         for label, y, of, log, title in quantities
@@ -319,6 +341,3 @@ def uniaxial(name: str, rows: Sequence[Row]) -> list[Item]:
         curve(of.broken, of.stress / MEGA, f"{name}: where strips broke", "*", colour, markersize=10),
         series(runs, "middle", lambda row: row.force / (WIDTH * of.thickness) / MEGA, "", colours=[colour]),
     ]
-
-
-STUDY = described("suture_retention", main, table, figure, remarks)

@@ -1,15 +1,16 @@
-"""Tension of a suture: the displacement of two holes of an organ, the stress below them, and the end of linear
-theory.
+"""Tension of a suture: the displacement of two holes, and the end of linear theory.
 
-A thread comes down into one hole of a block, runs below its surface to the other and up again. Its start is
-held, and a dead load T draws its end up. In linear theory both holes are drawn up by T and towards each other
-by T. All results depend on τ = T/(E a²), with the radius a of a footprint: one tissue with four materials gives
-the range of any other.
+The stress below the holes is also measured. A thread comes down into one hole of a block, runs
+below its surface to the other and up again. Its start is held, and a dead load T draws its end up.
+In linear theory both holes are drawn up by T and towards each other by T. All results depend on
+τ = T/(E a²), with the radius a of a footprint: one tissue with four materials gives the range of
+any other.
 
-Each parameter is changed alone from a reference case: a 3-0 braid under 0.1 N, 0.5 MPa, holes 10 mm apart on
-the surface, a footprint of 1 mm, no friction. The bite's depth is the depth of the holes' centres. The model
-knows only where the tissue bears the thread, so a deeper bite bears deeper (a ball instead of a disc). Stress
-is averaged over the half ball below a hole, because a nodal maximum would grow with the mesh.
+Each parameter is changed alone from a reference case: a 3-0 braid under 0.1 N, 0.5 MPa, holes 10 mm
+apart on the surface, a footprint of 1 mm, no friction. The bite's depth is the depth of the holes'
+centres. The model knows only where the tissue bears the thread, so a deeper bite bears deeper (a
+ball instead of a disc). Stress is averaged over the half ball below a hole, because a nodal maximum
+would grow with the mesh.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +31,7 @@ from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Table, described, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import Job, Table, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import TwoHoles, half_ball
 from studies.verdicts import LINEAR, bearing_strain, beyond_bearing, beyond_linear, verdict
 from thread.catalogue import suture
@@ -106,7 +107,7 @@ class Row(Case):
     def shortcomings(self) -> list[str]:
         """Limits that the row exceeds: loads beyond the linear range, coarse spans."""
         name = f"{self.sweep}, {case_text(self)}, {self.load:.3g} N"
-        out = [f"{name}: TOO COARSE, {said.message}" for said in coarse_spans(self.span_ratio)]
+        out = [f"{name}: TOO COARSE, {remark.message}" for remark in coarse_spans(self.span_ratio)]
         if self.material == "linear":
             out += [*beyond_linear(name, self.moved, FOOTPRINT), *beyond_bearing(name, self.bearing)]
         return out
@@ -126,10 +127,10 @@ def main(
     depths: Sequence[float] = (0.0, 2e-3, 4e-3, 8e-3),
     refinements: Sequence[float] = (1.5, 2.0, 2.5, 3.0),
 ) -> Iterator[Row]:
-    """Yield every load step of the materials to each of the `scaled_tensions` T/(E a²), and all other runs'
-    last steps.
+    """Yield every load step of the materials, and the last steps of all other runs.
 
-    The materials use P2 cells of the first refinement. Raises `StudyError`.
+    Each material is loaded to each of the `scaled_tensions` T/(E a²). The materials use P2 cells of
+    the first refinement. Raises `StudyError`.
     """
     case, few = Case(sweep="material", refinement=refinements[0]), len(set(refinements))
     known = "linear" in materials and set(materials) <= MATERIALS.keys()
@@ -253,7 +254,10 @@ def departures(linear: Sequence[Row], runs: Sequence[Row]) -> Array:
 
 
 def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, float]:
-    """Return τ and u/a at which the error of the linear organ is DEPARTURE, infinite if it stays smaller."""
+    """Return τ and u/a at which the error of the linear organ is DEPARTURE.
+
+    Infinite if the error stays smaller.
+    """
     off = np.abs(departures(linear, runs))
     if not np.any(off > DEPARTURE):
         return float("inf"), float("inf")
@@ -263,7 +267,10 @@ def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, f
 
 
 def measured_ranges(rows: Sequence[Row]) -> list[str]:
-    """Return for each material in words the load at which the linear organ is wrong, and its error."""
+    """Return in words for each material the load at which the linear organ is wrong.
+
+    Its error is added.
+    """
     materials, out = runs_by_material(rows), []
     linear = materials.pop("linear")
     for name, runs in materials.items():
@@ -278,15 +285,18 @@ def measured_ranges(rows: Sequence[Row]) -> list[str]:
 def limits(row: Row, youngs_modulus: float) -> tuple[float, float]:
     """Return two limiting tensions [N] of a linear organ of modulus E [Pa].
 
-    At the first, proportional, the holes have moved by LINEAR footprints. At the second the bearing strain T/(d
-    ℓ E) is LINEAR.
+    At the first, proportional, the holes have moved by LINEAR footprints. At the second the bearing
+    strain T/(d ℓ E) is LINEAR.
     """
     moving = row.load * LINEAR * FOOTPRINT / row.moved * youngs_modulus / row.youngs_modulus
     return moving, LINEAR * THREAD.diameter * row.bite * youngs_modulus
 
 
 def ranges(row: Row) -> list[str]:
-    """Return for each tissue in words the range of linear theory, and whether a clinical tension is within it."""
+    """Return in words for each tissue the range of linear theory.
+
+    A clinical tension is compared with this range.
+    """
     out = []
     for name, of in TISSUES.items():
         moving, bearing = limits(row, of["youngs_modulus"])
@@ -298,7 +308,10 @@ def ranges(row: Row) -> list[str]:
 
 
 def convergence(rows: Sequence[Row]) -> list[str]:
-    """Return for each quantity in words whether it converges on the cells, and the deviation from the half-space."""
+    """Return in words whether each quantity converges on the cells.
+
+    Its deviation from the half-space is added.
+    """
     runs, out = sorted((row for row in rows if row.sweep == "cells"), key=lambda row: row.cells), []
     if len({row.cells for row in runs}) < 3:
         return ["cells: they were not refined, so no stress is SHOWN TO CONVERGE; use the preset full"]
@@ -310,7 +323,7 @@ def convergence(rows: Sequence[Row]) -> list[str]:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return the ranges by tissue and by material, verdicts on the cells, and the limits that rows exceed."""
+    """Return remarks on the ranges, the convergence on the cells, and exceeded limits."""
     worst = max(row.residual for row in rows if row.material == "linear")
     found = [*ranges(rows[0]), *measured_ranges(rows), *convergence(rows)]
     found.append(f"compliance times reported force equals the reported displacement within {worst:.1g}")
@@ -321,8 +334,10 @@ def remarks(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of scaled displacement over tension, error of the linear organ, and single changes
-    against theory."""
+    """Return the figure of displacement over tension, linear error, and single changes.
+
+    The single changes are compared with theory.
+    """
     materials, small, tau = runs_by_material(rows), {"fontsize": 6}, "τ = T/(E a²) [-]"
     linear, changed = materials["linear"], grouped((row for row in rows if row.sweep in VARIED), lambda row: row.sweep)
     off = {name: [*zip(departures(linear, runs), runs, strict=True)] for name, runs in materials.items()}
@@ -331,19 +346,16 @@ def figure(rows: Sequence[Row]) -> Figure:
             panel(
                 tau, "displacement along over a [-]", series(materials, "scaled_load", "scaled_way"),
                 series({"half-space": linear}, "scaled_load", lambda row: row.theory_along / FOOTPRINT, "--"),
-                level("y", LINEAR, f"{LINEAR} footprints, assumed"), log="xy", legend=small,
+                level(LINEAR, f"{LINEAR} footprints, assumed"), log="xy", legend=small,
             ),
             panel(
                 tau, "linear organ off by [%]",
                 series(off, lambda pair: pair[1].scaled_load, lambda pair: 100.0 * pair[0]),
-                *(level("y", 100.0 * end, None, ":") for end in (-DEPARTURE, DEPARTURE)), log="x", legend=small,
+                *(level(100.0 * end, None, ":") for end in (-DEPARTURE, DEPARTURE)), log="x", legend=small,
             ),
             panel(
-                "what is changed alone [mm]", "displacement along over half-space [-]", level("y", 1.0, None, "-"),
+                "what is changed alone [mm]", "displacement along over half-space [-]", level(1.0, None, "-"),
                 series(changed, varied, lambda row: row.exit_along / row.theory_along),
             ),
         ],
     )  # fmt: skip
-
-
-STUDY = described("suture_tension", main, table, figure, remarks)

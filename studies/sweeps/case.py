@@ -43,10 +43,10 @@ ONE_AT_A_TIME = Lock()  # threads of one process must not change the cache at on
 class Result:
     """A case that was run.
 
-    It has its exit status, like that of ``suture run``, its summary, the wall-clock `seconds`, and the number
-    of `cells` of its organ, None without an organ. `lasting`: whether a repeated run would give the same
-    result; false if memory or disk ran out. `failure`: the name of the error that ended the run, "refused" for
-    a refused case, empty for a completed run.
+    It has its exit status, like that of ``suture run``, its summary, the wall-clock `seconds`, and
+    the number of `cells` of its organ, None without an organ. `lasting`: whether a repeated run
+    would give the same result; false if memory or disk ran out. `failure`: the name of the error
+    that ended the run, "refused" for a refused case, empty for a completed run.
     """
 
     exit_status: int
@@ -102,7 +102,10 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
 
 
 def make_ready(data: Mapping[str, Any]) -> None:
-    """Cache the organ of a scenario given as tables, and load the loops of its time steps by two steps."""
+    """Cache the organ of a scenario given as tables, and load its compiled loops.
+
+    The loops of its time steps are loaded by two steps.
+    """
     solve = parsed(data).solve
     if solve.kind == "static":
         run_start(data)
@@ -117,7 +120,10 @@ def tally_of(simulation: Simulation) -> Tally:
 
 
 def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
-    """Run a simulation without files; return the summary of `suture run`, and the error that ended the run, or None."""
+    """Run a simulation without files; return the summary of `suture run`, and the error.
+
+    The error is None for a completed run.
+    """
     tally = tally_of(simulation)
     error: Exception | None = None
     last = None
@@ -136,7 +142,10 @@ def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
 
 
 def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> OrganRecord | None:
-    """Return the organ of a frame; the frame at the start is cached for cases with the same start."""
+    """Return the organ of a frame.
+
+    The frame at the start is cached for cases with the same start.
+    """
     if step.step:
         return frame().organ
     return KEPT.take("drawn", start_key(simulation.scenario), lambda: frame().organ)
@@ -148,7 +157,10 @@ def in_words(error: BaseException) -> str:
 
 
 def case_digest(scenario: Scenario) -> str:
-    """Return the SHA-256 of a scenario, of its mesh file, and of the code and packages that run it."""
+    """Return the SHA-256 of a scenario, of its mesh file, and of the code that runs it.
+
+    The versions of the packages are included.
+    """
     file = mesh_file(scenario)
     mesh = "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
     plain = tables(scenario if file is None else with_mesh_file(scenario, f"mesh/{file.name}"))

@@ -27,7 +27,10 @@ def write_figure(table: SweepTable, names: Sequence[str], folder: Path) -> None:
 
 
 def figure(drawn: Sequence[Column]) -> Figure:
-    """Return the figure of the second of two columns over the first, with a line for each value of a third column."""
+    """Return the figure of the second of two columns over the first.
+
+    There is a line for each value of a third column.
+    """
     drawing, ((axes,),) = panels(1, 1)
     x, y, *by = drawn
     lines = list(dict.fromkeys(by[0].values)) if by else [None]
@@ -51,9 +54,10 @@ def style_of(number: int) -> dict[str, Any]:
 
 
 def folded(words: str, width: int) -> str:
-    """Wrap words into lines of at most `width` letters, at blanks and at dots and underscores of names.
+    """Wrap words into lines of at most `width` letters.
 
-    A dollar sign in the words does not begin a formula.
+    Lines break at blanks, and at dots and underscores of names. A dollar sign in the words does not
+    begin a formula.
     """
     lines = [""]
     for part in re.split(r"(?<=[._])(?=[^\W\d_])|(?<=\s)", words):

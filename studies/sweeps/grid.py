@@ -10,6 +10,7 @@ from typing import Any
 from studies.scenario.refusal import BARE
 from studies.scenario.table import ScenarioError
 from studies.scenario.toml import override_key
+from studies.study import value_of
 
 MOST_CASES = 100_000  # with one file each
 
@@ -22,24 +23,27 @@ def grid(over: Mapping[str, Sequence[Any]]) -> list[Settings]:
 
 
 def paired(over: Mapping[str, Sequence[Any]]) -> list[Settings]:
-    """Return the first values of all keys together, then the second values, and so on. Raises `ScenarioError`."""
+    """Return the first values of all keys together, then the second values, and so on.
+
+    Raises `ScenarioError`.
+    """
     lengths = {key: len(values) for key, values in over.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-        raise ScenarioError(f"--paired is refused: the lists differ in length ({told}); give lists of equal length")
+        shown = ", ".join(f"{key} has {length}" for key, length in lengths.items())
+        raise ScenarioError(f"--paired is refused: the lists differ in length ({shown}); give lists of equal length")
     return [dict(zip(over, values, strict=True)) for values in zip(*over.values(), strict=True)]
 
 
 def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
-    """Return the lists of values in texts ``KEY=[…]`` in TOML, one text per key. Raises `ScenarioError`."""
+    """Return the lists of values in texts ``KEY=[…]`` in TOML, one text per key.
+
+    Raises `ScenarioError`.
+    """
     over: dict[str, list[Any]] = {}
     for text in texts:
         key, _, value = text.partition("=")
         override_key(f"{key}=0")
-        try:
-            values = tomllib.loads(f"value = {value}")["value"]
-        except tomllib.TOMLDecodeError:
-            values = None
+        values = value_of(value)
         if not isinstance(values, list) or not values:
             raise ScenarioError(
                 f"--over {text} is refused: write a key, = and a list of values in TOML, for example "
@@ -52,8 +56,9 @@ def parse_over(texts: Sequence[str]) -> dict[str, list[Any]]:
 
 
 def read_table(path: Path) -> list[Settings]:
-    """Read cases from a CSV file: each column has a key as its head, with values in TOML; an empty cell leaves
-    the key unchanged.
+    """Read cases from a CSV file.
+
+    Each column has a key as its head, with values in TOML. An empty cell leaves the key unchanged.
 
     Raises `ScenarioError`.
     """

@@ -1,6 +1,7 @@
-"""A sweep into a folder: every case once, stored under the digest of all its inputs, and the table of all cases.
+"""A sweep into a folder: every case once, and the table of all cases.
 
-``cases/DIGEST.json`` is complete or absent. A killed or enlarged sweep runs only the missing cases.
+A case is stored under the digest of all its inputs. ``cases/DIGEST.json`` is complete or absent. A
+killed or enlarged sweep runs only the missing cases.
 """
 
 import json
@@ -12,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from studies.output.files import as_json, read_json, unfinished, write_json
-from studies.output.lock import LOCK, folder_of, locked, refused
+from studies.output.lock import folder_of, foreign_file, locked, refused
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
@@ -31,18 +32,18 @@ MADE = ("table.csv", "table.parquet", "figure.png", "figure.svg", "verdict.md", 
 OWN = (MARK, CASES, *MADE)
 
 Base = Path | str | Mapping[str, Any] | Scenario
-Tell = Callable[["Told"], None]
+Tell = Callable[["SweepProgress"], None]
 Check = Callable[[SweepTable], object]
 
 STARTS = 3  # cases whose start is tried to find the names of columns
 
 
 @dataclass(frozen=True)
-class Told:
+class SweepProgress:
     """Progress of a sweep.
 
-    It has `done` of `count` cases, `settings` and `exit_status` of the last case, and its `error`, empty if it
-    was completed.
+    It has `done` of `count` cases, `settings` and `exit_status` of the last case, and its `error`,
+    empty if it was completed.
     """
 
     done: int
@@ -54,7 +55,10 @@ class Told:
 
 @dataclass(frozen=True)
 class Planned:
-    """A planned case: its tables, its digest and the digest of its organ; or the reason why it is refused."""
+    """A planned case.
+
+    It has its tables, its digest and the digest of its organ, or the reason of its refusal.
+    """
 
     settings: Settings
     data: dict[str, Any]
@@ -63,7 +67,7 @@ class Planned:
     refused: str = ""
 
 
-def tell_nothing(told: Told) -> None:
+def tell_nothing(progress: SweepProgress) -> None:
     """Report nothing on the progress of a sweep."""
 
 
@@ -79,14 +83,15 @@ def sweep(
     """Run a scenario for many values of its keys into a folder, and return the table of all cases.
 
     - `base`: a file, a shipped scene by its name, tables, or a scenario.
-    - `over`: lists of values by dotted key, whose combinations are all run, or the settings of each case.
+    - `over`: lists of values by dotted key, whose combinations are all run, or the settings of each
+      case.
     - `workers`: the processes that run the cases (`studies.workers`); None means this process.
     - `kind`: the kind of the folder in messages.
-    - `check`: called before the first case with a table of known values, at least from a case's start, to
-      refuse names of columns that it lacks.
+    - `check`: called before the first case with a table of known values, at least from a case's
+      start, to refuse names of columns that it lacks.
 
-    A failed or refused case is a row; the sweep is refused if all cases are refused. Cases in the folder are
-    not run again. Raises `ScenarioError`, and `studies.workers.WorkersError`.
+    A failed or refused case is a row; the sweep is refused if all cases are refused. Cases in the
+    folder are not run again. Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
     check_over(over)
     if workers is not None and not hasattr(workers, "done"):
@@ -104,7 +109,10 @@ def sweep(
 
 
 def check_over(over: object) -> None:
-    """Refuse any argument except lists of values by key or a list of settings. Raises `ScenarioError`."""
+    """Refuse any argument except lists of values by key or a list of settings.
+
+    Raises `ScenarioError`.
+    """
     lists = over.values() if isinstance(over, Mapping) else [over]
     if any(isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) for values in lists):
         raise ScenarioError(
@@ -139,11 +147,8 @@ def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
 def check_folder(folder: Path, kind: str = "sweep") -> None:
     """Refuse a folder with files of another kind. Raises `ScenarioError`."""
     refuse_links(folder, [CASES])
-    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    begun = {LOCK, *(path.name for path in unfinished(folder, OWN))}
-    others = [name for name in there if name not in begun and (name not in OWN or not holds_sweep(folder, kind))]
-    if others:
-        raise refused(folder, f"it holds files that no {kind} wrote ({others[0]}); give a new or empty folder")
+    if other := foreign_file(folder, OWN, holds_sweep(folder, kind)):
+        raise refused(folder, f"it holds files that no {kind} wrote ({other}); give a new or empty folder")
 
 
 def holds_sweep(folder: Path, kind: str = "sweep") -> bool:
@@ -165,7 +170,7 @@ def _sweep(
     kept.mkdir(exist_ok=True)
     found = {case.digest: known for case in planned if case.digest and (known := known_case(kept, case.digest))}
     for number, case in enumerate((case for case in planned if case.refused), start=1):
-        tell(Told(number, len(planned), case.settings, REFUSED, case.refused))
+        tell(SweepProgress(number, len(planned), case.settings, REFUSED, case.refused))
     missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
     done = len(planned) - len(missing)
     for number, result in workers.done(run_case, [case.data for case in missing], make_ready):
@@ -173,7 +178,7 @@ def _sweep(
         found[case.digest] = record(result)
         if result.lasting:
             write_json(kept / f"{case.digest}.json", found[case.digest])
-        tell(Told(done, len(planned), case.settings, result.exit_status, result.summary.get("error", "")))
+        tell(SweepProgress(done, len(planned), case.settings, result.exit_status, result.summary.get("error", "")))
     table = table_of([row_of(case, found) for case in planned])
     write_tables(table, folder)
     return table
@@ -187,7 +192,10 @@ def in_order_of_organs(cases: Sequence[Planned]) -> list[Planned]:
 
 
 def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
-    """Return the table of the cases that are already completed, or of the first start that can be computed, or None."""
+    """Return a table of completed cases, or of a start, or None.
+
+    It has the cases that are already completed, or the first start that can be computed.
+    """
     cases = [case for case in planned if case.digest]
     there = {case.digest: known for case in cases if (known := known_case(kept, case.digest))}
     rows = [row_of(case, there) for case in cases if case.digest in there]

@@ -1,6 +1,7 @@
-"""The table of a sweep: a row for each case, a column for each varied key and for each quantity of its summary.
+"""The table of a sweep: a row for each case.
 
-It does not depend on time, machine or order of the runs: the same cases give the same bytes.
+It has a column for each varied key and for each quantity of the summary. It does not depend on
+time, machine or order of the runs: the same cases give the same bytes.
 """
 
 import io
@@ -23,8 +24,10 @@ NEAR, LIKE = 3, 0.6  # largest number of suggested names, and their least simila
 
 @dataclass(frozen=True)
 class Column:
-    """A column with its name, its unit ("-" for a number without unit, empty for words) and a value, or None,
-    per row."""
+    """A column with its name, its unit, and a value or None per row.
+
+    The unit is "-" for a number without unit, and empty for words.
+    """
 
     name: str
     unit: str
@@ -58,7 +61,8 @@ class Column:
 class Case:
     """A row: the values of keys, and the result.
 
-    The result is `exit_status`, `summary`, and the number of `cells` of the organ, None without an organ.
+    The result is `exit_status`, `summary`, and the number of `cells` of the organ, None without an
+    organ.
     """
 
     settings: Mapping[str, Any]
@@ -100,7 +104,10 @@ class SweepTable:
 
     @property
     def parquet(self) -> bytes:
-        """The table in Parquet, with the unit of each column in its metadata. Raises `ImportError`."""
+        """The table in Parquet, with the unit of each column in its metadata.
+
+        Raises `ImportError`.
+        """
         import pyarrow
         import pyarrow.parquet
 
@@ -138,7 +145,10 @@ def asked_column(table: SweepTable, name: str, option: str, number: bool = True)
 
 
 def drawn_columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
-    """Return the columns of a figure: two numeric ones, and a third of any kind. Raises `ScenarioError`."""
+    """Return the columns of a figure: two numeric ones, and a third of any kind.
+
+    Raises `ScenarioError`.
+    """
     return [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
 
 
@@ -160,12 +170,12 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
     found = [quantities(case.summary) for case in cases]
     units = {name: q.unit for row in found for name, q in row.items()}
     keys = [Column(key, unit_of(key), tuple(plain(case.settings.get(key)) for case in cases)) for key in varied]
-    told = [
+    results = [
         Column(name, unit, tuple(row[name].value if name in row else None for row in found))
         for name, unit in units.items()
     ]
     remarks = [case.summary.get("remarks", []) for case in cases]
-    said = ("; ".join(f"{remark['code']} ({remark['where']})" for remark in row) for row in remarks)
+    codes = ("; ".join(f"{remark['code']} ({remark['where']})" for remark in row) for row in remarks)
     unsupported = (sum(remark["severity"] == "unsupported" for remark in row) for row in remarks)
     return SweepTable(
         (
@@ -173,8 +183,8 @@ def table_of(cases: Sequence[Case]) -> SweepTable:
             *keys,
             Column("exit_status", "", tuple(case.exit_status for case in cases)),
             Column("unsupported", "", tuple(unsupported)),
-            Column("remarks", "", tuple(said)),
-            *told,
+            Column("remarks", "", tuple(codes)),
+            *results,
             Column("cells", "-", tuple(case.cells for case in cases)),
         )
     )

@@ -1,25 +1,25 @@
-"""A wound in skin that is stretched and stiffens: how far does it gape by itself, and which forces close it?
+"""A wound in stretched, stiffening skin: how far does it gape, and which forces close it?
 
-The sheet of `studies.wound_closure` is used on coarser cells at finite strain. It is exponential, and has an
-in-plane tension before the cut, with the stretch and thickness of a sheet under this tension. After
-the cut the wound gapes. One stitch per pitch, all drawn at once, then brings the lips into contact. Every wound
-is also closed in the linear sheet of the same cells.
+The sheet of `studies.wound_closure` is used on coarser cells at finite strain. It is exponential,
+and has an in-plane tension before the cut, with the stretch and thickness of a sheet under this
+tension. After the cut the wound gapes. One stitch per pitch, all drawn at once, then brings the
+lips into contact. Every wound is also closed in the linear sheet of the same cells.
 
-*Tension.* Natural tension of skin is published as 4 to 24 N/m (Alexander and Cook, J. Invest. Dermatol. 69
-(1977) 310, cited from memory). It is also published as a stress of 28 to 92 kPa, found by inverse finite
-elements of the forearm and the upper arm (Flynn, Taberner and Nielsen, Ann. Biomed. Eng. 39 (2011) 1935, its
-abstract). At the thickness of this sheet this is 42 to 138 N/m. The maximum of the first and the middle of the
-second are run.
+*Tension.* Natural tension of skin is published as 4 to 24 N/m (Alexander and Cook, J. Invest.
+Dermatol. 69 (1977) 310, cited from memory). It is also published as a stress of 28 to 92 kPa, found
+by inverse finite elements of the forearm and the upper arm (Flynn, Taberner and Nielsen, Ann.
+Biomed. Eng. 39 (2011) 1935, its abstract). At the thickness of this sheet this is 42 to 138 N/m.
+The maximum of the first and the middle of the second are run.
 
-*Theory.* A slit has no width. After closing, the sheet is as before the cut. So the sum of its stitch forces
-equals the former force across the slit, σ₀ t L, for any law: σ₀ is the stress of the stretched sheet, t its
-thickness, L the length.
+*Theory.* A slit has no width. After closing, the sheet is as before the cut. So the sum of its
+stitch forces equals the former force across the slit, σ₀ t L, for any law: σ₀ is the stress of the
+stretched sheet, t its thickness, L the length.
 
-*Published.* The pairs of wounds of `studies.wound_closure`: the ratio of the second force to the first does not
-need a stiffness. Also strips of scalp of 10 to 15 mm, removed from 20 patients (Ahmad, J. Cosmet. Dermatol.
-2019, 10.1111/jocd.12739, its abstract): the mean pull on a loop that closes them, by the width of the strip.
-Their length is not in the abstract, and is assumed constant; in a linear sheet the pull is then proportional to
-the width.
+*Published.* The pairs of wounds of `studies.wound_closure`: the ratio of the second force to the
+first does not need a stiffness. Also strips of scalp of 10 to 15 mm, removed from 20 patients
+(Ahmad, J. Cosmet. Dermatol. 2019, 10.1111/jocd.12739, its abstract): the mean pull on a loop that
+closes them, by the width of the strip. Their length is not in the abstract, and is assumed
+constant; in a linear sheet the pull is then proportional to the width.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +36,7 @@ from coupling.system import State
 from studies.arrays import Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
 from studies.lists import sentences
-from studies.study import Columns, Table, described, each, grouped, measure, measured, require
+from studies.study import Columns, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
 from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
@@ -55,7 +55,10 @@ say = sentences("taut_skin")
 
 @dataclass(frozen=True)
 class Skin:
-    """Exponential skin of `wound_closure`'s E and ν, with a stiffening b [-] and a tension σ₀ t in its plane [N/m]."""
+    """Exponential skin of `wound_closure`'s E and ν.
+
+    It has a stiffening b [-] and a tension σ₀ t in its plane [N/m].
+    """
 
     stiffening: float
     tension: float
@@ -90,7 +93,10 @@ class Skin:
 
 @dataclass(frozen=True, kw_only=True)
 class Row(Wound):
-    """One wound, closed by stitches drawn all at once. Forces are for E = 0.8 MPa and proportional to E."""
+    """One wound, closed by stitches drawn all at once.
+
+    Forces are for E = 0.8 MPa and proportional to E.
+    """
 
     length: float = measured("m", lambda at: at.case.length)  # of the cut
     width: float = measured("m", lambda at: at.case.width)  # of the cut; 0 for a slit
@@ -130,7 +136,9 @@ def main(
     size: float = SIZE,
     far: float = FAR,
 ) -> Iterator[Row]:
-    """Yield every wound in the linear sheet and in skin of every tension; a slit only in skin under tension.
+    """Yield every wound in the linear sheet and in skin of every tension.
+
+    A slit is run only in skin under tension.
 
     Raises `StudyError` for wounds that do not fit, and for skin under compression.
     """
@@ -145,18 +153,21 @@ def main(
 
 def close_wound(case: Case, skins: Sequence[Skin]) -> Iterator[Row]:
     """Yield the wound closed in the linear sheet, if it has a width, and in each skin."""
-    linear = Hands.of(replace(case, width=case.width or APPROACH))
+    linear = Hands(replace(case, width=case.width or APPROACH))
     if case.width:
         all_of_them = np.ones(len(case.places), dtype=bool)
         state, done = linear.tighten(linear.straight_state, all_of_them, ~all_of_them)
         yield row_of(linear, None, state, np.array([case.width]), done)
     for skin in skins:
         if case.width or skin.tension:
-            yield close_skin(Hands.of(case, skin.keys), skin, linear.answers[0])
+            yield close_skin(Hands(case, skin.keys), skin, linear.answers[0])
 
 
 def close_skin(hands: Hands, skin: Skin, answer: Array) -> Row:
-    """Return the wound closed in steps; `answer` is the closing of the linear sheet's lips per drawn stitch [-]."""
+    """Return the wound closed in steps.
+
+    `answer` is the closing of the linear sheet's lips per drawn stitch [-].
+    """
     state, y = hands.straight_state, hands.case.places
     opened = hands.gaps(state, y)
     limit, bits = PRECISE * opened.max(), int(np.ceil(opened.max() / APPROACH))
@@ -175,9 +186,9 @@ def beyond_goal(hands: Hands, goal: Array, state: State) -> Array:
 
 
 def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed: bool) -> Row:
-    """Return the row of a wound, `closed` or partly closed, in a skin, or None for the linear sheet.
+    """Return the row of a wound, `closed` or partly closed, in a skin.
 
-    `opened` is its width at the stitches before closing [m].
+    None means the linear sheet. `opened` is its width at the stitches before closing [m].
     """
     end = SimpleNamespace(case=hands.case, hands=hands, skin=skin, state=state, opened=opened)
     return measure(Row, end, closed=closed)
@@ -188,8 +199,10 @@ def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed:
 
 @dataclass(frozen=True)
 class Ratio:
-    """Force ratio of the second to the first of a published pair of wounds: published, by W/L, and in one skin
-    here [-]."""
+    """Force ratio of the second to the first of a published pair of wounds [-].
+
+    It is the published one, the one by W/L, and the one found in one skin here.
+    """
 
     source: str
     skin: str
@@ -253,7 +266,7 @@ def strips_words() -> str:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of the forces along the wounds, the slits, the gaping of wounds, and the published ratios."""
+    """Return the figure of forces along wounds and slits, of gaping, and of published ratios."""
     wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
     skins, names = (dict.fromkeys(getattr(row, key) for row in wide) for key in ("skin", "name"))
     forces = {
@@ -279,7 +292,7 @@ def figure(rows: Sequence[Row]) -> Figure:
                 title="stitches drawn all at once", above=1.4, legend={"fontsize": 6, "ncols": 2}, **half,
             ),
             panel(
-                place, "force / its share of σ₀ t L [-]", level("y", 1.0), series(shares, 0, 1),
+                place, "force / its share of σ₀ t L [-]", level(1.0), series(shares, 0, 1),
                 title="slits that gaped", legend=small, **half,
             ),
         ],
@@ -297,6 +310,3 @@ def figure(rows: Sequence[Row]) -> Figure:
             ),
         ],
     )  # fmt: skip
-
-
-STUDY = described("taut_skin", main, table, figure, remarks)

@@ -1,22 +1,23 @@
-"""An elliptical wound in a sheet of skin, closed by interrupted stitches: which force does each of them take?
+"""An elliptical wound in a sheet of skin: which force does each stitch take?
 
-A sheet lies on rollers, so that it slides on the layer below; its edges are held far away. The wound passes
-through it. There is one stitch per pitch, each for its own share of the wound. It lies straight across in the
-middle of the sheet, between two holes at a distance of one bite from the lips. Two hands draw its ends until
-the lips nearly touch there. Stitches are drawn all at once, or one after another along the wound, as a surgeon
-ties them: untied stitches are slack, tied ones keep their length. The lips press on each other where they meet.
+The stitches are interrupted. A sheet lies on rollers, so that it slides on the layer below; its
+edges are held far away. The wound passes through it. There is one stitch per pitch, each for its
+own share of the wound. It lies straight across in the middle of the sheet, between two holes at a
+distance of one bite from the lips. Two hands draw its ends until the lips nearly touch there.
+Stitches are drawn all at once, or one after another along the wound, as a surgeon ties them: untied
+stitches are slack, tied ones keep their length. The lips press on each other where they meet.
 
-*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed everywhere at
-once by a uniform traction p = EW/(4c) on its lips, across the wound and per length along it. This removes the
-stress of a sheet stretched across its hole (Inglis 1913). In a sheet of thickness t with one stitch every e the
-force is t e EW/(4c) per stitch, and t EW/2 in total, independent of the length. A run differs by the finite
-size of the sheet (shown by uniform traction on the same mesh) and by the stitches: forces at points, at a
-distance from the lips.
+*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed
+everywhere at once by a uniform traction p = EW/(4c) on its lips, across the wound and per length
+along it. This removes the stress of a sheet stretched across its hole (Inglis 1913). In a sheet of
+thickness t with one stitch every e the force is t e EW/(4c) per stitch, and t EW/2 in total,
+independent of the length. A run differs by the finite size of the sheet (shown by uniform traction
+on the same mesh) and by the stitches: forces at points, at a distance from the lips.
 
-*Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of their finite
-elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023, 441) the force in pig skin.
-The stiffness Et of the sheet is the only fitted number, fitted to the first wound of each pair; the second is
-predicted.
+*Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of
+their finite elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023,
+441) the force in pig skin. The stiffness Et of the sheet is the only fitted number, fitted to the
+first wound of each pair; the second is predicted.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +33,7 @@ from coupling.joins.contact import observe_contact
 from studies.arrays import Array
 from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.lists import sentences
-from studies.study import Columns, Job, Table, described, each, measure, measured, require, require_known
+from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 
@@ -48,8 +49,8 @@ FINER, LARGER, NEARER, HALVES = CHECKS = ("finer mesh", "larger sheet", "lips tw
 class Row(Wound):
     """One wound, closed in one way.
 
-    Forces are for E = 0.8 MPa and proportional to E, because the closed shape does not depend on the force.
-    Forces of stitches and gaps are in their order along the wound.
+    Forces are for E = 0.8 MPa and proportional to E, because the closed shape does not depend on
+    the force. Forces of stitches and gaps are in their order along the wound.
     """
 
     length: float = measured("m", lambda at: at.case.length)
@@ -82,7 +83,10 @@ class Row(Wound):
 
     @property
     def over_uniform(self) -> float:
-        """Force of the middle stitch over its share of the uniform traction on the same mesh [-]."""
+        """Force of the middle stitch over its share of the uniform traction [-].
+
+        The traction acts on the same mesh.
+        """
         return self.middle / (self.uniform * self.theory)
 
     @property
@@ -94,8 +98,8 @@ class Row(Wound):
     def comparable_force(self) -> float:
         """The force for comparison with a published one [N].
 
-        For stitches drawn all at once it is the force in the middle, where the published force is largest. For
-        stitches tied one after another it is the largest force when tied.
+        For stitches drawn all at once it is the force in the middle, where the published force is
+        largest. For stitches tied one after another it is the largest force when tied.
         """
         return self.middle if self.way == TOGETHER else max(self.tied)
 
@@ -111,8 +115,9 @@ def main(
 ) -> Iterator[Row]:
     """Yield every wound in both ways, and the first wound again for every check.
 
-    The checks are a finer mesh, a larger sheet, tighter stitches, and half the pitch and bite. Raises
-    `StudyError` for wounds that do not fit, for lengths that are not above zero, and for other checks.
+    The checks are a finer mesh, a larger sheet, tighter stitches, and half the pitch and bite.
+    Raises `StudyError` for wounds that do not fit, for lengths that are not above zero, and for
+    other checks.
     """
     require_known("checks", checks, CHECKS)
     given = f"wounds = {wounds}, pitch = {pitch}, bite = {bite}"
@@ -132,7 +137,7 @@ def main(
 
 def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
     """Yield the wound closed in each of the ways."""
-    hands = Hands.of(case)
+    hands = Hands(case)
     along = np.unique(np.append(np.linspace(-0.5, 0.5, PLACES) * case.length, case.places))
     for way in ways:
         state, all_closed, tied = hands.straight_state, True, np.zeros(len(case.places))
@@ -140,7 +145,7 @@ def close_wound(case: Case, ways: Sequence[str]) -> Iterator[Row]:
             state, done = hands.tighten(state, tying, slack)
             tied, all_closed = np.where(tying, hands.forces(state), tied), all_closed and done
         end = SimpleNamespace(case=case, hands=hands, way=way, state=state, tied=tied, along=along)
-        end.moved, end.lips = state.y - hands.straight_state.y, observe_contact(hands.system, state)
+        end.moved, end.lips = state.y - hands.straight_state.y, observe_contact(hands.assembly.system, state)
         yield measure(Row, end, closed=all_closed)
 
 
@@ -162,8 +167,8 @@ def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str) -> Row |
 class Comparison:
     """A published wound and its run.
 
-    `fitted` is the sheet's stiffness Et [N/m] from the first wound of the pair. `edges` is the additional
-    effect of the sheet's held edges, relative to the first wound [-].
+    `fitted` is the sheet's stiffness Et [N/m] from the first wound of the pair. `edges` is the
+    additional effect of the sheet's held edges, relative to the first wound [-].
     """
 
     source: Source
@@ -223,8 +228,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return agreement and disagreement in numbers, effects of mesh, sheet and lips, and limits beyond small
-    strains."""
+    """Return remarks on agreement, on effects of mesh, sheet and lips, and on exceeded limits."""
     out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
     out += [*where_largest(rows), *changes(rows)]
     for row in rows:
@@ -286,7 +290,10 @@ def changes(rows: Sequence[Row]) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """Return the figure of the forces along the wound, gaps, published against predicted, and forces when tied."""
+    """Return the figure of forces along the wound, gaps, predictions, and forces when tied.
+
+    Predictions are compared with published forces.
+    """
     plain, compared = [row for row in rows if not row.variant], comparisons(rows)
     together, in_turn = ([row for row in plain if row.way == way] for way in (TOGETHER, IN_TURN))
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
@@ -295,7 +302,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     return draw(
         [
             along(together, "places", lambda row: np.array(row.tied) / row.theory, "force of a stitch / theory [-]",
-                  level("y", 1.0), title="stitches drawn all at once"),
+                  level(1.0), title="stitches drawn all at once"),
             along(together, "along", lambda row: 100.0 * np.array(row.gaps) / row.width,
                   "gap / width of the open wound [%]", title="lips after that"),
         ],
@@ -320,6 +327,3 @@ def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: st
         series(pairs, 0, 1, "-", MARKERS if places == "places" else [""], markersize=4), *items,
         legend={"title": "wound [mm]", "ncols": 2}, title=title, xlim=(-1.0, 1.0), ylim=(0.0, None),
     )  # fmt: skip
-
-
-STUDY = described("wound_closure", main, table, figure, remarks)

@@ -11,7 +11,6 @@ import pytest
 from studies.coupling_variants.study import (
     CREATED,
     DURATION,
-    STUDY,
     Row,
     error_at,
     largest_stable,
@@ -19,7 +18,9 @@ from studies.coupling_variants.study import (
     runs_of,
     table,
 )
-from studies.study import StudyError, arguments, numbers, write
+from studies.study import StudyError, arguments, numbers, study, write
+
+STUDY = study("coupling_variants")
 
 SOFT, FIRM = 2e3, 2.5e5
 COUNTS = (10, 40, 320)

@@ -8,7 +8,6 @@ import pytest
 
 from studies.figure import render_figure
 from studies.friction.study import (
-    STUDY,
     Row,
     branches,
     coefficients,
@@ -19,9 +18,11 @@ from studies.friction.study import (
     rows_of_kind,
     two_passes,
 )
-from studies.study import StudyError, arguments
+from studies.study import StudyError, arguments, study
 from studies.theory import point_ratio
 from tests.bounds import ORDER
+
+STUDY = study("friction")
 
 RATIO = 1e-3  # of a ratio of pulls: as far on either side of the threshold it sticks and slips
 

@@ -11,7 +11,6 @@ from studies.mesh_refinement.study import (
     FITTED,
     FOOTPRINT,
     QUANTITIES,
-    STUDY,
     VARIANTS,
     Row,
     formal_order,
@@ -20,8 +19,10 @@ from studies.mesh_refinement.study import (
     verdict_on,
     verdict_text,
 )
-from studies.study import StudyError, arguments
+from studies.study import StudyError, arguments, study
 from tests.bounds import ORDER
+
+STUDY = study("mesh_refinement")
 
 BARE, POINTWISE, P2 = VARIANTS
 REACHED = 0.3  # of an order on meshes that a test can afford, about the one of theory

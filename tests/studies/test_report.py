@@ -12,13 +12,13 @@ import pytest
 
 from studies.command.command import main
 from studies.output.folder import Recorder
-from studies.output.reading import ResultsError, read_frames, read_run, read_table
+from studies.output.reading import ResultsError, evenly_spaced, read_frames, read_run, read_table
 from studies.pictures.view import surface
 from studies.refinement.refine import refine
 from studies.report import page, space
-from studies.report.charts import MOST_ROWS, thinned
+from studies.report.charts import MOST_ROWS
 from studies.report.report import labels, size, write_report
-from studies.report.space import Skin, chosen_frames, decimated, whole_skin
+from studies.report.space import Skin, decimated, whole_skin
 from studies.scenario import parse
 from studies.scenario.toml import changed
 from studies.sweeps.sweep import sweep
@@ -267,11 +267,11 @@ def test_a_surface_that_is_too_fine_is_made_coarser() -> None:
 
 def test_long_runs_are_thinned_out_evenly_with_their_ends() -> None:
     """Independent check: no more than there is room for, the first and the last kept."""
-    assert thinned(5).tolist() == [0, 1, 2, 3, 4]
-    many = thinned(100_000)
+    assert evenly_spaced(5, MOST_ROWS).tolist() == [0, 1, 2, 3, 4]
+    many = evenly_spaced(100_000, MOST_ROWS)
     assert len(many) <= MOST_ROWS and (many[0], many[-1]) == (0, 99_999) and np.ptp(np.diff(many)) <= 1
-    assert chosen_frames(3).tolist() == [0, 1, 2]
-    assert len(chosen_frames(1000)) == space.MOST_FRAMES and chosen_frames(1000)[-1] == 999
+    frames = evenly_spaced(1000, space.MOST_FRAMES)
+    assert len(frames) == space.MOST_FRAMES and frames[-1] == 999
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")

@@ -14,7 +14,6 @@ from studies.running_suture.study import (
     LEFT,
     ONE,
     PLACING,
-    STUDY,
     Row,
     calibrate,
     law_error,
@@ -23,10 +22,12 @@ from studies.running_suture.study import (
     runs,
     sequence,
 )
-from studies.study import StudyError
+from studies.study import StudyError, study
 from studies.theory import tensions_by_law
 from studies.verdicts import SETTLED
 from tests.bounds import ADAPTED, IDENTITY
+
+STUDY = study("running_suture")
 
 MUS, HOLD = (0.1, 0.2), 0.4
 

@@ -10,7 +10,6 @@ from studies.figure import render_figure
 from studies.stitch_patterns.study import (
     FITTED,
     PATTERNS,
-    STUDY,
     WOUND,
     Row,
     Way,
@@ -19,9 +18,11 @@ from studies.stitch_patterns.study import (
     predicted_by_capstan,
     table,
 )
-from studies.study import StudyError, arguments
+from studies.study import StudyError, arguments, study
 from studies.theory import bent_ratio, capstan
 from tests.bounds import IDENTITY
+
+STUDY = study("stitch_patterns")
 
 LAW = 0.01  # of a tension: rings are sixteen √(EI/T) apart, and the knots resolve that
 CLOSED = 0.01  # of the pull: a fit corrected once

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from studies.figure import render_figure
-from studies.study import StudyError
-from studies.suture_retention.study import LINEAR, STUDY, TISSUES, Case, Row, main, run, runs_of, table, where
+from studies.study import StudyError, study
+from studies.suture_retention.study import LINEAR, TISSUES, Case, Row, main, run, runs_of, table, where
+
+STUDY = study("suture_retention")
 
 BALANCED = 1e-6  # of the force: what the clamp bears
 MIDDLE = 0.05  # of the strain: the strip is twice as long as wide, and a point pulls at it

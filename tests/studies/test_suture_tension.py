@@ -11,11 +11,14 @@ from studies import unbounded
 from studies.figure import render_figure
 from studies.simulation import prepare
 from studies.study import StudyError
+from studies.study import study as study_named
 from studies.suture_tension import study
-from studies.suture_tension.study import FOOTPRINT, POISSON, SIZE, STUDY, Case, Row, limits, main, run, scenario
+from studies.suture_tension.study import FOOTPRINT, POISSON, SIZE, Case, Row, limits, main, run, scenario
 from studies.theory import TwoHoles, direct_term, image_term
 from tests.bounds import IDENTITY, RESIDUAL
 from tests.tissue.layers import layer_compliance
+
+STUDY = study_named("suture_tension")
 
 CELLS = 0.03  # of a hole's compliance: the accuracy that cells are refined to
 LEANING = 0.03  # of the tensions' directions: the thread leans by √(EI/T) over its leg of 30 mm, 2 % at 0.1 N

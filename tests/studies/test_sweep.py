@@ -41,7 +41,7 @@ from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, sour
 from studies.sweeps.figure import DASHES
 from studies.sweeps.figure import figure as drawn_figure
 from studies.sweeps.grid import paired, parse_over, read_table
-from studies.sweeps.sweep import Told, sweep
+from studies.sweeps.sweep import SweepProgress, sweep
 from studies.sweeps.table import Case, Column, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.bounds import IDENTITY
@@ -236,7 +236,7 @@ def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.Mon
 def test_failures_are_rows(tmp_path: Path) -> None:
     """Independent check: what is refused has its exit status and its sentence, and the others are run; a sweep is
     refused where all of it is."""
-    lines: list[Told] = []
+    lines: list[SweepProgress] = []
     table = sweep(RING, PULLS, tmp_path / "out", tell=lines.append)
     assert table["exit_status"].values == (0, 2, 0, 0, 2, 0)
     assert [told.done for told in lines] == [1, 2, 3, 4, 5, 6]
@@ -264,7 +264,7 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
     """Consistency check: it runs what is missing alone, and its table is that of a whole sweep to the byte."""
     sweep(RING, PULLS, tmp_path / "whole")
 
-    def kill(told: Told) -> None:
+    def kill(told: SweepProgress) -> None:
         if told.done == 4:  # two were refused beforehand
             raise Killed
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from studies.figure import render_figure
-from studies.study import StudyError
-from studies.taut_skin.study import LINEAR_SHEET, PITCH, SLIT, STUDY, Row, Skin, main, ratios, remarks, table
+from studies.study import StudyError, study
+from studies.taut_skin.study import LINEAR_SHEET, PITCH, SLIT, Row, Skin, main, ratios, remarks, table
 from studies.wounds import NEAR, NU, SOURCES, THICKNESS, E
 from tests.bounds import TWO_SOLVERS
+
+STUDY = study("taut_skin")
 
 TENSION = 90.0  # of the uncut sheet [N/m]: the stitches' share of it is far above what they are drawn beyond it
 STITCHED = 0.1  # of the uniform traction: what stitches beside the lips, and coarse cells, change in the middle

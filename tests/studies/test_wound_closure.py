@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from coupling.joins.contact import observe_contact
-from studies.study import StudyError, arguments
+from studies.study import StudyError, arguments, study
 from studies.wound_closure.study import (
     CROSSED,
     IN_TURN,
     SOURCES,
-    STUDY,
     TOGETHER,
     Row,
     comparisons,
@@ -24,6 +23,8 @@ from studies.wound_closure.study import (
 )
 from studies.wounds import NEAR, PRECISE, THICKNESS, Case, E, Hands
 from tests.bounds import TWO_SOLVERS
+
+STUDY = study("wound_closure")
 
 NARROW, WIDE = SOURCES[0].wounds
 COARSE = Case(*NARROW, sheet=0.1, size=2.5e-3, far=15e-3, pitch=5e-3, bite=4e-3)
@@ -38,14 +39,14 @@ def rows() -> tuple[Row, ...]:
 @cache
 def hands() -> Hands:
     """Its stitches, not drawn yet."""
-    return Hands.of(COARSE)
+    return Hands(COARSE)
 
 
 def test_a_uniform_traction_closes_a_large_sheet() -> None:
     """Independent check: held edges are felt with the square of the wound's length over theirs, and far away the
     traction is EW/(4c), within 1 % of the mesh."""
     cases = [replace(COARSE, width=WIDE[1], sheet=sheet) for sheet in (0.1, 0.2)]
-    near, far = (Hands.of(case).uniform_traction - 1.0 for case in cases)
+    near, far = (Hands(case).uniform_traction - 1.0 for case in cases)
     assert 0.1 < near < 0.3 and abs((4.0 * far - near) / 3.0) < 0.02  # the limit of both
 
 

@@ -1,7 +1,7 @@
 """A suture thread and the organ that it pierces, from Python.
 
-`load` a scenario, `prepare` it and compute its steps, or `run` it into a folder; `open_run` gives the content
-of a folder; `sweep` varies keys, `refine` judges whether a number converges.
+`load` a scenario, `prepare` it and compute its steps, or `run` it into a folder; `open_run` gives
+the content of a folder; `sweep` varies keys, `refine` judges whether a number converges.
 """
 
 from importlib import import_module
@@ -30,7 +30,10 @@ HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name at its first use, so that the import of the package takes only a millisecond."""
+    """Import a name at its first use.
+
+    The import of the package then takes only a millisecond.
+    """
     if name not in HOMES:
         raise AttributeError(f"module 'suturefem' has no attribute {name!r}")
     return getattr(import_module(HOMES[name]), name)
