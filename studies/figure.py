@@ -17,22 +17,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
+from studies.lists import list_of
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe & Ito (2008)
 MARKERS = ("o", "s", "^", "D", "v", "P")
-STYLE: dict[str, Any] = {
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.titlesize": 10,
-    "axes.labelsize": 9,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "legend.fontsize": 8,
-    "legend.title_fontsize": 8,
-    "lines.linewidth": 1.0,
-    "lines.markersize": 5,
-    "svg.fonttype": "none",
-}
+STYLE: dict[str, Any] = list_of(__file__, "figure.toml")["style"]
 PANEL = (4.2, 3.4)  # [inch]
 DPI = 120
 

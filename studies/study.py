@@ -296,14 +296,12 @@ def _carry_out(
 ) -> None:
     found, asked = study(name), {"preset": preset, "arguments": dict(given), "provenance": provenance()}
     rows: list[Any] = []
-    text = ""
     for row in found.main(**given):
         if not rows:
             empty_folder(folder)
             write_json(folder / "study.json", {"study": name, "question": found.question, **asked})
         rows.append(row)
-        text += numbers([row]) if len(rows) == 1 else comma_separated([cells(row)])
-        write_text(folder / "runs.csv", text)
+        write_text(folder / "runs.csv", numbers(rows))
         tell(rows)
     write(name, asked, rows, folder)
 
@@ -331,12 +329,7 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
 def numbers(rows: Sequence[Any]) -> str:
     """Return every row in SI units, which are in the header."""
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
-    return comma_separated([head, *map(cells, rows)])
-
-
-def cells(row: Any) -> list[str]:
-    """Return the cells of a row, field by field."""
-    return [str(value) for value in asdict(row).values()]
+    return comma_separated([head, *([str(value) for value in asdict(row).values()] for row in rows)])
 
 
 def comma_separated(lines: Sequence[Sequence[str]]) -> str:

@@ -19,6 +19,7 @@ from coupling.errors import EquilibriumError
 from coupling.run import begin
 from coupling.system import State
 from studies.arrays import Array
+from studies.lists import study_list
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import require, scene
 from studies.verdicts import bearing_strain
@@ -44,15 +45,14 @@ class Source:
     """A published pair of wounds: length and width [m], and the largest force of a stitch [N]."""
 
     name: str
-    wounds: tuple[tuple[float, float], tuple[float, float]]
-    forces: tuple[float, float]
+    wounds: tuple[tuple[float, float], ...]
+    forces: Sequence[float]
     way: str  # order in which the stitches are drawn here for comparison
 
 
-SOURCES = (
-    Source("Čapek 2012, finite elements", ((0.030, 0.005), (0.030, 0.015)), (0.5, 1.5), TOGETHER),
-    Source("Čapek 2012, in vivo", ((0.036, 0.005), (0.046, 0.013)), (1.1, 3.2), TOGETHER),
-    Source("Wen 2023, pig skin", ((0.040, 0.010), (0.040, 0.014)), (1.7, 2.5), IN_TURN),
+SOURCES = tuple(
+    Source(name, tuple((length, width) for length, width in of["wounds"]), of["forces"], of["way"])
+    for name, of in study_list("wound_closure")["published"].items()
 )
 WOUNDS = tuple(dict.fromkeys(wound for source in SOURCES for wound in source.wounds))
 

@@ -1,8 +1,8 @@
 """Adaptive refinement: the error of a hole's compliance over unknowns and over seconds.
 
 The accuracy of the estimated error is also shown. There is one hole in a clamped block. The cases
-are several footprints, a hole near an edge, a skin with a thickness of half a footprint, and a wall
-with the thickness of a footprint. The skin is 20 times or a tenth as stiff as the tissue below. The
+are several footprints, a hole near an edge, a skin, and a wall. The skin is half a footprint thick,
+and the wall one footprint. The skin is 20 times or a tenth as stiff as the tissue below. The
 compliance to forces is computed on three kinds of meshes, by linear and by quadratic cells:
 
 - uniform: structured, of one size;
@@ -38,7 +38,7 @@ from tissue.refinement.estimate import estimate
 MILLI = 1e-3
 A = 1e-3  # footprint of the cases with one footprint [m]
 LENGTH = 0.04  # of the block [m]
-BESIDE = 1.3  # footprints from the edge to the middle of the hole, whose rim is 0.3 from the edge
+EDGE_DISTANCE = 1.3  # footprints from the edge to the middle of the hole, whose rim is 0.3 from the edge
 THIN = 0.5  # thickness of a skin in footprints
 ASKED = 0.03  # error at which meshes are compared: the default of tissue.mesh.accuracy
 EFFECTIVITY = 0.7, 1.5  # allowed range of the estimate over the error
@@ -60,7 +60,7 @@ def skin(contrast: float) -> Settings:
 
 
 CASES: Mapping[str, Settings] = {
-    "edge": {"piercing.hole.at": [0.5 * LENGTH - BESIDE * A, 0.0, 0.0]},
+    "edge": {"piercing.hole.at": [0.5 * LENGTH - EDGE_DISTANCE * A, 0.0, 0.0]},
     "stiff skin": skin(20.0),
     "soft skin": skin(0.1),
     "thin wall": {"tissue.mesh.size": [0.5 * LENGTH, 0.5 * LENGTH, A], "tissue.clamp": ["left", "right"]},

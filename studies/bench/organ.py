@@ -1,13 +1,13 @@
 """`suture bench organ`: times of each installed solver, from thousands to a million unknowns.
 
 The organ is a uniform, quasi-static block, held at its bottom, with two holes in its top. For each
-solver the table has the time until the first solve (ordering and factor, or the levels of
-multigrid), its memory, the time of one solve, and of the columns of both holes. `floor` is the
-smallest possible time of a solve: the factor is read twice (forwards and backwards) at the memory
-speed of one core, measured in the same run. `rough` are the columns of a quasi-static organ by
-multigrid, and `left` is the remaining error of its compliance. Below the table are the times to
-assemble each organ's matrices by the compiled loops and by scikit-fem's forms. All times are
-processor times on one thread, so other work on the machine has no effect.
+solver the table has the time until the first solve, its memory, the time of one solve, and the time
+of the columns of both holes. Before the first solve come ordering and factor, or the levels of
+multigrid. `floor` is the smallest possible time of a solve. The factor is read twice, forwards and
+backwards, at the memory speed of one core in the same run. `rough` are the columns of a
+quasi-static organ by multigrid, and `left` is the remaining error of its compliance. Below the
+table are the times to assemble each organ's matrices by the compiled loops and by scikit-fem's
+forms. All times are processor times on one thread, so other work on the machine has no effect.
 """
 
 import mmap
@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from meshes.block import block
 from studies.arrays import Array
-from studies.bench.rows import Numbers, keep, time_call
+from studies.bench.rows import Numbers, keep, printed, time_call
 from tissue.elasticity import assembled_by_loops, assembled_by_scikit_fem
 from tissue.organs.meshed import compliance
 from tissue.solvers.choice import MULTIGRID, Solver, choose_solver, has_pyamg, solver
@@ -38,7 +38,6 @@ ASSEMBLED = 300_000  # unknowns of the organ for the assembly in `suture bench`
 REPEATED = 3  # number of assemblies by compiled loops
 LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; a larger factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
-MEGA, MILLI = 1e6, 1e-3
 ASSEMBLED_IN = "{unknowns} unknowns: loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"
 
 
@@ -47,18 +46,19 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
 
     The numbers are written as JSON if a file is given.
     """
-    rows, assemblies = [], []
+    assemblies = []
     methods = [method for method in LIBRARIES if is_installed(method)]  # loaded before their threads are limited
     methods += [MULTIGRID] if has_pyamg() else []
-    print(HEAD)
     with threadpool_limits(limits=1, user_api="blas"):
         speed = bandwidth()
+
+    def measured() -> Iterator[Numbers]:
         for size in sizes:
             organ = organ_of(size, element)
-            for row in measure_solvers(organ, element, methods, speed):
-                rows.append(row)
-                print(line(row), flush=True)
+            yield from measure_solvers(organ, element, methods, speed)
             assemblies.append(measure_assembly(organ.elasticity))
+
+    rows = printed("organ", measured(), markdown=True)
     print_assemblies(assemblies)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
     return keep(json_path, {"rows": rows, "assembly": assemblies, "bandwidth": speed})
@@ -169,19 +169,3 @@ def resident_memory() -> float:
         return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
     except OSError:
         return float("nan")
-
-
-HEAD = (
-    "| unknowns | element | solver | set-up [s] | memory [MB] | solve [ms] | floor [ms] | iterations | columns [s] | "
-    "rough [s] | left |\n"
-    "|---|---|---|---|---|---|---|---|---|---|---|"
-)
-
-
-def line(row: Numbers) -> str:
-    """Return a row of the table."""
-    floor = "" if row["floor"] is None else f"{row['floor'] / MILLI:.1f}"
-    rough = " | " if row["left"] is None else "{rough_columns:.2f} | {left:.0e}".format(**row)
-    head = "| {unknowns} | {element} | {solver} | {setup:.2f} | ".format(**row)
-    speed = f"{row['memory'] / MEGA:.0f} | {row['solve'] / MILLI:.1f} | {floor} | "
-    return f"{head}{speed}{row['iterations'] or ''} | {row['columns']:.2f} | {rough} |"

@@ -12,20 +12,26 @@ from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 
 Numbers = dict[str, Any]  # the numbers of a case by name; None for a number that does not apply
+SCALES = {"MB": 1e6, "ms": 1e-3}
 COLUMNS, EVERY_CASE = list_of(__file__, "columns.toml"), list_of(__file__, "cases.toml")
 
 
-def printed(table: str, rows: Iterable[Numbers]) -> list[Numbers]:
+def printed(table: str, rows: Iterable[Numbers], markdown: bool = False) -> list[Numbers]:
     """Print the rows of a table while they are measured, and return the rows.
 
-    The measurement uses one thread of BLAS.
+    The measurement uses one thread of BLAS. A table in Markdown has no widths.
     """
-    out, columns = [], COLUMNS[table]
+    heads, widths, cells = zip(*COLUMNS[table], strict=True)
+
+    def line(texts: Iterable[str]) -> str:
+        return f"| {' | '.join(texts)} |" if markdown else " ".join(map(aligned, texts, widths))
+
+    out = []
     with threadpool_limits(limits=1, user_api="blas"):
-        print(" ".join(aligned(head, width) for head, width, _ in columns))
+        print(line(heads) + ("\n|" + "---|" * len(heads)) * markdown)
         for row in rows:
             out.append(row)
-            print(" ".join(aligned(cell(row, of), width) for _, width, of in columns), flush=True)
+            print(line(cell(row, of) for of in cells), flush=True)
     return out
 
 
@@ -35,10 +41,14 @@ def aligned(text: str, width: int) -> str:
 
 
 def cell(row: Numbers, of: str) -> str:
-    """Return a number of a row as text, empty for None; `of` is its name and its format."""
+    """Return a number of a row as text, empty for None.
+
+    `of` is its name, its unit in brackets if this is not the SI unit, and its format.
+    """
     name, _, style = of.partition(":")
+    name, _, unit = name.rstrip("]").partition(" [")
     value = row[name]
-    return "" if value is None else format(value, style)
+    return "" if value is None else format(value / SCALES[unit] if unit else value, style)
 
 
 def time_call(call: Callable[[], object]) -> float:

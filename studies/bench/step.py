@@ -1,11 +1,11 @@
 """`suture bench step`: times of a step in shipped scenes, with the default integrator.
 
-Each scene is run from start to end. For each scene the times are: a single step, as a host program
-calls it (`coupling.run.run.Run.steps`), over whole runs of at most MOST steps; a step of the whole
-run in one call; and a step of a recorded run. Only the last one computes the times of events. With
-an organ, the floor is also given: one back-substitution by the factor of the meshed organ. All
-times are processor times on one thread. Loops are loaded or compiled before; `suture bench many`
-measures their compilation.
+Each scene is run from start to end. For each scene there are three times. The first is a single
+step, as a host program calls it (`coupling.run.run.Run.steps`), over whole runs of at most MOST
+steps. The second is a step of the whole run in one call, and the third a step of a recorded run.
+Only the last one computes the times of events. With an organ, the floor is also given: one
+back-substitution by the factor of the meshed organ. All times are processor times on one thread.
+Loops are loaded or compiled before; `suture bench many` measures their compilation.
 """
 
 from collections import deque

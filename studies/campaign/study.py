@@ -40,7 +40,7 @@ class Row:
 
     `cause` is the class of the error, `said` are the codes of the run's remarks. `apart` is the
     difference of forces and drawn lengths to the same case with a quarter of the step, over the
-    largest: NaN without a second run, infinite if it did not complete.
+    largest. NaN means no second run, and infinity a second run that did not complete.
     """
 
     number: int = measured("", lambda at: at.case.number)

@@ -256,7 +256,7 @@ def print_catalogue(options: argparse.Namespace) -> int:
 
 
 def run_bench(options: argparse.Namespace) -> int:
-    """``suture bench``: measure and return the exit status.
+    """``suture bench``: measure times of the code; return the exit status.
 
     It measures steps of shipped scenes, many tensions on one organ, finite strain, and an organ's
     assembly or solvers.

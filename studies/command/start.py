@@ -12,9 +12,9 @@ import sys
 
 from studies.status import INTERRUPTED
 
-# Bytes, near the largest threshold of glibc. After a block of this size is freed, glibc keeps up to twice its
-# size for later requests (mallopt(3), M_MMAP_THRESHOLD). Otherwise the pages of freed arrays return to the
-# system, which clears them before the next use.
+# Bytes, near the largest threshold of glibc. After a block of this size is freed, glibc keeps up to
+# twice its size for later requests (mallopt(3), M_MMAP_THRESHOLD). Otherwise the pages of freed
+# arrays return to the system, which clears them before the next use.
 KEPT = 31 * 2**20
 
 

@@ -2,10 +2,10 @@
 
 The last two are the paper's. A suture passes two ideal holes of a soft block. One end is held, and
 a hand draws the other out and back. From the same settled state, the scenario is run in each way
-over the organ's stiffness and the time step, with and without inertia of the organ. Measured
-quantities are: stable steps, the drift |P(s) − x| at the holes, created energy over the work of the
-hand, and the error of the exit's place. The reference for this error is a run of the whole system
-at half the finest step. The cost is the number of linear systems.
+over the organ's stiffness and the time step, with and without inertia of the organ. Measured are
+the stable steps, the drift |P(s) − x| at the holes, and the created energy over the work of the
+hand. The error of the exit's place is also measured. The reference for this error is a run of the
+whole system at half the finest step. The cost is the number of linear systems.
 
 These are consistency checks of our own paths. Theory says that the exchange destroys energy while
 it is stable (`coupling.paper.staggered`), and that every error decreases with the step.
@@ -152,10 +152,11 @@ WAYS: dict[str, Way] = {
 def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> SimpleNamespace:
     """Return the results of the pull and release in `n` steps.
 
-    Steps are not halved, so a failed step ends the run. They are whether the run completed, its
-    largest drift and displacement of a hole [m], the created energy and the work of the hand [J],
-    the places of the exit at the `shared` common times of all runs [m], and the number of linear
-    systems that were solved.
+    Steps are not halved, so a failed step ends the run. `completed` is false for such a run.
+    `drift` and `moved` are the largest drift and displacement of a hole [m]. `created` and
+    `external_work` are the created energy and the work of the hand [J]. `exit` are the places of
+    the exit [m] at the `shared` common times of all runs, and `solves` is the number of linear
+    systems.
     """
     take, created_by = way
     now, met = begin(system, state, take, halvings=0, downhill=False), state.y

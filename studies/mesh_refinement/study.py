@@ -3,17 +3,18 @@
 They are compared for a bare point and for footprints. A suture passes two ideal holes of a
 quasi-static block, one end is held, and a dead load pulls the other. Cells, element order, control
 points, time step and footprint are refined one by one; cells, control points and time step also
-together. Measured quantities are the compliance of a hole along the surface and along its normal,
-the displacement of the entry, the force on it, and the length drawn through the exit. Each quantity
-of each ladder gets a verdict (`studies.verdicts`) from its three finest runs.
+together. Measured are the compliance of a hole along the surface and along its normal, and the
+displacement of the entry. The force on the entry and the length drawn through the exit are also
+measured. Each quantity of each ladder gets a verdict (`studies.verdicts`) from its three finest
+runs.
 
 A bare point has no limit: on meshes that are scaled copies its compliance is c/(E h) plus a
 constant. A shrinking footprint has no limit either: its compliance is c/(E a).
 
-*Theoretical order.* A compliance is an energy, wᵀA⁻¹w, with an error of the square of the error in
-the energy norm: ∫ h²|u″|² for P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at
-its rim. At a distance r from it, u″ ~ log r and u‴ ~ 1/r. This gives h² for P1. For P2 every octave
-of r between a and h adds the same amount: the error is h⁴ ln(a/h), with the order 4 − 1/ln(a/h)
+*Theoretical order.* A compliance is an energy, wᵀA⁻¹w. Its error is the square of the error in the
+energy norm: ∫ h²|u″|² for P1 and ∫ h⁴|u‴|² for P2. The weight w of a footprint has a kink at its
+rim. At a distance r from it, u″ ~ log r and u‴ ~ 1/r. This gives h² for P1. For P2 every octave of
+r between a and h adds the same amount. The error is then h⁴ ln(a/h), with the order 4 − 1/ln(a/h)
 instead of 4. Displacements, forces and lengths are smooth functions of the compliances and have the
 same order. A thread's moment has a kink at a hole, inside a span where the spline's moment is
 linear: the energy error is h³ with a small factor. Backward Euler has order one, so the coupled
@@ -23,8 +24,8 @@ Two effects are excluded, because they would hide these orders. Where the clampe
 free side, the stress is infinite: strains like r^(λ−1) with sin²(λπ/2) = (4(1−ν)² − λ²)/(3−4ν)
 (Williams 1952). At ν = 0.3, λ = 0.71 gives a small but persistent error of h^1.42. At ν = 0 the
 stress is finite (λ = 1, uniaxial stress), so ν = 0. The second effect is an imposed direction of
-the thread. The load of its couple jumps at the rim, so it has order two on both elements, with a
-factor that depends on the cut of the rim by the cells. So the holes leave the direction free.
+the thread. The load of its couple jumps at the rim, so the order is two on both elements. The
+factor depends on the cut of the rim by the cells. So the holes leave the direction free.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -51,7 +52,8 @@ FOOTPRINT, CONTROL_POINTS, CELLS = 2e-3, 40, 16  # values that are not refined [
 MILLI = 1e-3
 DECADE = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # ticks [mm/N]
 SPANS_PER_CELL, STEPS_PER_CELL = 2.5, 1 / 32  # of the coupled ladder: spans per cell, and steps per square of cells
-# Theoretical orders; the coupled ladder has the lowest of its parts, P1 in h and backward Euler in Δt ~ h².
+# Theoretical orders; the coupled ladder has the lowest of its parts, P1 in h and backward Euler in
+# Δt ~ h².
 FORMAL = {"P1": 2.0, "control points": 3.0, "time step": 1.0, "footprint": 2.0, "coupled": 2.0}
 QUANTITIES = study_list("mesh_refinement")["quantities"]  # words and unit
 VARIANTS = ("bare point, P1", "footprint, P1", "footprint, P2")

@@ -12,19 +12,19 @@ from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
 
-# Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and P2. A node
-# takes 25 on structured meshes and up to 49 on others (displacement and stress, compressed, with the mesh). A
-# control point takes 90, or 140 with twist and tracts. A row of energy.csv and of steps.csv takes 200, a row of
-# piercings.csv 250 to 500.
+# Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and
+# P2. A node takes 25 on structured meshes and up to 49 on others (displacement and stress,
+# compressed, with the mesh). A control point takes 90, or 140 with twist and tracts. A row of
+# energy.csv and of steps.csv takes 200, a row of piercings.csv 250 to 500.
 PER_NODE, PER_CONTROL_POINT, PER_HOLE_DRAWN = 49.0, 140.0, 1400.0
 PER_STEP, PER_HOLE = 400.0, 500.0
-# Seconds of one processor, measured on the shipped scenes and 70 scenes of the campaign. STEP…: a step by
-# compiled loops, then the addition for each hole, and for an organ solved whole, also for each of its unknowns.
-# …KRYLOV…: a step in a Krylov space, and once per unknown (about 40 vectors are made). CORRECTION…: a
-# correction in numpy, then per control point, per hole, and per unknown at finite strain; CORRECTIONS is their
-# number per step. FRAME_BYTE: an estimated byte of a frame. BEGINNING: loading the program and its loops, and
-# the picture. For 78 of 82 runs, steps and frames took 0.5 to 2 times the estimate, and whole runs 0.6 to 1.4
-# times.
+# Seconds of one processor, measured on the shipped scenes and 70 scenes of the campaign. STEP…: a
+# step by compiled loops, then the addition for each hole, and for an organ solved whole, also for
+# each of its unknowns. …KRYLOV…: a step in a Krylov space, and once per unknown (about 40 vectors
+# are made). CORRECTION…: a correction in numpy, then per control point, per hole, and per unknown
+# at finite strain; CORRECTIONS is their number per step. FRAME_BYTE: an estimated byte of a frame.
+# BEGINNING: loading the program and its loops, and the picture. For 78 of 82 runs, steps and frames
+# took 0.5 to 2 times the estimate, and whole runs 0.6 to 1.4 times.
 STEP, STEP_HOLE, STEP_FACTORED, STEP_UNKNOWN = 6e-4, 7.5e-4, 3.4e-3, 1.1e-6
 STEP_KRYLOV, KRYLOV_UNKNOWN = 1e-3, 3.3e-4
 CORRECTION, CORRECTION_POINT, CORRECTION_HOLE, CORRECTION_FINITE = 5e-3, 5e-5, 1e-3, 4e-6
@@ -84,9 +84,9 @@ def seconds_of(
 
 
 def pace() -> float:
-    """Return the time for a sum on this machine over its time on the measured machine [-].
+    """Return the time for a sum on this machine over its time on the reference machine [-].
 
-    The other times of this module were measured on that machine.
+    The other times of this module were measured on the reference machine.
     """
     return min(repeat(partial(sum, range(200_000)), timer=process_time, repeat=5, number=1)) / REFERENCE
 

@@ -2,8 +2,8 @@
 
 A `Column` gives the heading of a CSV table, the name of an array in a frame, a key of
 ``summary.json`` and a line of the manual. ``python -m studies.output.columns`` updates those lines
-of the manual. To add a quantity, add its field to a record of ``studies.output.records``, and a line
-with its name, unit and meaning to ``columns.toml``.
+of the manual. To add a quantity, add its field to a record of ``studies.output.records``, and a
+line with its name, unit and meaning to ``columns.toml``.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -77,6 +77,11 @@ def column_of(name: str, entry: Sequence[Any], source: Callable[[Any], Value] | 
 def coded(codes: Mapping[str, int]) -> str:
     """Return the codes of words as text for the manual."""
     return ", ".join(f"{code} {word}" for word, code in codes.items())
+
+
+def headings(columns: Iterable[Column[Any]]) -> list[str]:
+    """Return the headings of a CSV table."""
+    return [heading for column in columns for heading in column.headings]
 
 
 def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
@@ -208,7 +213,8 @@ STITCHES = listed(
     (STITCH_NAME, STITCH_PAIR, *STITCH),
     lambda step: [stitch for pair in step.contact for stitch in pair.stitches],
 )
-# The order of writing: if a table with one row per step has a step, the tables before it have this step too.
+# The order of writing: if a table with one row per step has a step, the tables before it have this
+# step too.
 TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, STEPS, CONTACTS, STITCHES, TIES)
 
 

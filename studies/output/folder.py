@@ -45,8 +45,8 @@ class Recorder:
     """Writes a run into a folder; leaving the ``with`` block writes the summary.
 
     The last frame is written even if it is not due, so a frame is passed as a function that makes
-    it. With the folder's ``checkpoint`` a run is resumed: rows and frames after the checkpoint are
-    removed, and the first recorded step must be the step of the checkpoint.
+    it. With the folder's ``checkpoint`` a run is resumed. Rows and frames after the checkpoint are
+    removed. The first recorded step must be the step of the checkpoint.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Recorder:
 
 
 def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -> None:
-    """Raise `ScenarioError` if a table lacks columns or rows for the checkpoint.
+    """Raise `ScenarioError` if a table does not fit the checkpoint.
 
     Its columns differ, or it ends before the step of the checkpoint.
     """
@@ -259,10 +259,11 @@ def check_folder(
 ) -> None:
     """Refuse a folder with files other than earlier results, or results that may not be replaced.
 
-    `overwrite` permits to replace earlier results, and `resume` to continue them. A folder that cannot
-    be written is refused by `studies.output.lock.locked`. Earlier results are replaced after the new
-    run is prepared. The `file` of the `scenario` must lie in another folder, because it would be
-    replaced too. To continue a run, the keys that the scenario gives must have their earlier values.
+    `overwrite` allows to replace earlier results, and `resume` to continue them. A folder that
+    cannot be written is refused by `studies.output.lock.locked`. Earlier results are replaced after
+    the new run is prepared. The `file` of the `scenario` must lie in another folder, because it
+    would be replaced too. To continue a run, the keys that the scenario gives must have their
+    earlier values.
     """
     folder = Path(folder)
     if manifest.read(folder) is None:

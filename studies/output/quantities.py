@@ -45,13 +45,11 @@ def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
 
 def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
     """Yield the numbers and words below a place in a summary."""
+    if isinstance(table, list | tuple) and any(isinstance(item, Mapping) for item in table):
+        table = dict(enumerate(table))
     if isinstance(table, Mapping):
         for key, value in table.items():
             yield from leaves(value, (*place, str(key)))
-        return
-    if isinstance(table, list | tuple) and any(isinstance(item, Mapping) for item in table):
-        for number, item in enumerate(table):
-            yield from leaves(item, (*place, str(number)))
         return
     column = column_at(place)
     unit = column.unit if column else ""

@@ -256,7 +256,7 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
 
 
 def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
-    """Return a recorded frame, in single precision; `names` are the names of its piercings.
+    """Return a recorded frame, which has single precision; `names` are its piercings.
 
     Raises `ResultsError` like `FrameFiles.read`.
     """

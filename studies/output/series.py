@@ -49,10 +49,11 @@ SMALLEST = {"preset": 6, "dict_size": 2**20, **WORDS}  # for the mesh, which is 
 QUICK = {"preset": 1, "dict_size": 2**20, **WORDS}  # to choose the packing by a sample of this number of rows
 SAMPLE = 10_000
 FASTEST = {"preset": 0, "dict_size": 4096, "depth": 1, "nice_len": 4, **WORDS}  # for fields, which hardly repeat
-# Bits below the error of the elements are noise: they cannot be compressed, and would be half of a frame's
-# bytes. Quantities derived from the displacement keep 10 of 23 mantissa bits (4.9e-4), and nothing below 1.2e-4
-# of the largest in their array. Directions are unit vectors: an error of 0.2° is invisible. Of J the difference
-# from 1 is kept, because neighbouring cells differ by half of it. Places are kept to a millionth of the extent.
+# Bits below the error of the elements are noise: they cannot be compressed, and would be half of a
+# frame's bytes. Quantities derived from the displacement keep 10 of 23 mantissa bits (4.9e-4), and
+# nothing below 1.2e-4 of the largest in their array. Directions are unit vectors: an error of 0.2°
+# is invisible. Of J the difference from 1 is kept, because neighbouring cells differ by half of it.
+# Places are kept to a millionth of the extent.
 DERIVED = frozenset({"stress", "von_mises", "principal_stress", "strain", "rotation", "energy_density"})
 BITS_LEFT_OUT = 13
 REFERENCES = {"volume_ratio": 1.0, "nodal_volume_ratio": 1.0}  # a field's difference from this is rounded; else zero

@@ -7,7 +7,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from studies.output.columns import TABLES, Column, Layout, Row, Value
+from studies.output.columns import TABLES, Column, Layout, Row, Value, headings
 from studies.scenario import Scenario
 
 SPECIAL = re.compile(r'[",\r\n]')  # text with one of these is quoted
@@ -87,7 +87,7 @@ def _quoted(value: str) -> str:
 
 def head_of(columns: Iterable[Column[Any]]) -> bytes:
     """Return the first line of a table."""
-    return (",".join(heading for column in columns for heading in column.headings) + "\n").encode()
+    return (",".join(headings(columns)) + "\n").encode()
 
 
 def rows_until(path: Path, step: int) -> list[bytes]:

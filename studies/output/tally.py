@@ -54,7 +54,8 @@ class Tally:
                 raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
     def count(self, step: StepRecord) -> None:
-        """Add an accepted step."""
+        """Add an accepted step, which is then the last step."""
+        self.last_step = step
         now = self._totals
         now["newton_iterations"] += step.newton_iterations
         now["constraint_max"] = max(now["constraint_max"], step.constraint_max)

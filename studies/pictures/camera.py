@@ -1,6 +1,6 @@
 """Camera of a picture: its position, projections of points, and free places for labels.
 
-The camera has no perspective, so one scale bar is valid for the whole picture, and the pixel of a
+The camera has no perspective. One scale bar is valid for the whole picture, and the pixel of a
 point is a linear function of its place.
 """
 
@@ -22,8 +22,8 @@ CLEAR = 6.0  # pixels around a label
 class Camera:
     """A view without perspective.
 
-    It has unit vectors to the right, up and towards the camera, the place in the middle of the
-    picture, the pixels per metre, and the picture's size in pixels.
+    It has unit vectors to the right, up and towards the camera, and the place in the middle of the
+    picture. `scale` is in pixels per metre, and `size` in pixels.
     """
 
     right: Array  # (3,)

@@ -30,8 +30,8 @@ NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the re
 class MeshScene:
     """A mesh for a picture.
 
-    It has points `(n, 3)` [m], cells `(m, 4)` with their region's number, the facets `(k, 3)` of
-    the wound's lips, the places of the piercings `(p, 3)` [m], and a title.
+    It has points `(n, 3)` [m], and cells `(m, 4)` with the number of their region. `lips` are the
+    facets `(k, 3)` of the wound's lips, and `sites` the places of the piercings `(p, 3)` [m].
     """
 
     points: Array

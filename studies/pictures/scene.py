@@ -19,8 +19,9 @@ FILM = ".gif"  # suffix of an animation
 class Hole:
     """A piercing in a picture.
 
-    It has its abscissa `s` [m] on the thread, `x` (3,) [m], the `force` (3,) of the hole on the
-    thread [N], its state in a word, and the radius of its `footprint` [m], zero if it is not drawn.
+    `s` [m] is its abscissa on the thread and `x` (3,) [m] its place. `force` (3,) [N] is the force
+    of the hole on the thread, and `state` a word. `footprint` [m] is a radius, zero if no footprint
+    is drawn.
     """
 
     name: str

@@ -56,8 +56,8 @@ def surface(topology: OrganTopology) -> Indices:
 class Scale:
     """The common scale of the pictures of frames.
 
-    It has the corners of the box of the selected points [m], the colour ranges of stress [Pa] and
-    tension [N], and the largest force of a hole [N], zero without forces.
+    It has the corners of the box of the selected points [m], and the colour ranges of stress [Pa]
+    and tension [N]. `force` is the largest force of a hole [N], zero without forces.
     """
 
     low: Array  # (3,)

@@ -3,7 +3,7 @@
 Each level has finer cells, steps or spans, or smaller footprints.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, sqrt
 from numbers import Integral, Real
@@ -118,7 +118,8 @@ KINDS = {
     # The bending moment has a kink at a hole, which a cubic cannot represent: `thread.compliance`.
     "control_points": Kind("the spans of the thread", finer_spans, lambda scenario: 3.0, lambda scenario: None),
     "footprint": Kind("the radius of the footprints", smaller_footprints, lambda scenario: 2.0, no_footprints),
-    # A level's size is the estimated error of the compliance, because the error of a number is proportional to it.
+    # A level's size is the estimated error of the compliance, because the error of a number is
+    # proportional to it.
     "accuracy": Kind(
         "the estimated error of the holes' compliance", finer_holes, lambda scenario: 1.0, no_accuracy, ratio=2.0
     ),
@@ -132,9 +133,9 @@ class Ladder:
     """Levels of a scenario, from the scenario itself, which is the coarsest.
 
     It has the refined quantities, the `settings` and `factor` of each level, and the theoretical
-    order. For levels of accuracy it also has the `estimates` of the relative error of the holes'
-    compliance [-], NaN for a failed level, and the `unknowns` of the organ; otherwise both are
-    empty.
+    order. For levels of accuracy it also has `estimates` of the relative error of the holes'
+    compliance [-], NaN for a failed level. It then has the `unknowns` of the organ too. Otherwise
+    both are empty.
     """
 
     kinds: tuple[str, ...]
@@ -159,7 +160,7 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)
     order = min(KINDS[kind].order(scenario) for kind in kinds)
-    rounded = tuple(map(effective(scenario, kinds), settings, factors))
+    rounded = tuple(effective(scenario, kinds, *level) for level in zip(settings, factors, strict=True))
     if (distinct := len(set(rounded))) < LEAST:
         raise ScenarioError(
             f"--ratio {step:.4g} is refused: after rounding to whole numbers only {distinct} of {levels} levels "
@@ -189,17 +190,13 @@ def finer(scenario: Scenario, kinds: tuple[str, ...], factor: float) -> Settings
     return {key: value for kind in kinds for key, value in KINDS[kind].finer(scenario, factor).items()}
 
 
-def effective(scenario: Scenario, kinds: tuple[str, ...]) -> Callable[[Mapping[str, Any], float], float]:
-    """Return the function for the factor of a level from its keys, with rounded steps and spans."""
-
-    def factor_of(settings: Mapping[str, Any], factor: float) -> float:
-        if kinds == ("dt",) and "solve.load_steps" in settings:
-            return float(settings["solve.load_steps"] / scenario.solve.load_steps)
-        if kinds == ("dt",) and "solve.dt" in settings:
-            return float(scenario.solve.dt / settings["solve.dt"])
-        if kinds == ("control_points",) and settings:
-            spans = settings["thread.control_points"] - END_POINTS
-            return float(spans / (scenario.thread.control_points - END_POINTS))
-        return factor
-
-    return factor_of
+def effective(scenario: Scenario, kinds: tuple[str, ...], settings: Settings, factor: float) -> float:
+    """Return the factor of a level from its keys, with rounded steps and spans."""
+    if kinds == ("dt",) and "solve.load_steps" in settings:
+        return float(settings["solve.load_steps"] / scenario.solve.load_steps)
+    if kinds == ("dt",) and "solve.dt" in settings:
+        return float(scenario.solve.dt / settings["solve.dt"])
+    if kinds == ("control_points",) and settings:
+        spans = settings["thread.control_points"] - END_POINTS
+        return float(spans / (scenario.thread.control_points - END_POINTS))
+    return factor

@@ -13,10 +13,10 @@ NO_VERDICT = "no verdict"
 class Refined:
     """Convergence of a quantity.
 
-    It has its `numbers` from the coarsest level, NaN for a failed level, the `factors` of the
-    levels, the theoretical order, and the verdict, None with fewer than three numbers. For levels
-    of accuracy it also has the `estimates` of the relative error of the holes' compliance [-];
-    otherwise they are empty.
+    `numbers` begin with the coarsest level, and are NaN for a failed level. It has the `factors` of
+    the levels and the theoretical order. The verdict is None with fewer than three numbers. For
+    levels of accuracy it also has the `estimates` of the relative error of the holes'
+    compliance [-]; otherwise they are empty.
     """
 
     quantity: str

@@ -14,7 +14,7 @@ MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
 FIRST = 3  # number of charts next to the result
 SUMMARY, CHARTS = (list_of(__file__, "charts.toml")[key] for key in ("summary", "chart"))
-LOOSE = ("time", "step")  # columns that are not quantities
+CLOCKS = ("time", "step")  # columns that are not quantities
 AXES = ("x", "y", "z")
 
 
@@ -70,7 +70,7 @@ def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
 def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
     """Yield the quantities of a table's rows, with fewer points and in the units of the charts."""
     chosen = evenly_spaced(len(rows.columns["time"]), MOST_ROWS)
-    scalars = [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in LOOSE]
+    scalars = [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in CLOCKS]
     time = rows.columns["time"][chosen]
     for name, unit, values in [*scalars, *lengths(rows)]:
         factor, shown = SHOWN.get(unit, (1.0, unit))

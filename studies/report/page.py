@@ -41,19 +41,14 @@ def escaped(value: object) -> str:
 
 
 def number_text(value: object) -> str:
-    """Return a number with four digits, or any other value unchanged; empty for None."""
-    if value is None:
+    """Return a number with four digits, or any other value unchanged; empty for None and NaN."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, list | tuple):
         return ", ".join(number_text(item) for item in value)
     return str(value)
-
-
-def cell(value: object) -> object:
-    """Return a value of a table, None for NaN."""
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def figure(png: str, words: str) -> str:

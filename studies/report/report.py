@@ -297,7 +297,7 @@ def whole_table(table: Table, names: Sequence[str]) -> str:
     """Return columns of a table, with a note on the number of rows that are not shown."""
     count = min(MOST_ROWS, len(next(iter(table.columns.values()))))
     columns = [table.columns[name].tolist() for name in names]
-    rows = [[page.cell(value) for value in row] for row in zip(*columns, strict=True)][:count]
+    rows = list(zip(*columns, strict=True))[:count]
     more = len(columns[0]) - count
     note = page.paragraph(f"and {more} more rows in the folder's table") if more else ""
     return page.table([table.heading(name) for name in names], rows, words=0) + note

@@ -1,9 +1,9 @@
 """A running suture: the reach of a pull along the stitches, compared with a published experiment.
 
 Horeman et al. (PLoS ONE 2013;8:e84466) sewed pig fascia with seven continuous stitches and measured
-the thread of the second stitch: 3 N (SD 1.2) while it is pulled, 1 N (SD 0.3) from the fourth
-stitch on, and no influence of the fifth, sixth and seventh. Here a thread runs through two rough
-holes per stitch, its first hole is a knot, and its loose end is pulled.
+the thread of the second stitch. It bears 3 N (SD 1.2) while it is pulled, and 1 N (SD 0.3) from the
+fourth stitch on. The fifth, sixth and seventh stitch have no influence. Here a thread runs through
+two rough holes per stitch, its first hole is a knot, and its loose end is pulled.
 
 *One pull.* Seven stitches carry no load except a small laying tension. The end is pulled, and let
 back. One number, the coefficient of friction μ, is fitted: two stitches back the tension is the
@@ -42,9 +42,11 @@ from studies.theory import bent_ratio, tensions_by_law
 from studies.verdicts import bearing_strain, beyond_bearing, beyond_linear, not_settled, unrest
 from thread.ends import Free
 
-# Small bites (Deerenberg et al., Lancet 2015;386:1254): 5 mm from the edge of the wound, every 5 mm, USP 2-0.
+# Small bites (Deerenberg et al., Lancet 2015;386:1254): 5 mm from the edge of the wound, every 5
+# mm, USP 2-0.
 BITE, PITCH = 5e-3, 5e-3  # [m]
-# Förstemann et al., J Biomech 2011;44:600: 3.4 N/mm at 6 % across the linea alba, 57 N/mm, here on 1.5 mm.
+# Förstemann et al., J Biomech 2011;44:600: 3.4 N/mm at 6 % across the linea alba, 57 N/mm, here on
+# 1.5 mm.
 THICKNESS, YOUNGS_MODULUS = 1.5e-3, 4e7  # [m], [Pa]
 WIDTH, BEYOND = 0.04, 0.03  # of the sheet, and its length beyond the stitches [m]
 FOOTPRINT = 0.7e-3  # radius of a hole [m]
@@ -57,7 +59,7 @@ ONE, CALIBRATED, PLACING = "one pull", "one pull, calibrated", "placing, stitch 
 
 SLACK = 0.1  # tension in which a thread is laid without friction; a pull is let back to twice this [N]
 FREE, TAIL, LOOP = 6e-3, 0.03, 1e-3  # of thread before its knot, beyond the last hole, above and below each hole [m]
-LED = 1e9  # a beginning that is never reached [s]: the stitch begins when the hand has moved the thread there
+NEVER = 1e9  # a beginning that is never reached [s]: the stitch begins when the hand has moved the thread there
 STEP, LAYING, PULLING, LETTING, SWING, REST = 2e-3, 0.04, 0.15, 0.08, 0.06, 0.02  # [s]
 SLIPPED = 1.2  # times its tension before the pull: a stitch above this was reached by slip
 OVER = np.array([-2 * BITE, PITCH, 0.0]) / np.hypot(2 * BITE, PITCH)  # over the wound to the next stitch
@@ -208,7 +210,7 @@ def scenario(case: Case, laid: int) -> Scenario:
         "piercing": [
             {
                 "name": f"{('entry', 'exit')[k % 2]} {k // 2 + 1}", "at": hole, "direction": "free",
-                "footprint": 0.0 if fixed else FOOTPRINT, "from": 0.0 if k < 2 * laid else LED,
+                "footprint": 0.0 if fixed else FOOTPRINT, "from": 0.0 if k < 2 * laid else NEVER,
                 **({"kind": "anchored"} if k == 0 else rough),
             }
             for k, hole in enumerate(holes)

@@ -13,10 +13,10 @@ that belong to no lip; in a mattress stitch it lies on one side of the wound. On
 skin and for thread on thread, is fitted to the single stitch; the other pulls are predictions. The
 capstan law estimates their error for a pull of the single stitch one standard deviation away.
 
-*Assumed.* The turn of a strand in a throw is not published. Two strands that twist around each
-other by one and a half turns, the minimum of a half knot, at a pitch angle α each bend by 540° sin
-α: 180° to 360° for 20° to 42°. The abstract also does not describe the modified pulley stitch, so
-it is not run. Sizes have no effect if the rings are many √(EI/T) apart.
+*Assumed.* The turn of a strand in a throw is not published. The minimum of a half knot are two
+strands that twist around each other by one and a half turns. At a pitch angle α each then bends by
+540° sin α: 180° to 360° for 20° to 42°. The abstract also does not describe the modified pulley
+stitch, so it is not run. Sizes have no effect if the rings are many √(EI/T) apart.
 
 *By hand.* A strand that has turned by φ from its hand bears exp(−μφ) of the pull (capstan). For a
 bending thread this is the product over the rings of `studies.theory.bent_ratio`.
@@ -276,7 +276,7 @@ def across(way: Way, run: Run) -> float:
 def is_sliding(way: Way, run: Run) -> bool:
     """Return whether the thread slides towards its nearer hand in all rings.
 
-    Two rings in the middle are not tested.
+    One or two rings in the middle are not tested.
     """
     half = (way.on_right.size - 1) // 2
     sigma = run.state.sigma

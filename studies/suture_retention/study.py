@@ -37,7 +37,7 @@ LENGTH, WIDTH = 0.02, 0.01  # of the strip [m], as in Gong et al.
 EDGE, DRAWN = 2e-3, 0.01  # of the hole from the edge, and length drawn by the hands [m] (ISO 7198)
 POISSON = 0.499  # κ follows from the initial slope: at 0.49 a stiffening tissue would swell instead of stretch
 SUTURE = "3-0 polypropylene"
-LEG, APART, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either hand from its middle, at the hole [m]
+LEG, OFFSET, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either hand from its middle, at the hole [m]
 NEAR = 2.0  # footprints around the hole in which the largest stretch is sought
 MIDDLE = 0.15  # of the strip's length: its middle part, stretched as in a uniaxial test
 MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
@@ -49,8 +49,8 @@ say = sentences("suture_retention")
 class Tissue:
     """A published tissue.
 
-    It has the initial slope of a uniaxial test [Pa], nominal stress [Pa] and strain at failure,
-    thickness [m], the force at which a suture tore out [N] with its spread, and the sources.
+    It has the initial slope of a uniaxial test [Pa], nominal stress [Pa] and strain at failure, and
+    the thickness [m]. `force` [N] is the force at which a suture tore out, with its spread or None.
     """
 
     slope: float
@@ -179,13 +179,13 @@ def scenario(case: Case) -> Scenario:
         "tissue.youngs_modulus": case.tissue.slope,
         "tissue.mesh.size": [LENGTH, WIDTH, thickness],
         "tissue.mesh.h_site": case.size,
-        "thread.path": [[x, 0.0, middle + z] for x, z in ((hand, APART), (at, DIP), (at, -DIP), (hand, -APART))],
+        "thread.path": [[x, 0.0, middle + z] for x, z in ((hand, OFFSET), (at, DIP), (at, -DIP), (hand, -OFFSET))],
         "piercing.hole.at": [at, 0.0, middle],
         "piercing.hole.footprint": case.footprint,
         "solve.load_steps": case.load_steps,
         **({} if case.variant == LINEAR else stiffening),
     }
-    for end, z in (("start", middle + APART), ("end", middle - APART)):
+    for end, z in (("start", middle + OFFSET), ("end", middle - OFFSET)):
         values[f"thread.{end}.waypoints"] = [[0.0, hand, 0.0, z], [1.0, hand + DRAWN, 0.0, z]]
     return scene("suture_retention", values)
 

@@ -6,11 +6,11 @@ In linear theory both holes are drawn up by T and towards each other by T. All r
 τ = T/(E a²), with the radius a of a footprint: one tissue with four materials gives the range of
 any other.
 
-Each parameter is changed alone from a reference case: a 3-0 braid under 0.1 N, 0.5 MPa, holes 10 mm
-apart on the surface, a footprint of 1 mm, no friction. The bite's depth is the depth of the holes'
-centres. The model knows only where the tissue bears the thread, so a deeper bite bears deeper (a
-ball instead of a disc). Stress is averaged over the half ball below a hole, because a nodal maximum
-would grow with the mesh.
+Each parameter is changed alone from a reference case. It is a 3-0 braid under 0.1 N, in tissue of
+0.5 MPa, without friction. The holes are 10 mm apart on the surface, with a footprint of 1 mm. The
+bite's depth is the depth of the holes' centres. The model knows only where the tissue bears the
+thread, so a deeper bite bears deeper (a ball instead of a disc). Stress is averaged over the half
+ball below a hole, because a nodal maximum would grow with the mesh.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -96,7 +96,6 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
             return None
         tally = tally_of(simulation)
         tally.count(step)
-        tally.last_step = step
         tally.see(drawn(simulation, step, frame))
     return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
 
@@ -130,7 +129,7 @@ def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
     try:
         for step, frame in simulation.advance():
             tally.count(step)
-            tally.last_step, last = step, frame
+            last = frame
             if step.step % simulation.scenario.output.every == 0:
                 tally.see(drawn(simulation, step, frame))
                 last = None

@@ -12,8 +12,8 @@ Biomed. Eng. 39 (2011) 1935, its abstract). At the thickness of this sheet this 
 The maximum of the first and the middle of the second are run.
 
 *Theory.* A slit has no width. After closing, the sheet is as before the cut. So the sum of its
-stitch forces equals the former force across the slit, σ₀ t L, for any law: σ₀ is the stress of the
-stretched sheet, t its thickness, L the length.
+stitch forces equals the former force across the slit, σ₀ t L, for any law. Here σ₀ is the stress of
+the stretched sheet, t its thickness, and L the length.
 
 *Published.* The pairs of wounds of `studies.wound_closure`: the ratio of the second force to the
 first does not need a stiffness. Also strips of scalp of 10 to 15 mm, removed from 20 patients

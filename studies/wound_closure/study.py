@@ -7,12 +7,13 @@ distance of one bite from the lips. Two hands draw its ends until the lips nearl
 Stitches are drawn all at once, or one after another along the wound, as a surgeon ties them: untied
 stitches are slack, tied ones keep their length. The lips press on each other where they meet.
 
-*Theory.* A large sheet in plane stress with an elliptical hole, 2c long and W wide, is closed
-everywhere at once by a uniform traction p = EW/(4c) on its lips, across the wound and per length
-along it. This removes the stress of a sheet stretched across its hole (Inglis 1913). In a sheet of
-thickness t with one stitch every e the force is t e EW/(4c) per stitch, and t EW/2 in total,
-independent of the length. A run differs by the finite size of the sheet (shown by uniform traction
-on the same mesh) and by the stitches: forces at points, at a distance from the lips.
+*Theory.* A large sheet in plane stress has an elliptical hole, 2c long and W wide. A uniform
+traction p = EW/(4c) on its lips closes it everywhere at once. The traction is across the wound and
+per length along it. This removes the stress of a sheet stretched across its hole (Inglis 1913). In
+a sheet of thickness t with one stitch every e the force is t e EW/(4c) per stitch. In total it is t
+EW/2, independent of the length. A run differs by the finite size of the sheet, as a uniform
+traction on the same mesh shows. It also differs by the stitches, which are forces at points, at a
+distance from the lips.
 
 *Published.* Čapek et al. (Med. Biol. Eng. Comput. 50, 2012, 193) give the largest suture force of
 their finite elements and of their measurements in vivo, and Wen et al. (Appl. Math. Mech. 44, 2023,

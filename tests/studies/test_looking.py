@@ -336,7 +336,7 @@ def test_what_is_waited_for_between_two_steps_is_no_measure_of_what_is_left(monk
     now, plain = 0.0, io.StringIO()
     monkeypatch.setattr("studies.command.progress.monotonic", lambda: now)
     bar = Progress(10, stream=plain)
-    with stages(told=("coupling.run.course",), waited=bar.begin_anew):
+    with stages(names=("coupling.run.course",), waited=bar.begin_anew):
         for number, at in ((1, 1.0), (2, 2.0), (3, 43.0), (4, 44.0)):
             now = at
             if number == 3:

@@ -88,7 +88,7 @@ def test_stitches_not_tied_yet_are_slack() -> None:
     at, n = hands(), len(COARSE.places)
     (tying, slack), *_ = turns(n, IN_TURN)
     state, done = at.tighten(at.straight_state, tying, slack)
-    forces, lips = at.forces(state), observe_contact(at.system, state)
+    forces, lips = at.forces(state), observe_contact(at.assembly.system, state)
     assert done and forces[0] > 0.0 and np.abs(forces[1:]).max() <= 1e-3 * forces[0]
     assert lips is not None and lips.gap.min() >= 0.0 - CROSSED * COARSE.width
     row = row_with(rows(), NARROW, IN_TURN)

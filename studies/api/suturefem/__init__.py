@@ -1,7 +1,7 @@
 """A suture thread and the organ that it pierces, from Python.
 
-`load` a scenario, `prepare` it and compute its steps, or `run` it into a folder; `open_run` gives
-the content of a folder; `sweep` varies keys, `refine` judges whether a number converges.
+`load` reads a scenario, `prepare` gives its steps, and `run` writes it into a folder. `open_run`
+gives the content of a folder. `sweep` varies keys, and `refine` judges whether a number converges.
 """
 
 from importlib import import_module
