@@ -263,13 +263,13 @@ def run_bench(options: argparse.Namespace) -> int:
     """
     if options.what == "organ":
         return int(import_module("studies.bench.organ").main(options.sizes, options.element, options.json))
-    status, given = 0, {"step": options.solver, "many": options.tensions, "finite": options.solver}
+    given = {"step": options.solver, "many": options.tensions, "finite": options.solver}
     for name, value in given.items():
-        if options.what in (name, "all") and status == 0:
-            status = int(import_module(f"studies.bench.{name}").main(options.json, value))
-    if options.what == "all" and status == 0:
-        status = int(import_module("studies.bench.organ").main_assembly(options.json))
-    return status
+        if options.what in (name, "all"):
+            import_module(f"studies.bench.{name}").main(options.json, value)
+    if options.what == "all":
+        import_module("studies.bench.organ").main_assembly(options.json)
+    return 0
 
 
 def run_study(options: argparse.Namespace) -> int:
