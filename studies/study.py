@@ -201,7 +201,8 @@ def study(name: str) -> Study:
         raise StudyError(refusal("study", name, f"the studies are {', '.join(NAMES)}{hint}"))
     module, texts = import_module(f"studies.{name}.study"), study_list(name)
     described = {key: texts[key] for key in ("question", "independent", "consistency", "quick")}
-    return Study(module.main, table=module.table, figure=module.figure, remarks=module.remarks, **described)
+    functions = {part: getattr(module, part) for part in ("main", "table", "figure", "remarks")}
+    return Study(**functions, **described)
 
 
 def arguments(found: Study, preset: str, settings: Sequence[str] = ()) -> dict[str, Any]:
@@ -329,7 +330,8 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
 def numbers(rows: Sequence[Any]) -> str:
     """Return every row in SI units, which are in the header."""
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
-    return comma_separated([head, *([str(value) for value in asdict(row).values()] for row in rows)])
+    cells = [[str(value) for value in asdict(row).values()] for row in rows]
+    return comma_separated([head, *cells])
 
 
 def comma_separated(lines: Sequence[Sequence[str]]) -> str:

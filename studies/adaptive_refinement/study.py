@@ -228,7 +228,8 @@ def figure(rows: Sequence[Row]) -> Figure:
     places: list[Item] = []
     for case, own in grouped(rows, lambda row: row.case).items():
         lines = grouped(own, lambda row: row.kind)
-        curves = series(unnamed(lines) if places else lines, lambda row: row.unknowns / 1000.0, "error")
+        named = unnamed(lines) if places else lines
+        curves = series(named, lambda row: row.unknowns / 1000.0, "error")
         words = "unknowns [thousands]", ERROR
         places.append(panel(*words, curves, level(ASKED), log="xy", ticks=TICKS | {"y": SHARES}, title=case))
     first = grouped([row for row in rows if row.case == rows[0].case], lambda row: row.kind)

@@ -88,6 +88,7 @@ def measure_step(case: str, overrides: list[str]) -> Numbers:
             corrections[k].append(runs[k].iterations)
     step, linear = (median(each[WARM_UP:]) / MILLI for each in times)
     counts = [sum(each[WARM_UP:]) / STEPS for each in corrections]
-    found = {"case": case, "tissue_unknowns": int(assemblies[0].organ.size), "step": step, "linear": linear}
+    found = {"case": case, "tissue_unknowns": int(assemblies[0].organ.size)}
+    found |= {"step": step, "linear": linear}
     found |= dict(zip(("corrections", "linear_corrections"), counts, strict=True))
     return found | {"times_as_long": step / linear}

@@ -105,7 +105,8 @@ def measure_job(case: str, mesh: Sequence[str]) -> Numbers:
     sizes = {"case": case, "tissue_unknowns": full.size, "vectors": organ.reduction.size}
     found = {"basis_seconds": seconds, "step": step, "whole_step": whole_step, "at_once": at_once}
     found |= dict(zip(("organ", "whole_organ"), parts, strict=True)) | errors(full, organ, pairs)
-    return sizes | found | {"times_as_fast": whole_step / step, "steps_per_second": 1.0 / (at_once * MILLI)}
+    found |= {"times_as_fast": whole_step / step, "steps_per_second": 1.0 / (at_once * MILLI)}
+    return sizes | found
 
 
 def measure_soft_block() -> Numbers:
@@ -161,7 +162,8 @@ def errors(
     difference, bound = (np.array([estimate(eta) for _, eta in pairs]) for estimate in (organ.difference, organ.bound))
     least = float((bound / np.maximum(error, np.finfo(float).eps * way)).min())
     of_way = {"error": error, "difference": difference, "bound": bound}
-    return {name: float(values.max() / way) for name, values in of_way.items()} | {"bound_over_error": least}
+    largest = {name: float(values.max() / way) for name, values in of_way.items()}
+    return largest | {"bound_over_error": least}
 
 
 # -- the command ---------------------------------------------------------------------------------------------------
@@ -206,7 +208,8 @@ def measure_tensions(case: str, tensions: int) -> Numbers:
     sweep = time_command("sweep", *words, *over, *(["--paired"] if over[1:] else []))
     run, plain = (time_command("run", *words, *one, *more) for more in ((), ("--no-picture",)))
     found = {"case": case, "tensions": tensions, "sweep": sweep, "run": run, "plain": plain}
-    return found | {"times_as_cheap": tensions * run / sweep, "without_pictures": tensions * plain / sweep}
+    ratios = {"times_as_cheap": run, "without_pictures": plain}
+    return found | {name: tensions * single / sweep for name, single in ratios.items()}
 
 
 def pulled_ends(case: str) -> list[str]:

@@ -38,7 +38,7 @@ ASSEMBLED = 300_000  # unknowns of the organ for the assembly in `suture bench`
 REPEATED = 3  # number of assemblies by compiled loops
 LARGEST = {"superlu": 150_000, "cholmod": 500_000, "pardiso": 500_000}  # unknowns; a larger factor takes many minutes
 WORDS = 30_000_000  # read to measure the speed of memory
-ASSEMBLED_IN = "{unknowns} unknowns: loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"
+TIMES = "loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"  # of an assembly
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
@@ -79,7 +79,7 @@ def print_assemblies(assemblies: Sequence[Numbers]) -> None:
     """Print a line for each organ."""
     print("\nassembly of K and M:")
     for each in assemblies:
-        print(ASSEMBLED_IN.format(**each))
+        print(f"{each['unknowns']} unknowns: {TIMES.format(**each)}")
 
 
 def bandwidth() -> float:

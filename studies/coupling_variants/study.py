@@ -141,7 +141,8 @@ def constraint_energy(system: System, met: Array, step: Step) -> float:
     return -turned_over(step)[REMAINDER] - step.solution.linearisation
 
 
-Way = tuple[Take, Callable[[System, Array, Step], float]]  # takes a step; returns the energy [J] that it creates
+Way = tuple[Take, Callable[[System, Array, Step], float]]  # takes a step; its created energy [J]
+Outcome = SimpleNamespace  # the results of one run
 WAYS: dict[str, Way] = {
     "monolithic": (try_step, staggered.work_of_the_lag),
     "staggered": (staggered.staggered_step, staggered.work_of_the_lag),
@@ -149,7 +150,7 @@ WAYS: dict[str, Way] = {
 }
 
 
-def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> SimpleNamespace:
+def pull_and_release(system: System, state: State, way: Way, n: int, shared: int) -> Outcome:
     """Return the results of the pull and release in `n` steps.
 
     Steps are not halved, so a failed step ends the run. `completed` is false for such a run.
@@ -160,8 +161,8 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
     """
     take, created_by = way
     now, met = begin(system, state, take, halvings=0, downhill=False), state.y
-    found = SimpleNamespace(completed=False, drift=0.0, moved=0.0, created=0.0, external_work=0.0, solves=0)
-    found.exit = [state.y[1, :3]]
+    found = Outcome(completed=False, drift=0.0, moved=0.0, created=0.0, external_work=0.0)
+    found.exit, found.solves = [state.y[1, :3]], 0
     for number in range(1, n + 1):
         before = now.energies
         try:
@@ -172,8 +173,10 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
         found.created += created_by(system, met, step)
         met = step.solution.iterate.y
         found.drift = max(found.drift, largest_gap(system, now.state, now.configuration.at))
-        found.moved = max(found.moved, float(np.linalg.norm((now.state.y - state.y)[:, :3], axis=1).max()))
-        found.external_work += max(0.0, now.energies.external_work - before.external_work)  # without returned work
+        moved = np.linalg.norm((now.state.y - state.y)[:, :3], axis=1)
+        found.moved = max(found.moved, float(moved.max()))
+        work = now.energies.external_work - before.external_work
+        found.external_work += max(0.0, work)  # without returned work
         found.solves += now.iterations
         if number % (n // shared) == 0:
             found.exit.append(now.state.y[1, :3])
@@ -181,7 +184,7 @@ def pull_and_release(system: System, state: State, way: Way, n: int, shared: int
     return found
 
 
-def error_of(run: SimpleNamespace, whole: SimpleNamespace) -> float:
+def error_of(run: Outcome, whole: Outcome) -> float:
     """Return the largest distance of the exit from its place in another run, over its path [-].
 
     NaN if the run failed.

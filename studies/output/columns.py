@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from numpy.linalg import norm
 from numpy.typing import NDArray
 
 from studies.lists import list_of
@@ -131,7 +132,7 @@ TRACT_NAME, *TRACT = columns_of(
     normal_force=lambda tract: sum(ball.normal_force for ball in tract.balls),
     bearing=lambda tract: max(ball.normal_force / (ball.bearing or np.inf) for ball in tract.balls),
     bearing_pressure=lambda tract: max(ball.bearing_pressure for ball in tract.balls),
-    displacement=lambda tract: max(float(np.linalg.norm(ball.displacement)) for ball in tract.balls),
+    displacement=lambda tract: max(float(norm(ball.displacement)) for ball in tract.balls),
     tension_before=lambda tract: tract.balls[0].tension_before,
     tension_after=lambda tract: tract.balls[-1].tension_after,
 )

@@ -160,7 +160,8 @@ def ladder(scenario: Scenario, over: str = "all", levels: int = LEVELS, ratio: f
     factors = tuple(step**level for level in range(levels))
     settings = tuple(finer(scenario, kinds, factor) for factor in factors)
     order = min(KINDS[kind].order(scenario) for kind in kinds)
-    rounded = tuple(effective(scenario, kinds, *level) for level in zip(settings, factors, strict=True))
+    levels_asked = zip(settings, factors, strict=True)
+    rounded = tuple(effective(scenario, kinds, keys, factor) for keys, factor in levels_asked)
     if (distinct := len(set(rounded))) < LEAST:
         raise ScenarioError(
             f"--ratio {step:.4g} is refused: after rounding to whole numbers only {distinct} of {levels} levels "

@@ -71,12 +71,13 @@ def organ_record(frames: Sequence[FrameFiles], budget: float) -> dict[str, Any]:
         values = field_values(organ, cells)
         shown.append([values[name][skin.nodes] for name in names])
     largest = float(np.abs(moved).max()) or 1.0
+    fields = [field_record(name, np.array(values)) for name, *values in zip(names, *shown, strict=True)]
     return {
         "points": packed(points[skin.nodes], np.float32),
         "triangles": packed(skin.triangles, np.int32),
         "displacement": packed(np.round(np.array(moved) / largest * SHORT), np.int16),
         "displacement_scale": largest / SHORT,
-        "fields": [field_record(name, np.array([frame[k] for frame in shown])) for k, name in enumerate(names)],
+        "fields": fields,
         "nodes": len(skin.nodes),
         "of": len(points),
     }
@@ -123,7 +124,8 @@ def field_values(organ: Any, cells: Indices) -> dict[str, Array]:
         for given in (organ.point_data, organ.cell_data)
     )
     out = {name: values for name, values in data.items() if values.ndim == 1}
-    out |= {name: nodal(values, cells, organ.n_points) for name, values in cell_data.items() if values.ndim == 1}
+    scalars = {name: values for name, values in cell_data.items() if values.ndim == 1}
+    out |= {name: nodal(values, cells, organ.n_points) for name, values in scalars.items()}
     out["displacement"] = np.linalg.norm(data["displacement"], axis=1)
     if "stress" in data:
         out |= {f"stress_{part}": data["stress"][:, k] for k, part in enumerate(STRESSES)}
