@@ -231,16 +231,6 @@ class Loads:
             out = csr_matrix(out + half + half.T)
         return out
 
-    def pressing_work(self, shares: Array | None, x: Array, way: Array) -> float:
-        """Return the work of the forces of `pressing` along the displacement `way` (m, 3) [m] from
-        `x` (m, 3) [J].
-
-        The displacement is straight. Simpson's rule is exact, because the forces have degree two in
-        the node positions.
-        """
-        forces = [self.pressing(shares, x + share * way) for share in (0.0, 0.5, 1.0)]
-        return float((forces[0] + 4.0 * forces[1] + forces[2]) @ self.body.flat(way) / 6.0)
-
     @cached_property
     def areas(self) -> Array:
         """Area of the boundary of each load in the reference shape, `(k,)` [m²]."""

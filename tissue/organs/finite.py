@@ -15,10 +15,10 @@ C_cc = G Ã⁻¹ Gᵀ and C_cy = G Ã⁻¹ Zᵀ Jᵀ with Ã = A − Zᵀ S Z. T
 determined at the start of a step, in the deformed shape.
 
 The coupled Newton iteration calls `again` after each correction. The organ then moves to U_k + dU.
-The move is shortened if a cell would be inverted, or if both the residual and the organ's potential
-under these forces would increase. The answer has converged when its own residual there is within
-RESIDUAL of the forces of the cells. A factor is reused while it reduces the residual; the converged
-answer does not depend on the factor.
+The move is shortened if a cell would be inverted, or if the residual would increase and the move
+would lead too far uphill in the organ's potential under these forces. The answer has converged when
+its own residual there is within RESIDUAL of the forces of the cells. A factor is reused while few
+corrections are left with it; the converged answer does not depend on the factor.
 """
 
 from collections import OrderedDict, deque
@@ -63,11 +63,10 @@ from tissue.solvers.factor import factorize_indefinite
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the organ's residual
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
 BENT = 1e-12  # of the numbers of a frame: accepted difference between y(z) and its linearisation
-# A factor is reused while it reduces the residual below this fraction. A new factor is as expensive
-# as two dozen corrections with the old one.
-KEEP = 0.25
+KEEP = 8  # corrections, a third of those allowed; a new factor with its columns is as expensive as two dozen
 SHORTEST = 2.0**-12  # smallest part of a correction that is tried
-RISE = 1e-10  # of the potential: increase due to round-off
+ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
+SHORTER = 0.25  # of a correction that led too far: its shortest next part
 KEPT_TANGENTS = 2
 # Times the displacement predicted by the tangent at the end. A flap that is pulled upright by four
 # times the load moves 2.7 times as far, and an exponential law with a growth of e⁴ 4 times as far.
@@ -203,6 +202,17 @@ def solved(factor: Solver, b: Array) -> Array:
         return np.asarray(factor.solve(b))
     except FactorError as error:
         raise unsolved(error) from error
+
+
+def corrections_left(before: float, after: float, tolerance: float) -> float:
+    """Return the number of corrections until a residual is within its `tolerance`.
+
+    Each is assumed to reduce the residual as the last one did, from `before` to `after`. The number
+    is infinite if that did not reduce it.
+    """
+    if after <= tolerance:
+        return 0.0
+    return float(np.log(after / tolerance) / np.log(before / after)) if after < before else np.inf
 
 
 @dataclass(frozen=True)
@@ -354,14 +364,18 @@ class FiniteAnswer:
         organ, forces = self.organ, self._forces(f_y, p)
         before = organ.off_balance(self.point, forces)
         point, share = organ.go(self.motion, self.point, self.moved(forces), forces, before)
-        after = organ.off_balance(point, forces)
-        if share == 1.0 and after <= organ.tolerance(self.motion, point) and self._fits(point, f_y, p):
+        if share < 1.0:  # far from a solution the organ goes on alone, without the columns of its sites
+            alone = organ.tangent(self.motion, point.U, point.F)
+            there = point.U + solved(alone.factor, organ.residual(point, forces))
+            point = organ.go(self.motion, point, there, forces, organ.off_balance(point, forces))[0]
+        after, tolerance = organ.off_balance(point, forces), organ.tolerance(self.motion, point)
+        if share == 1.0 and after <= tolerance and self._fits(point, f_y, p):
             return self
-        if after > organ.keep * before:
-            tangent = organ.tangent(self.motion, point.U, point.F)
-            return FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
-        kept = FiniteAnswer(organ, self.motion, point, self.tangent, f_y, self.pairing)
-        return kept.after(self, forces) if share == 1.0 and self.motion.a and not forces.push.any() else kept
+        few = corrections_left(before, after, tolerance) < organ.keep
+        tangent = self.tangent if few else organ.tangent(self.motion, point.U, point.F)
+        answer = FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
+        goes_ahead = few and share == 1.0 and self.motion.a and not forces.push.any()
+        return answer.after(self, forces) if goes_ahead else answer
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
         """Return the answer with an extrapolation from the last two corrections.
@@ -404,15 +418,15 @@ class FiniteOrgan(MeshedOrgan):
     - `hyper`: its energy; None for the neo-Hookean solid with the same E and ν.
     - `inertia`: if False, the organ is always in equilibrium.
     - `damping` [1/s]: the factor α of the mass-proportional damping.
-    - `keep`: a factor is reused if it reduces the residual below this fraction; with 0 there is a
-      new tangent for every correction.
+    - `keep`: a factor is reused if fewer corrections than these are left with it; with 0 there is
+      a new tangent for every correction.
     - `relaxation`: the relaxation of its stress; None without relaxation.
     """
 
     hyper: Hyperelasticity | None = None
     inertia: bool = True
     damping: float = 0.0
-    keep: float = KEEP
+    keep: int = KEEP
     relaxation: Prony | None = None
     M: csr_matrix = field(init=False, repr=False)
     _tangents: OrderedDict[tuple[float, float, float | None, int, bytes], Tangent] = field(init=False, repr=False)
@@ -508,51 +522,46 @@ class FiniteOrgan(MeshedOrgan):
 
     def off_balance(self, point: Point, forces: Forces) -> float:
         """Return the largest residual under forces [N]."""
-        pull = self.map.Z_T @ (self.map.slope(point.z).T @ forces.f_y) + forces.push
-        return float(np.abs(pull - point.r).max(initial=0.0))
+        return float(np.abs(self.residual(point, forces)).max(initial=0.0))
 
-    def potential(self, motion: Motion, start: Array, U: Array, F: Array, forces: Forces) -> float:
-        """Return the potential that the organ minimises in a step under constant forces [J].
-
-        It is infinite if a cell is inverted. The work of pressures is that along the straight path
-        from `start` (N,) to U.
-        """
-        out = self.law.energy(F, motion.density) - float((motion.load + forces.push) @ U)
-        out -= float(forces.f_y @ self.map.y(np.asarray(self.map.Z @ U)))
-        if self.surface.follows:
-            way = self.elasticity.nodal(self.whole(U - start))
-            out -= self.surface.pressing_work(motion.shares, self._places(start), way)
-        if motion.a:
-            for factor, back in ((motion.a, motion.inertia), (self.damping * motion.d, motion.damping)):
-                out += 0.5 * factor * float((U - back) @ (self.M @ (U - back)))
-        return out
+    def residual(self, point: Point, forces: Forces) -> Array:
+        """Return the forces minus the organ's own forces at a point, shape `(N,)` [N]."""
+        pull = self.map.Z_T @ (self.map.slope(point.z).T @ forces.f_y)
+        return np.asarray(pull + forces.push - point.r)
 
     def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
         """Return the point at U, or at a part of the way from `start` to U, and this part.
 
-        No cell is inverted at the point. Unless the organ is led, the residual or the potential
-        does not increase; `before` is the residual at the start. Raises `OrganError` if there is no
-        such point.
+        No cell is inverted at the point. Unless the organ is led, one of two conditions holds. The
+        residual is at most that at the start, `before` [N], or the slope of the potential under
+        constant forces rises to at most ENOUGH of its size at the start (Matthies & Strang, Int. J.
+        Numer. Meth. Eng. 14, 1979). A way that leads uphill at its start is a direction of negative
+        curvature, and its opposite is taken. Raises `OrganError` if there is no such point.
         """
-        share, way, first, inverted = 1.0, U - start.U, None, np.inf
+        way, share, inverted = U - start.U, 1.0, np.inf
+        down = float(self.residual(start, forces) @ way)
+        if down < 0.0 and not motion.led:
+            way, down, U = -way, -down, start.U - way
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
-            F = self.law.gradient(self.whole(there))
+            F, part = self.law.gradient(self.whole(there)), SHORTER
             if self.law.is_possible(F):
                 # Infinite forces at this point shorten the way.
                 with np.errstate(over="ignore", invalid="ignore"):
                     point = self.point(motion, there, F)
-                if motion.led or self.off_balance(point, forces) <= max(before, self.tolerance(motion, point)):
+                    left = self.residual(point, forces)
+                    up = -float(left @ way)
+                if motion.led or np.abs(left).max(initial=0.0) <= max(before, self.tolerance(motion, point)):
                     return point, share
-                first = self.potential(motion, start.U, start.U, start.F, forces) if first is None else first
-                if self.potential(motion, start.U, there, F, forces) <= first + RISE * abs(first):
+                if up <= ENOUGH * down:
                     return point, share
+                part = max(down / (down + up), SHORTER) if np.isfinite(up) else SHORTER
             else:
                 inverted = share
-            share *= 0.5
+            share *= part
         raise OrganError(
             "the tissue finds no equilibrium: a cell would be inverted"
-            if inverted < 2.0 * SHORTEST
+            if inverted < SHORTEST / SHORTER
             else "the tissue finds no equilibrium: both its residual and its energy increase, as at a snap-through"
         )
 
