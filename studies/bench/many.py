@@ -87,10 +87,8 @@ def measure_job(case: str, mesh: Sequence[str]) -> Numbers:
     small = assemble(load(COUPLED, [*keys, SMALL]), store)
     seconds, full, organ = process_time() - began, whole.organ, small.organ
     assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
-    dt, runs = (
-        whole.scenario.solve.dt,
-        [begin(assembly.system, assembly.start(), bdf2_step) for assembly in (whole, small)],
-    )
+    runs = [begin(assembly.system, assembly.start(), bdf2_step) for assembly in (whole, small)]
+    dt = whole.scenario.solve.dt
     times: list[list[float]] = [[], []]
     pairs = []
     for _ in range(STEPS):

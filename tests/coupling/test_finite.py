@@ -130,7 +130,7 @@ def test_newton_converges_quadratically(name: str) -> None:
         forces = Forces(r.f_y[:2].ravel(), np.zeros(made.size))
         point = answer.point
         if answers and answer is answers[-1]:  # it stood: the organ is where it takes it, not where it was linearised
-            point, _ = made.go(answer.motion, point, answer.moved(forces), forces, made.off_balance(point, forces))
+            point, _ = made.go(answer.motion, point, answer.moved(forces), forces)
         answers.append(answer)
         seen.append(max(size(problem, r), made.off_balance(point, forces) / point.scale))
         return correct(problem, z, r)

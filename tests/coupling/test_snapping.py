@@ -21,6 +21,7 @@ from thread.quadrature import gauss_rule
 from thread.spline import Spline
 from thread.thread import MASS_POINTS, Thread
 from tissue.materials.isotropic import Exponential
+from tissue.organs.finite import Forces
 
 SPAN, WIDTH, THICK, RISE = 0.04, 4e-3, 0.5e-3, 4e-3  # m
 LONG = 0.03  # of a flap [m]
@@ -111,6 +112,27 @@ def test_newton_does_not_jump_without_a_word() -> None:
     assert lowest(organ, through) > RISE
     assert [event.kind for event in through.events].count("snaps") == 1
     assert "snaps" not in [event.kind for event in through.load(1.0, 1.0).events]
+
+
+def test_newton_finds_an_unstable_equilibrium_from_near() -> None:
+    """Independent check: half-way between both equilibria the flat arch would buckle. From near there along the mode of
+    negative stiffness, a correction under the forces that hold it leads uphill and to it, with an error of second
+    order: a thread can stabilise such an equilibrium."""
+    organ, (_, stands, through) = pressed()
+    motion = organ.answer(Equilibrium(), [stands.state.organ], 1.0).motion
+    U = 0.5 * (stands.state.organ.U + through.state.organ.U)
+    forces = Forces(np.zeros(organ.y0.size), organ.point(motion, U).r)
+    stiffness, modes = np.linalg.eigh(organ.tangent(motion, U).A.toarray())
+    assert stiffness[0] < 0.0
+    errors = []
+    for part in (1e-3, 1e-4):
+        start = organ.point(motion, U + part * RISE * modes[:, 0] / np.abs(modes[:, 0]).max())
+        way = np.linalg.solve(organ.tangent(motion, start.U).A.toarray(), organ.residual(start, forces))
+        assert organ.residual(start, forces) @ way < 0.0
+        point, share = organ.go(motion, start, start.U + way, forces)
+        assert share == 1.0
+        errors.append(np.abs(point.U - U).max())
+    assert errors[0] < 0.1 * 1e-3 * RISE and errors[1] < 0.02 * errors[0]
 
 
 def flap() -> tissue.FiniteOrgan:

@@ -264,8 +264,8 @@ def test_a_sweep_that_was_killed_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
     """Consistency check: it runs what is missing alone, and its table is that of a whole sweep to the byte."""
     sweep(RING, PULLS, tmp_path / "whole")
 
-    def kill(told: SweepProgress) -> None:
-        if told.done == 4:  # two were refused beforehand
+    def kill(progress: SweepProgress) -> None:
+        if progress.done == 4:  # two were refused beforehand
             raise Killed
 
     with pytest.raises(Killed):

@@ -362,20 +362,19 @@ class FiniteAnswer:
         if there is no new point or no tangent.
         """
         organ, forces = self.organ, self._forces(f_y, p)
-        before = organ.off_balance(self.point, forces)
-        point, share = organ.go(self.motion, self.point, self.moved(forces), forces, before)
-        if share < 1.0:  # far from a solution the organ goes on alone, without the columns of its sites
-            alone = organ.tangent(self.motion, point.U, point.F)
-            there = point.U + solved(alone.factor, organ.residual(point, forces))
-            point = organ.go(self.motion, point, there, forces, organ.off_balance(point, forces))[0]
-        after, tolerance = organ.off_balance(point, forces), organ.tolerance(self.motion, point)
+        point, share = organ.go(self.motion, self.point, self.moved(forces), forces)
+        if share < 1.0:  # far from a solution: one correction without the columns of the sites
+            way = solved(organ.tangent(self.motion, point.U, point.F).factor, organ.residual(point, forces))
+            point = organ.go(self.motion, point, point.U + way, forces)[0]
+        before, after = (organ.off_balance(at, forces) for at in (self.point, point))
+        tolerance = organ.tolerance(self.motion, point)
         if share == 1.0 and after <= tolerance and self._fits(point, f_y, p):
             return self
-        few = corrections_left(before, after, tolerance) < organ.keep
-        tangent = self.tangent if few else organ.tangent(self.motion, point.U, point.F)
+        kept = corrections_left(before, after, tolerance) < organ.keep
+        tangent = self.tangent if kept else organ.tangent(self.motion, point.U, point.F)
         answer = FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
-        goes_ahead = few and share == 1.0 and self.motion.a and not forces.push.any()
-        return answer.after(self, forces) if goes_ahead else answer
+        extrapolated = kept and share == 1.0 and self.motion.a and not forces.push.any()
+        return answer.after(self, forces) if extrapolated else answer
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
         """Return the answer with an extrapolation from the last two corrections.
@@ -526,22 +525,21 @@ class FiniteOrgan(MeshedOrgan):
 
     def residual(self, point: Point, forces: Forces) -> Array:
         """Return the forces minus the organ's own forces at a point, shape `(N,)` [N]."""
-        pull = self.map.Z_T @ (self.map.slope(point.z).T @ forces.f_y)
-        return np.asarray(pull + forces.push - point.r)
+        J_T = self.map.slope(point.z).T
+        return np.asarray(self.map.Z_T @ (J_T @ forces.f_y) + forces.push - point.r)
 
-    def go(self, motion: Motion, start: Point, U: Array, forces: Forces, before: float) -> tuple[Point, float]:
+    def go(self, motion: Motion, start: Point, U: Array, forces: Forces) -> tuple[Point, float]:
         """Return the point at U, or at a part of the way from `start` to U, and this part.
 
         No cell is inverted at the point. Unless the organ is led, one of two conditions holds. The
-        residual is at most that at the start, `before` [N], or the slope of the potential under
-        constant forces rises to at most ENOUGH of its size at the start (Matthies & Strang, Int. J.
-        Numer. Meth. Eng. 14, 1979). A way that leads uphill at its start is a direction of negative
-        curvature, and its opposite is taken. Raises `OrganError` if there is no such point.
+        residual is at most that at the start, or the slope of the potential under constant forces
+        rises to at most ENOUGH of its size at the start (Matthies & Strang, Int. J. Numer. Meth.
+        Eng. 14, 1979). A way that leads uphill at its start is a direction of negative curvature.
+        It is kept if it reduces the residual, as at an unstable equilibrium that the thread
+        stabilises; otherwise its opposite is taken. Raises `OrganError` if there is no such point.
         """
         way, share, inverted = U - start.U, 1.0, np.inf
-        down = float(self.residual(start, forces) @ way)
-        if down < 0.0 and not motion.led:
-            way, down, U = -way, -down, start.U - way
+        before, down = self.off_balance(start, forces), float(self.residual(start, forces) @ way)
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F, part = self.law.gradient(self.whole(there)), SHORTER
@@ -553,6 +551,9 @@ class FiniteOrgan(MeshedOrgan):
                     up = -float(left @ way)
                 if motion.led or np.abs(left).max(initial=0.0) <= max(before, self.tolerance(motion, point)):
                     return point, share
+                if down < 0.0:
+                    way, down, U = -way, -down, start.U - way
+                    continue
                 if up <= ENOUGH * down:
                     return point, share
                 part = max(down / (down + up), SHORTER) if np.isfinite(up) else SHORTER
