@@ -103,7 +103,7 @@ class Elasticity:
         corners = self.mesh.p.T[self.mesh.t.T]
         return np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
 
-    @property
+    @cached_property
     def inverse_edges(self) -> Array:
         """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]."""
         return np.asarray(np.linalg.inv(self.cell_edges))

@@ -20,6 +20,7 @@ from skfem.refdom import RefTet
 from tissue.arrays import Array, Indices
 from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradients
 from tissue.errors import TissueError
+from tissue.loops import compiled
 from tissue.material import PerCell
 from tissue.materials.density import Density, Sum, cofactor, determinant, determinant_tangent
 from tissue.materials.isotropic import Exponential, Volumetric
@@ -45,30 +46,55 @@ class Pattern:
     indptr: Indices
     shape: tuple[int, int]
 
-    def matrix(self, local: Array) -> csr_matrix:
-        """Return the sum of the `local` blocks, shape `(rows, columns, …)`; the axes of a block
-        come first.
-        """
-        each = local.reshape(-1, self.block.size)
-        sums = [np.bincount(self.block, part) for part in each]
-        return csr_matrix((np.column_stack(sums).ravel()[self.order], self.indices, self.indptr), shape=self.shape)
+    def assembled(self, sums: Array) -> csr_matrix:
+        """Return the matrix of summed blocks, shape `(blocks, rows, columns)`."""
+        return csr_matrix((sums.ravel()[self.order], self.indices, self.indptr), shape=self.shape)
 
 
-def pattern(rows: Indices, columns: Indices, size: tuple[int, int], rows_kept: Indices, kept: Indices) -> Pattern:
-    """Return the pattern of blocks of `size` at node numbers `rows` and `columns` `(…)`.
+def pattern(nodes: Indices, kept: Indices) -> Pattern:
+    """Return the pattern of 3×3 blocks at the pairs of `nodes` `(n, c)` of each cell.
 
-    The matrix keeps only the scalar rows `rows_kept` and the scalar columns `kept`.
+    The matrix keeps only the scalar rows and columns `kept`.
     """
-    width = int(columns.max()) + 1
-    known, block = np.unique(rows.ravel().astype(np.int64) * width + columns.ravel(), return_inverse=True)
-    height = int(rows.max()) + 1
-    indptr = np.searchsorted(known, np.arange(height + 1, dtype=np.int64) * width)
-    numbers = np.arange(1.0, known.size * size[0] * size[1] + 1.0).reshape(known.size, *size)
-    shape = (height * size[0], width * size[1])
-    whole = csr_matrix(bsr_matrix((numbers, known % width, indptr), shape=shape).tocsr())[rows_kept][:, kept]
+    count = int(nodes.max()) + 1
+    pairs = nodes[:, None].astype(np.int64) * count + nodes
+    known, block = np.unique(pairs, return_inverse=True)
+    indptr = np.searchsorted(known, np.arange(count + 1, dtype=np.int64) * count)
+    numbers = np.arange(1.0, 9.0 * known.size + 1.0).reshape(-1, 3, 3)
+    whole = bsr_matrix((numbers, known % count, indptr), shape=(3 * count, 3 * count)).tocsr()
+    whole = csr_matrix(whole)[kept][:, kept]
     order = np.rint(whole.data).astype(np.intp) - 1
     indices, starts = whole.indices.astype(np.intp), whole.indptr.astype(np.intp)
-    return Pattern(block.ravel(), order, indices, starts, (rows_kept.size, kept.size))
+    return Pattern(block.reshape(pairs.shape), order, indices, starts, whole.shape)
+
+
+@compiled
+def stiffness_blocks(slopes: Array, A: Array, block: Indices) -> Array:
+    """Return the sums of K_nm = Σ_q ∂φ_n/∂X_j A_ijkl ∂φ_m/∂X_l over the cells, `(blocks, 3, 3)`.
+
+    `slopes` has shape `(n, 3, q, c)`. `A` `(3, 3, 3, 3, q, c)` has the symmetry A_ijkl = A_klij.
+    `block` `(n, n, c)` is the index of each local block.
+    """
+    nodes, _, points, cells = slopes.shape
+    sums, local = np.zeros((block.max() + 1, 3, 3)), np.empty((3, 3, nodes, nodes))
+    for c in range(cells):
+        local[:] = 0.0
+        for q in range(points):
+            g = slopes[:, :, q, c].T.copy()
+            for i in range(3):
+                for k in range(3):
+                    for r in range(3):
+                        a0, a1, a2 = A[i, 0, k, r, q, c], A[i, 1, k, r, q, c], A[i, 2, k, r, q, c]
+                        for n in range(nodes):
+                            h = a0 * g[0, n] + a1 * g[1, n] + a2 * g[2, n]
+                            for m in range(nodes):
+                                local[i, k, n, m] += h * g[r, m]
+        for n in range(nodes):
+            for m in range(nodes):
+                for i in range(3):
+                    for k in range(3):
+                        sums[block[n, m, c], i, k] += local[i, k, n, m]
+    return sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,37 +310,20 @@ class Hyperelasticity:
         averaged = self.body.pressure is not None
         if averaged:
             A += self._pressure_at_points(determinant(F)) * determinant_tangent(F)
-        half = np.einsum("njqc,ijklqc->niklqc", self.slopes, A)
-        local = np.einsum("niklqc,mlqc->iknmc", half, self.slopes)
-        K = self._cells.matrix(local)
+        K = self._cells.assembled(stiffness_blocks(self.slopes, A, self._cells.block))
         return csr_matrix(K + self._volume_tangent(F)) if averaged else K
 
     def _volume_tangent(self, F: Array) -> csr_matrix:
         """Return Σ_a D_a D_aᵀ/S_a with D_a = ∂θ_a/∂U over the free unknowns."""
-        carried = np.einsum("ijqc,njqc->inqc", cofactor(F), self.slopes)
-        local = np.einsum("aqc,inqc->ianc", self._hats, carried)
-        D = self._vertices.matrix(local)
+        carried = np.einsum("ijqc,njqc->niqc", cofactor(F), self.slopes)
+        local = np.einsum("aqc,niqc->anic", self._hats, carried)
+        rows = np.broadcast_to(self.body.mesh.t[:, None, None], local.shape).ravel()
+        columns = np.broadcast_to(self._unknowns, local.shape).ravel()
+        D = csr_matrix((local.ravel(), (rows, columns)), (self.body.mesh.nvertices, self.body.N))[:, self.body.free]
         return csr_matrix(D.T @ (diags_array(self._stiffness_of_vertices) @ D))
-
-    @cached_property
-    def _free(self) -> Indices:
-        """The free unknowns, numbered node by node."""
-        number = np.empty(self.body.N, dtype=np.intp)
-        number[self.body.nodes.ravel()] = np.arange(self.body.N)
-        return number[self.body.free]
 
     @cached_property
     def _cells(self) -> Pattern:
         """The pattern of the cells' matrices."""
-        at = self.body.cells.T
-        shape = (len(at), *at.shape)
-        rows, columns = np.broadcast_to(at[:, None], shape), np.broadcast_to(at, shape)
-        return pattern(rows, columns, (3, 3), self._free, self._free)
-
-    @cached_property
-    def _vertices(self) -> Pattern:
-        """The pattern of D."""
-        at, vertices = self.body.cells.T, self.body.mesh.t.astype(np.intp)
-        shape = (4, *at.shape)
-        rows, columns = np.broadcast_to(vertices[:, None], shape), np.broadcast_to(at, shape)
-        return pattern(rows, columns, (1, 3), np.arange(self.body.mesh.nvertices), self._free)
+        by_nodes = np.argsort(self.body.nodes.ravel())
+        return pattern(self.body.cells.T, by_nodes[self.body.free])

@@ -125,7 +125,7 @@ def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTH
     check_balls(scenario.thread, holes)
     sites = [site_of(hole, scenario) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)
-    make_organ = partial(organ_of, scenario, sites, body, given, store)
+    make_organ = partial(organ_of, scenario, sites, body, fit, given, store)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
     at = np.array(s) * (path.length / length)
     moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
@@ -475,17 +475,23 @@ def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Sto
 
 
 def organ_of(
-    scenario: Scenario, sites: Sequence[tissue.Site], body: tissue.Elasticity | None, given: Given, store: Store
+    scenario: Scenario,
+    sites: Sequence[tissue.Site],
+    body: tissue.Elasticity | None,
+    fit: tissue.Fitted | None,
+    given: Given,
+    store: Store,
 ) -> AnyOrgan:
     """Return the organ with its holes at the `sites`, for the coupling.
 
     The organ is linear or at finite strain, with or without inertia. A linear organ can be in its
-    Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. A
-    small basis comes from the `store` if possible.
+    Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. The
+    `fit` of a refined body has located the holes already. A small basis comes from the `store` if
+    possible.
     """
     if body is None or scenario.tissue is None:
         return tissue.fixed_sites(sites)
-    placed = tissue.build_sites(body, sites)
+    placed = tissue.build_sites(body, sites) if fit is None else fit.sites
     check_loaded(body.mesh, scenario.tissue)
     gaps, loads, bears = gaps_of(scenario, body), loads_of(scenario), scenario.thread.surface
     skin = None if bears is None else tissue.skin_of(body, bears.friction)

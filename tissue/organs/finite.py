@@ -269,8 +269,8 @@ class FiniteAnswer:
         """Gaps without site and contact forces, shape `(k,)` [m]."""
         if not self.organ.touches:
             return EMPTY
-        free = self.point.U + self._U_r + self.tangent.W @ (self._S @ (self._bent @ (self.organ.map.Z @ self._U_r)))
-        return np.asarray(self.pairing.g0 + self.pairing.G @ free)
+        g = self.pairing.g0 + self.pairing.G @ (self.point.U + self._U_r)
+        return np.asarray(g + self._GW_turning @ (self.organ.map.Z @ self._U_r))
 
     @cached_property
     def _GW(self) -> Array:
@@ -373,7 +373,7 @@ class FiniteAnswer:
         kept = corrections_left(before, after, tolerance) < organ.keep
         tangent = self.tangent if kept else organ.tangent(self.motion, point.U, point.F)
         answer = FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
-        extrapolated = kept and share == 1.0 and self.motion.a and not forces.push.any()
+        extrapolated = kept and share == 1.0 and not forces.push.any()
         return answer.after(self, forces) if extrapolated else answer
 
     def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
@@ -655,7 +655,7 @@ class FiniteOrgan(MeshedOrgan):
         if self.inertia:
             return undeformed
         try:
-            U = self._sagged(rest)
+            sagged = self._sagged(undeformed)
         except OrganError as error:
             if self.pairs:
                 return undeformed
@@ -663,25 +663,24 @@ class FiniteOrgan(MeshedOrgan):
                 f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
                 "tissue"
             ) from error
-        crosses = self.gaps is not None and (self.g0 + self.G[: self.pairs] @ U).min() < 0.0
-        return undeformed if crosses else replace(undeformed, U=U)
+        crosses = self.gaps is not None and (self.g0 + self.G[: self.pairs] @ sagged.U).min() < 0.0
+        return undeformed if crosses else sagged
 
-    def _sagged(self, U: Array) -> Array:
-        """Return the equilibrium without site forces, shape `(N,)` [m].
+    def _sagged(self, state: OrganState) -> OrganState:
+        """Return the equilibrium without site forces; the iteration starts from a `state` at rest.
 
-        The iteration starts from U. Raises `OrganError`.
+        Raises `OrganError`.
         """
-        none, no_push = np.zeros(self.y0.size), np.zeros(self.contacts)
-        course = self.course(OrganState(U, U, U, none), np.inf)
-        still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None, course=course)
+        none, no_push, U = state.f_y, np.zeros(self.contacts), state.U
+        still = Motion(0.0, 0.0, EMPTY, EMPTY, self.load, None, course=self.course(state, np.inf))
         point, no_forces = self.point(still, U), Forces(none, np.zeros(self.size))
         if self.off_balance(point, no_forces) <= self._round_off:
-            return U
+            return state
         answer = FiniteAnswer(self, still, point, self.tangent(still, U, point.F), none, self.pairing(None))
         for _ in range(MOST_CORRECTIONS):
             after = answer.again(none, no_push)
             if after is answer:
-                return answer.moved(no_forces)
+                return replace(state, U=answer.moved(no_forces), linearised=answer.tangent.U)
             answer = after
         raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
 
@@ -773,9 +772,8 @@ class FiniteOrgan(MeshedOrgan):
 
         `U` is the displacement of the free unknowns, `(N,)` [m].
         """
-        facing = None
-        if self.gaps is not None:
-            facing = self.gaps.facing(self.elasticity.points, self._nodal(U), turns=True)
+        gaps, at_rest = self.gaps, self.elasticity.points
+        facing = None if gaps is None else gaps.facing(at_rest, self._nodal(U), turns=True)
         return self.slipping_from(U, self.pairing(facing, points))
 
     def state_at(

@@ -14,7 +14,6 @@ depend on κ. In directions without any force the body stays at rest.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -49,19 +48,15 @@ class FloatingOrgan(DynamicOrgan):
     the last step divided by the mass [m/s²].
     """
 
-    @cached_property
-    def _cube(self) -> float:
-        """Stiffness of a cube of the organ's tissue and volume, divided by its mass [1/s²]."""
-        body = self.elasticity
-        volume = float(body.M.sum() / 3.0 / np.mean(body.material.density))
-        return float(np.mean(body.material.youngs_modulus) * np.cbrt(volume) / (body.M.sum() / 3.0))
-
     def drag(self, begins: bool) -> Drag:
         """Return the drag of a step.
 
+        Its unit is the stiffness of a cube of the organ's tissue and volume, divided by the mass.
         The drag is larger if a load step `begins`, because contact may not hold the body yet.
         """
-        return Drag((FIRST if begins else LATER) * self._cube)
+        material, mass = self.elasticity.material, float(self.elasticity.M.sum() / 3.0)
+        firm = float(np.mean(material.youngs_modulus) * np.cbrt(mass / np.mean(material.density)) / mass)
+        return Drag((FIRST if begins else LATER) * firm)
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0

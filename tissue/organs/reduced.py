@@ -136,9 +136,7 @@ def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
     """Return the vectors of model and check."""
     factor = organ.solver_of(organ.K)
     forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
-    own = np.zeros((organ.size, modes))
-    if modes:
-        own = vibration_modes(organ.K, organ.M, factor.solve, modes)
+    own = vibration_modes(organ.K, organ.M, factor.solve, modes) if modes else np.zeros((organ.size, 0))
     return build_krylov(organ.K, organ.M, factor.solve, forces, blocks, own)
 
 

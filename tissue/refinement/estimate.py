@@ -237,16 +237,11 @@ class Recovery:
             out[:, part] = np.einsum("cak,a,c->kc", energy, weights, self.body.six_volumes[some])
         return out
 
-    @cached_property
-    def _inverse(self) -> Array:
-        """∂ξ/∂x in each cell, shape `(c, 3, 3)` [1/m]."""
-        return self.body.inverse_edges
-
     def _stress(self, cells: Indices, places: Array, W: Array) -> Array:
         """Return the stress at places of the reference cell `(a, 3)`, shape `(c, a, 3, 3, k)`."""
         slopes, own = reference_slopes(self.body.element, places), W[self.body.nodes[self.body.cells[cells]]]
         inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, axis of the reference cell, place
-        H = np.einsum("cikla,clj->caijk", inner, self._inverse[cells], optimize=True)
+        H = np.einsum("cikla,clj->caijk", inner, self.body.inverse_edges[cells], optimize=True)
         lam, mu = (m[cells, None, None] for m in self.material)
         stress = mu[..., None, None] * (H + H.swapaxes(2, 3))
         for axis in range(AXES):

@@ -16,7 +16,7 @@ from tissue.elasticity import Elasticity
 from tissue.refinement.estimate import estimate
 from tissue.refinement.mark import marked, wanted
 from tissue.refinement.refine import refine, refine_to
-from tissue.sites.site import Site, build_sites
+from tissue.sites.site import Site, Sites, build_sites
 
 log = logging.getLogger(__name__)
 
@@ -43,13 +43,14 @@ class Round:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A `body` whose mesh was refined in `rounds`, with its estimated errors.
+    """A `body` whose mesh was refined in `rounds`, with its `sites` and their estimated errors.
 
     `errors` `(p,)` [-] are the relative errors of the compliance of its sites, NaN for bare points.
     `indicators` `(c,)` [-] are the shares of its cells in these errors.
     """
 
     body: Elasticity
+    sites: Sites
     rounds: tuple[Round, ...]
     errors: Array
     indicators: Array
@@ -81,7 +82,8 @@ def fitted(
     body = body_on(refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh)
     rounds: list[Round] = []
     while True:
-        found = estimate(body, sites, build_sites(body, sites))
+        placed = build_sites(body, sites)
+        found = estimate(body, sites, placed)
         error = float(found.errors.max(initial=0.0))
         rounds.append(Round(body.free.size, error, perf_counter() - begun))
         told = len(rounds), body.free.size, 100.0 * error
@@ -92,7 +94,7 @@ def fitted(
         body = body_on(refine(body.mesh, marked(body.mesh, found.indicators, mirror)).mesh)
     errors = np.full(len(sites), np.nan)
     errors[found.goals] = found.errors
-    return Fitted(body, tuple(rounds), errors, found.indicators)
+    return Fitted(body, placed, tuple(rounds), errors, found.indicators)
 
 
 def mirrored(size: Callable[[Array], Array], axis: int) -> Callable[[Array], Array]:

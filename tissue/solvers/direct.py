@@ -155,13 +155,15 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     columns = triu(A, format="csr")  # the rows of the upper triangle are the columns of the lower one
     columns.sort_indices()
 
-    def pack() -> Any:
+    def pack() -> tuple[Any, list[Any]]:
         entries = columns.tocoo()
-        return spmatrix(entries.data, entries.col.astype(np.int64), entries.row.astype(np.int64), A.shape)
+        return spmatrix(entries.data, entries.col.astype(np.int64), entries.row.astype(np.int64), A.shape), []
 
-    packed = pattern.once("packed", columns, pack)  # packing takes longer than factorising
+    packed, unused = pattern.once("packed", columns, pack)  # packing takes longer than factorising
     packed.V = matrix(columns.data)
-    if places is None or A.shape[0] < DISSECT_BEYOND:
+    if unused:  # a factor in its memory saves the symbolic part, and the system's time for new memory
+        factor = unused.pop()
+    elif places is None or A.shape[0] < DISSECT_BEYOND:
         factor = library.symbolic(packed)
     else:
         order = pattern.once("order", columns, lambda: matrix(dissect(A, places).tolist(), tc="i"))
@@ -171,7 +173,9 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     except ArithmeticError as error:
         raise FactorError(f"the matrix is not positive definite or singular: pivot {error} is not positive") from error
 
-    return Cholesky(factor)
+    solver = Cholesky(factor)
+    weakref.finalize(solver, unused.append, factor).atexit = False
+    return solver
 
 
 @dataclass(frozen=True, eq=False)
