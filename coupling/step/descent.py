@@ -167,14 +167,18 @@ class Descent(Generic[Body]):
         It is Newton's own if no tie gives such a correction, as at the level of round-off. Raises
         `SingularError`.
         """
-        whole, plain = stretching_tie(start.problem.system.thread), correction(start, 0.0)
-        tie, way, least = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole)
+        whole, plain, firm = stretching_tie(start.problem.system.thread), correction(start, 0.0), None
+        tie, way, least, firmest = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole), FIRMEST * whole
         while way is None or way.slope > 0.0 or way.allowed < LEAST:
-            if tie == FIRMEST * whole:
+            if (
+                tie and firm is None and (way is None or way.slope > 0.0)
+            ):  # no tie leads downhill if the firmest does not
+                firm = correction(start, firmest)
+            if tie == firmest or (firm is not None and firm.slope > 0.0):
                 if plain is None:
                     raise SingularError(SINGULAR_HOLDS)
                 return plain
-            tie = min(max(FIRMER * tie, least, tie + (0.0 if way is None else way.lacking)), FIRMEST * whole)
+            tie = min(max(FIRMER * tie, least, tie + (0.0 if way is None else way.lacking)), firmest)
             way = correction(start, tie)
         self.tie = tie
         return way
