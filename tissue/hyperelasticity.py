@@ -72,8 +72,8 @@ def pattern(nodes: Indices, kept: Indices) -> Pattern:
 def stiffness_blocks(slopes: Array, A: Array, block: Indices) -> Array:
     """Return the sums of K_nm = Σ_q ∂φ_n/∂X_j A_ijkl ∂φ_m/∂X_l over the cells, `(blocks, 3, 3)`.
 
-    `slopes` has shape `(n, 3, q, c)`. `A` `(3, 3, 3, 3, q, c)` has the symmetry A_ijkl = A_klij.
-    `block` `(n, n, c)` is the index of each local block.
+    `slopes` has shape `(n, 3, q, c)`, and `A` has shape `(3, 3, 3, 3, q, c)`. `block` `(n, n, c)` is
+    the index of each local block.
     """
     nodes, _, points, cells = slopes.shape
     sums, local = np.zeros((block.max() + 1, 3, 3)), np.empty((3, 3, nodes, nodes))

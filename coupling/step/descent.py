@@ -170,10 +170,8 @@ class Descent(Generic[Body]):
         whole, plain, firm = stretching_tie(start.problem.system.thread), correction(start, 0.0), None
         tie, way, least, firmest = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole), FIRMEST * whole
         while way is None or way.slope > 0.0 or way.allowed < LEAST:
-            if (
-                tie and firm is None and (way is None or way.slope > 0.0)
-            ):  # no tie leads downhill if the firmest does not
-                firm = correction(start, firmest)
+            if tie and firm is None and (way is None or way.slope > 0.0):
+                firm = correction(start, firmest)  # if it leads uphill too, the search ends
             if tie == firmest or (firm is not None and firm.slope > 0.0):
                 if plain is None:
                     raise SingularError(SINGULAR_HOLDS)
