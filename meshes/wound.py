@@ -1,8 +1,9 @@
 """A block with a wound cut down from the middle of its top.
 
-The wound is a closed slit, or an opening with an elliptical outline. The mesh is symmetric about
-the wound's plane, so that the two lips match node by node and facet by facet: gmsh meshes only one
-half. A closed slit has two coincident nodes at each place, one for each lip.
+The wound is a closed slit, or an opening with an elliptical outline. gmsh meshes one quarter of the
+block, and its mirror images are the rest. The two lips therefore match node by node and facet by
+facet, and holes that are images of one another have images of the same cells. A closed slit has two
+coincident nodes at each place, one for each lip.
 """
 
 from collections.abc import Sequence
@@ -128,22 +129,25 @@ def wounded_block_gmsh(
 ) -> skfem.MeshTet:
     """Return a mesh of the wounded block by gmsh.
 
-    The mesh is graded toward the sites and their mirror images across the wound. Sites have shape
-    `(p, 3)` [m]. Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
+    The mesh is graded toward the sites and their mirror images about the planes along and across the
+    wound. It has facets along the `planes` and their mirror images. Sites have shape `(p, 3)` [m].
+    Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
     wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a wound that does
     not fit, a site outside the block, and if gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
     points = frame.local(require_sites_within(sites, *extent(size)))
-    points[:, 0] = np.abs(points[:, 0])
-    lower = np.array([0.0, *frame.lower[1:]])
+    points[:, :2] = np.abs(points[:, :2])
+    across, along, depths = frame.planes
+    planes = sorted({abs(x) for x in across}), sorted({abs(y) for y in along}), depths
     with session() as gmsh:
-        add_box(gmsh, lower, frame.upper, frame.planes, frame.unit)
+        add_box(gmsh, np.array([0.0, 0.0, frame.lower[2]]), frame.upper, planes, frame.unit)
         (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame)
         gmsh.model.occ.synchronize()
-        half = generate(gmsh, grading, points, frame.unit)
-    whole = _mirrored(half.p.T, half.t.T, frame.slack)
+        quarter = generate(gmsh, grading, points, frame.unit)
+    half = _mirrored(quarter.p.T, quarter.t.T, 0, frame.slack)
+    whole = _mirrored(*half, 1, frame.slack)
     if wound.width:
         return frame.finish(*whole, np.empty((0, 2), dtype=np.int64))
     return frame.finish(*_slit(*whole, frame))
@@ -273,42 +277,38 @@ def _slit(points: Array, tets: Indices, frame: _Frame) -> tuple[Array, Indices, 
     return np.vstack([points, points[inside]]), tets, np.column_stack([inside, twin[inside]])
 
 
-def _mirrored(points: Array, tets: Indices, slack: float) -> tuple[Array, Indices]:
-    """Return a mesh of x ≥ 0 and its mirror image, joined in the plane x = 0."""
+def _mirrored(points: Array, tets: Indices, axis: int, slack: float) -> tuple[Array, Indices]:
+    """Return a mesh on the upper side of the plane normal to an `axis` and its mirror image, joined there."""
     points = points.copy()
-    joined = np.abs(points[:, 0]) <= slack
-    points[joined, 0] = 0.0
+    joined = np.abs(points[:, axis]) <= slack
+    points[joined, axis] = 0.0
     image = np.arange(len(points))
     image[~joined] = len(points) + np.arange(np.count_nonzero(~joined))
-    mirrored = points[~joined] * np.array([-1.0, 1.0, 1.0])
+    mirrored = points[~joined]
+    mirrored[:, axis] *= -1.0
     return np.vstack([points, mirrored]), np.vstack([tets, image[tets[:, [1, 0, 2, 3]]]])
 
 
 def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Cut the face x = 0 along the slit's outline and along lines in the slit.
+    """Cut the face x = 0 of the quarter along the slit's outline and along a line in the slit.
 
-    These lines go from the slit's lower corners to the top. A triangle with two sides on the
-    outline would have no inner node and could not open. With these lines every triangle has at most
-    one side on the outline.
+    This line goes from the slit's lower corner to the top. A triangle with two sides on the outline
+    would have no inner node and could not open. With this line every triangle has at most one side
+    on the outline.
     """
     length, depth = wound.length / 2, wound.depth
-    foot = length - depth if depth < 0.9 * length and not frame.through else 0.0
-    corners = [(-length, 0.0), (-length, -depth), (length, -depth), (length, 0.0), (foot, 0.0), (-foot, 0.0)]
-    a, b, c, d, e, f = ((0.0, y, z) for y, z in corners)
-    inner_part = [b, c, e, f] if foot else [b, c, e]
-    if frame.ends:
-        pieces = [[a, b, c, d]]
-    elif frame.through:
-        low = (0.0, 0.0, -depth)
-        pieces = [[a, b, low, e], [e, low, c, d]]
-    else:
-        pieces = [[a, b, f], inner_part, [c, d, e]]
+    foot = length - depth if depth < 0.9 * length else 0.0
+    corners = [(0.0, 0.0), (0.0, -depth), (length, -depth), (length, 0.0), (foot, 0.0)]
+    top, low, corner, end, inner = ((0.0, y, z) for y, z in corners)
+    pieces = [[top, low, corner, end]]
+    if not (frame.ends or frame.through):
+        pieces = [[top, low, corner, inner] if foot else [top, low, corner], [corner, end, inner]]
     volumes = gmsh.model.occ.getEntities(3)
     gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece, frame.unit)) for piece in pieces])
 
 
 def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Remove the elliptical prism of the wound from the half block."""
+    """Remove the elliptical prism of the wound from the quarter of the block."""
     along, across, depth = in_unit([wound.length / 2, wound.width / 2, wound.depth], frame.unit).tolist()
     disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))
     if along > across:

@@ -95,8 +95,12 @@ def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: 
     return float(safety * abs(f[0] - richardson(h, f, p)) / abs(f[0]))
 
 
-def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
+def verdict(h: Sequence[float], f: Sequence[float], formal: float, estimated: bool = False) -> Verdict:
     """Return the verdict on three or more numbers; `formal` is the theoretical order.
+
+    If `estimated`, `h` are estimates of the error, which decrease to zero. Numbers that change in one
+    direction then do not diverge. If their changes do not decrease, the estimates scatter: the
+    formal order and the larger factor are used.
 
     If the changes do not decrease, there is no limit and no interval: the number diverges, or
     swings without end. For a decreasing swing, the interval is `UNSURE` times the range of all
@@ -119,6 +123,9 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float) -> Verdict:
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h[:3], f[:3])
+    if estimated and p <= FLAT:
+        index = max(convergence_index(h, f, formal, UNSURE), SAFETY * float(np.ptp(f) / abs(f[0])))
+        return Verdict("pre-asymptotic", p, richardson(h, f, formal), index)
     index = interval_index(h, f, p, formal)
     limit = richardson(h, f, min(p, formal)) if p > FLAT else float("nan")
     return Verdict(kind_of(p, f, change, index), p, limit, index)

@@ -318,17 +318,18 @@ def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
     """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)`
     [1/m].
     """
-    slopes = reference_slopes(elasticity.element, places)
+    _, slopes = shapes(elasticity.element, places)
     return np.einsum("nka,ckj->canj", slopes, elasticity.inverse_edges, optimize=True)
 
 
-def reference_slopes(name: str, places: Array) -> Array:
-    """Return ∂φ_n/∂ξ_k of an element's shape functions at `places` `(a, 3)` of the reference cell,
-    shape `(n, 3, a)`.
+def shapes(name: str, places: Array) -> tuple[Array, Array]:
+    """Return an element's shape functions φ_n `(n, a)` and ∂φ_n/∂ξ_k `(n, 3, a)` at `places` `(a, 3)`
+    of the reference cell.
     """
     element, count = ELEMENTS[name](), len(places)
-    each = [np.reshape(element.lbasis(places.T, n)[1], (3, -1)) for n in range(len(element.doflocs))]
-    return np.array([np.broadcast_to(slope, (3, count)) for slope in each])
+    values, slopes = zip(*(element.lbasis(places.T, n) for n in range(len(element.doflocs))), strict=True)
+    whole = [np.broadcast_to(np.reshape(slope, (3, -1)), (3, count)) for slope in slopes]
+    return np.array([np.broadcast_to(value, count) for value in values]), np.array(whole)
 
 
 def cellwise_lambda(material: Material) -> PerCell:

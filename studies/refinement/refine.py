@@ -118,7 +118,8 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
         why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
         return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
-    judged = verdict([size for size, _ in pairs], [number for _, number in pairs], rungs.order)
+    sizes, numbers = zip(*pairs, strict=True)
+    judged = verdict(sizes, numbers, rungs.order, estimated=bool(rungs.estimates))
     return Refined(column.name, column.unit, rungs.factors, values, rungs.order, judged, estimates=rungs.estimates)
 
 

@@ -43,6 +43,17 @@ def test_a_logarithm_diverges() -> None:
     assert point.text == "DIVERGING, order -1.00" and np.isnan(point.limit) and np.isinf(point.index)
 
 
+def test_errors_that_scatter_are_no_divergence() -> None:
+    """Independent check: numbers in proportion to errors that are estimated a fifth too large or too small. The limit
+    is within the interval, and a number of cells of the same kind would be called diverging."""
+    errors, scatter = np.array([0.06, 0.134, 0.2]), np.array([1.2, 1.0, 1.2])
+    found = verdict(errors * scatter, 1.0 - errors, 1.0, estimated=True)
+    assert found.kind == "pre-asymptotic" and errors[0] < found.index * (1.0 - errors[0])
+    assert verdict(errors * scatter, 1.0 - errors, 1.0).kind == "diverging"
+    same = verdict(errors, 1.0 - errors, 1.0, estimated=True)
+    assert same == verdict(errors, 1.0 - errors, 1.0) and same.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
+
+
 def test_verdicts() -> None:
     """Converged holds the limit in its interval; the order of the arguments does not matter; luck is not rewarded."""
     good = verdict(H[::-1], power(2.0)[::-1], 2.0)

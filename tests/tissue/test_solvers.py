@@ -18,7 +18,7 @@ from studies.simulation.assembly import assemble
 from tests.bounds import TWO_SOLVERS
 from tissue.arrays import Array
 from tissue.solvers import choice, iterative
-from tissue.solvers.direct import LIBRARIES, is_installed, ordering
+from tissue.solvers.direct import BYTES, LIBRARIES, is_installed, ordering
 from tissue.solvers.memory import free_memory
 from tissue.solvers.multigrid import Multigrid, multigrid
 
@@ -122,14 +122,15 @@ def test_no_more_operators_are_kept_than_there_is_room_for(monkeypatch: pytest.M
     assert floating.operator(1e6, 1e3) is not first
 
 
-def test_the_memory_of_a_factor_is_foreseen() -> None:
+def test_the_memory_of_a_factor_is_foreseen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: entries by dissection against those of the factor that SuperLU makes on the order it takes."""
     held = organ(inertia=True)
     assert isinstance(held, tissue.DynamicOrgan)
     A, order = held.K + 1e3 * held.M, ordering(held.K, held.places)
     symmetric = {"SymmetricMode": True}
     lu = splu(csc_matrix(A[order][:, order]), permc_spec="NATURAL", options=symmetric, diag_pivot_thresh=0.0)
-    foreseen = choice.entries(held.K, held.places)
+    monkeypatch.setattr(choice, "SMALL", 0)
+    foreseen = choice.factor_bytes(held.K, held.places, "superlu") / BYTES["superlu"]
     assert lu.nnz / 2 <= 1.1 * foreseen
     assert foreseen <= 1.6 * lu.nnz / 2
 

@@ -21,12 +21,11 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, reference_slopes
+from tissue.assembly import reference_means
+from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shapes
 from tissue.sites.footprint import density
-from tissue.sites.rows import shapes
 from tissue.sites.site import Site, Sites
 from tissue.sites.surface import outer_surface
 from tissue.solvers.choice import solver_of_columns
@@ -223,30 +222,33 @@ class Recovery:
         """
         nodal, numbers = self._nodal(W, traction, cells)
         out = np.empty((AXES, cells.size))
-        element = ELEMENTS[self.body.element]()
-        places, weights = get_quadrature(element, 2 * element.maxdeg)
-        weights = weights / weights.sum() / 6.0
-        phi, _ = shapes(self.body, places.T)
         for part in chunks(cells.size):
             some = cells[part]
-            own = np.einsum("na,cnijk->caijk", phi, nodal[numbers[part]], optimize=True)
-            off = own - self._stress(some, places.T, W)
+            off = nodal[numbers[part]] - self._stress(some, W).reshape(some.size, -1, AXES, AXES, AXES)
+            off = (self._products @ off.reshape(*off.shape[:2], -1)).reshape(off.shape)
             lam, mu = (m[some, None, None] for m in self.material)
             trace = np.einsum("caiik->cak", off)
             energy = 0.5 / mu * (np.einsum("caijk,caijk->cak", off, off) - lam / (3.0 * lam + 2.0 * mu) * trace**2)
-            out[:, part] = np.einsum("cak,a,c->kc", energy, weights, self.body.six_volumes[some])
+            out[:, part] = (self.body.six_volumes[some, None] * energy.sum(axis=1)).T
         return out
 
-    def _stress(self, cells: Indices, places: Array, W: Array) -> Array:
-        """Return the stress at places of the reference cell `(a, 3)`, shape `(c, a, 3, 3, k)`."""
-        slopes, own = reference_slopes(self.body.element, places), W[self.body.nodes[self.body.cells[cells]]]
-        inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, axis of the reference cell, place
+    @cached_property
+    def _products(self) -> Array:
+        """Lᵀ `(n, n)` with L Lᵀ = ∫ φ_m φ_n over the reference cell, so that ∫ σ² is the sum of (Lᵀσ)²."""
+        return np.asarray(np.linalg.cholesky(reference_means(ELEMENTS[self.body.element]()).shapes / 6.0).T)
+
+    def _stress(self, cells: Indices, W: Array) -> Array:
+        """Return the stress at the nodes of `cells` `(c,)`, shape `(c, n, 27)`; it is linear in each cell."""
+        nodes = np.asarray(ELEMENTS[self.body.element]().doflocs)
+        (_, slopes), own = shapes(self.body.element, nodes[:4]), W[self.body.nodes[self.body.cells[cells]]]
+        inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, reference axis, corner
         H = np.einsum("cikla,clj->caijk", inner, self.body.inverse_edges[cells], optimize=True)
         lam, mu = (m[cells, None, None] for m in self.material)
         stress = mu[..., None, None] * (H + H.swapaxes(2, 3))
         for axis in range(AXES):
             stress[:, :, axis, axis] += lam * np.einsum("caiik->cak", H)
-        return stress
+        from_corners = np.column_stack([1.0 - nodes.sum(axis=1), nodes])
+        return np.asarray(from_corners @ stress.reshape(len(cells), 4, -1))
 
     def _nodal(self, W: Array, traction: Array, cells: Indices) -> tuple[Array, Indices]:
         """Return σ* at the nodes of cells, and the indices of each cell's nodes in σ*.
@@ -260,14 +262,11 @@ class Recovery:
         around = np.flatnonzero(touched[copies].any(axis=1))
         known = np.unique(copies[around])
         numbers = np.searchsorted(known, copies[around])
-        corners = np.asarray(ELEMENTS[self.body.element]().doflocs)
         volume = np.bincount(numbers.ravel(), np.repeat(self.body.six_volumes[around], numbers.shape[1]))
         total = np.zeros((known.size, 27))
-        places = corners[:1] if self.body.element == "P1" else corners
         for part in chunks(around.size):
             some = around[part]
-            stress = self._stress(some, places, W) * self.body.six_volumes[some, None, None, None, None]
-            each = np.broadcast_to(stress, (some.size, len(corners), *stress.shape[2:])).reshape(-1, 27)
+            each = (self._stress(some, W) * self.body.six_volumes[some, None, None]).reshape(-1, 27)
             rows, place = np.unique(numbers[part], return_inverse=True)
             spread = csr_matrix(
                 (np.ones(len(each)), (place.ravel(), np.arange(len(each)))), shape=(rows.size, len(each))

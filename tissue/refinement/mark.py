@@ -17,10 +17,11 @@ from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, oute
 # REACHED; this size for a ball inside, whose force is distributed over a volume; growth of the size
 # with the distance; order of the compliance error in the size. P1 comes near to REACHED in two
 # rounds.
-SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.0, 0.8, 4.0)}
+SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 0.9, 0.8, 4.0)}
 REACHED = 0.03
 THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
-BULK = 0.7  # share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
+BULK = 0.7  # largest share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
+SAFETY = 0.95  # of the error asked: a further round is expensive, and the errors of all holes do not decrease alike
 ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and are marked together
 
 
@@ -90,15 +91,25 @@ def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
     return np.asarray(np.hypot(height, np.maximum(across - radius, 0.0)))
 
 
-def marked(mesh: MeshTet, indicators: Array, mirror: int | None = None) -> Indices:
+def share_to_mark(element: str, excess: float) -> float:
+    """Return the share of the marked cells in the sum of the indicators, at most BULK.
+
+    The errors are larger than asked by the factor `excess` (> 1). A bisection halves the volume of
+    a cell, so that an indicator of order p in the size becomes smaller by the factor 2^(p/3).
+    """
+    order = SIZES[element][3]
+    return min(BULK, (1.0 - SAFETY / excess) / (1.0 - 2.0 ** (-order / 3.0)))
+
+
+def marked(mesh: MeshTet, indicators: Array, share: float = BULK, mirror: int | None = None) -> Indices:
     """Return the cells with the largest `indicators` `(c,)`.
 
-    Together they have the share BULK of the sum of the indicators. Cells with an equal indicator
+    Together they have the given `share` of the sum of the indicators. Cells with an equal indicator
     are included. The mirror images of all these cells about the plane normal to the axis `mirror`
     are included too. `mirror` is None if the mesh need not stay symmetric.
     """
     falling = np.sort(indicators)[::-1]
-    least = falling[np.searchsorted(np.cumsum(falling), BULK * falling.sum())]
+    least = falling[np.searchsorted(np.cumsum(falling), share * falling.sum())]
     cells = np.flatnonzero(indicators >= (1.0 - ALIKE) * least)
     if mirror is None:
         return cells

@@ -14,7 +14,7 @@ from skfem import MeshTet
 from tissue.arrays import Array
 from tissue.elasticity import Elasticity
 from tissue.refinement.estimate import estimate
-from tissue.refinement.mark import marked, wanted
+from tissue.refinement.mark import marked, share_to_mark, wanted
 from tissue.refinement.refine import refine, refine_to
 from tissue.sites.site import Site, Sites, build_sites
 
@@ -91,7 +91,8 @@ def fitted(
         if error <= accuracy or len(rounds) == MOST_ROUNDS or GROWTH * body.free.size > most:
             break
         begun = perf_counter()
-        body = body_on(refine(body.mesh, marked(body.mesh, found.indicators, mirror)).mesh)
+        share = share_to_mark(element, error / accuracy)
+        body = body_on(refine(body.mesh, marked(body.mesh, found.indicators, share, mirror)).mesh)
     errors = np.full(len(sites), np.nan)
     errors[found.goals] = found.errors
     return Fitted(body, placed, tuple(rounds), errors, found.indicators)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye_array, kron
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity
+from tissue.elasticity import Elasticity, shapes
 from tissue.sites.surface import Surface
 
 
@@ -49,7 +49,7 @@ def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
 
 def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
     """Return the rows ⟨N⟩ of the averaged displacement, shape `(3, N)`."""
-    phi, _ = shapes(elasticity, average.reference)
+    phi, _ = shapes(elasticity.element, average.reference)
     unknowns, weights = _by_node(elasticity, average.cells, (phi * average.weights)[:, None])
     rows = np.tile(np.arange(3), len(unknowns))
     return csr_matrix((weights[0].repeat(3), (rows, unknowns.ravel())), shape=(3, elasticity.N))
@@ -57,9 +57,9 @@ def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
 
 def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, slope: AverageSlope) -> csr_matrix:
     """Return the rows of ⟨∂U_i/∂x_j⟩, row 3i + j, shape `(9, N)` [1/m]."""
-    phi, _ = shapes(elasticity, surface.reference(slope.points, slope.cells))
+    phi, _ = shapes(elasticity.element, surface.reference(slope.points, slope.cells))
     by_parts = _slope_rows(elasticity, slope.cells, phi[:, None] * slope.vectors.T)
-    _, dphi = shapes(elasticity, average.reference)
+    _, dphi = shapes(elasticity.element, average.reference)
     local = np.einsum("nak,kaj->njk", dphi, surface.to_reference[average.cells]) * average.weights
     missing = (
         np.eye(3) - (slope.points - slope.points.mean(axis=0)).T @ slope.vectors if slope.cells.size else np.eye(3)
@@ -91,12 +91,3 @@ def _by_node(elasticity: Elasticity, cells: Indices, values: Array) -> tuple[Ind
     _, first, node = np.unique(unknowns[:, 0], return_index=True, return_inverse=True)
     sums = np.array([np.bincount(node.ravel(), own.ravel(), first.size) for own in values.swapaxes(0, 1)])
     return unknowns.swapaxes(1, 2).reshape(-1, 3)[first], sums
-
-
-def shapes(elasticity: Elasticity, reference: Array) -> tuple[Array, Array]:
-    """Return the shape functions `(n, k)` and their reference gradients `(n, 3, k)`."""
-    element = ELEMENTS[elasticity.element]()
-    pairs = [element.lbasis(reference.T, i) for i in range(len(element.doflocs))]
-    count = len(reference)
-    phi = np.array([np.broadcast_to(value, count) for value, _ in pairs])
-    return phi, np.array([np.broadcast_to(np.asarray(d).reshape(3, -1), (3, count)) for _, d in pairs])

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import Elasticity
+from tissue.elasticity import Elasticity, shapes
 from tissue.errors import TissueError
 from tissue.sites import footprint
 from tissue.sites.rows import (
@@ -37,7 +37,6 @@ from tissue.sites.rows import (
     fibre_rows,
     gradient_rows,
     normal_rows,
-    shapes,
     value_rows,
 )
 from tissue.sites.surface import INSIDE, ON_SURFACE, Surface, outer_surface
@@ -446,7 +445,7 @@ def _check_free(elasticity: Elasticity, site: Site, average: Average) -> None:
     At a point on a clamped boundary, or in a cell with all nodes clamped, every unknown along an
     axis is clamped.
     """
-    phi, _ = shapes(elasticity, average.reference)
+    phi, _ = shapes(elasticity.element, average.reference)
     held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)
     if np.any(np.einsum("nk,nak->ak", phi, held.astype(float)) >= 1.0 - INSIDE):
         raise TissueError(

@@ -159,10 +159,5 @@ def factor_bytes(A: csr_matrix, places: Array, method: str) -> float:
     """
     if A.shape[0] <= SMALL:
         return 0.0
-    return BYTES[method] * entries(A, places)
-
-
-def entries(A: csr_matrix, places: Array) -> float:
-    """Return an estimate of the entries of the Cholesky factor, by nested dissection of the nodes."""
     graph, points, _ = node_graph(A, places)
-    return float((A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)
+    return float(BYTES[method] * (A.shape[0] / len(points)) ** 2 * dissection(graph, points).entries)
