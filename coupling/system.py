@@ -372,12 +372,6 @@ class System(Generic[Body]):
         return np.arange(self.holds) >= len(self.piercings) + len(self.clamps)
 
     @cached_property
-    def clamp_abscissae(self) -> Array:
-        """Abscissa of each clamped end [m]."""
-        spline = self.thread.spline
-        return np.array([(spline.start, spline.end)[k] for k in self.clamps])
-
-    @cached_property
     def clamp_frames(self) -> Array:
         """y of each clamped end: an arbitrary point, and two vectors across its tangent, shape `(c, 9)`."""
         tangents = [end.direction for end in self.ends if isinstance(end, Clamped)]

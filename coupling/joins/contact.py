@@ -197,20 +197,13 @@ def condense(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, y_free: A
 
 def contact_of(system: System[Body], answer: Answer[Body]) -> Contact[Body] | None:
     """Return the contact of a step; None if the organ has no lips that may touch. Other holds open no gap."""
-    count = lip_count(system, answer)
+    count = len(answer.g_free)
+    if system.contact is not None and system.contact.bears:  # the gaps and slips of the thread's points follow
+        count -= len(answer.points) * (3 if system.contact.friction else 1)
     if not count:
         return None
     C_cy, friction = np.pad(answer.C_cy[:count], ((0, 0), (0, NINE * system.holds_off_organ))), answer.friction
     return Contact(answer.g_free[:count], C_cy, answer, friction if friction.any() else NO_FORCES)
-
-
-def lip_count(system: System[Body], answer: Answer[Body]) -> int:
-    """Return the number of gaps and slips of an answer that are those of lips; those of the
-    thread's points follow.
-    """
-    if system.contact is None or not system.contact.bears:
-        return len(answer.g_free)
-    return len(answer.g_free) - len(answer.points) * (3 if system.contact.friction else 1)
 
 
 def first_sets(contact: Contact[Body] | None, system: System[Body], state: State[Body]) -> tuple[Flags, Rubbing]:

@@ -168,11 +168,7 @@ def solve_band(A: Array, X: Array, first: int) -> bool:
 
     All columns of X except the first are zero before the point `first`.
     """
-    factors = np.zeros(A.shape)
-    for i in range(len(A)):
-        for x in range(3):
-            for c in range(A.shape[2]):
-                factors[i, x, c] = A[i, x, c]
+    factors = A.copy()
     if not factorise(factors):
         return solve_by_exchanges(A, X)
     solve_lower(factors, X, first)

@@ -31,6 +31,9 @@ class Border(NamedTuple):
     numbers at a hold, (P, T, T'). The first row of B and D is the law of sliding; the other rows
     are Φ_q and (Φ_s, 0, Φ_y). The named blocks are views: a change of a named block changes the
     border.
+
+    `at` (15m,) numbers the unknowns that are solved for. `read` and `push` (9m,) number those of
+    (P, T, T') on which the holds depend and on which they exert forces. All are −1 for the others.
     """
 
     E: Array
@@ -39,6 +42,9 @@ class Border(NamedTuple):
     F: Array
     R: Array
     S: Array
+    at: Indices
+    read: Indices
+    push: Indices
 
     @property
     def H_qs(self) -> Array:
@@ -81,13 +87,16 @@ def empty_border(m: int) -> Border:
         np.zeros((m, NINE, BORDER)),
         np.zeros((m, NINE, NINE)),
         np.zeros((m, m)),
+        np.zeros(BORDER * m, np.int64),
+        np.zeros(NINE * m, np.int64),
+        np.zeros(NINE * m, np.int64),
     )
 
 
 @loop
 def linearise(h: Hold, border: Border) -> None:
     """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold into a `border` of zeros."""
-    E, B, D, F, R, _ = border
+    E, B, D, F, R = border.E, border.B, border.D, border.F, border.R
     one = diagonal(1.0)
 
     add_matrix(1.0, one, B, G, AT_P)
@@ -125,7 +134,7 @@ def linearise(h: Hold, border: Border) -> None:
 def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border: Border) -> None:
     """Linearise hold k into its part of a border, with the active constraints `rows` (5,)."""
     B, D = border.B[k], border.D[k]
-    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k], border.S))
+    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k], border.S, border.at, border.read, border.push))
     linearise_law(law, k, sigma, h, B, D)
     drop_constraints(B, D, rows)
 
@@ -143,29 +152,21 @@ def drop_constraints(B: Array, D: Array, rows: Flags) -> None:
 
 
 @loop
-def put_columns(first: int, b: Array, orders: int, X: Array, column: int) -> None:
-    """Write V = (b, b', b'') ⊗ I₃ of one hold into nine columns of `X` (n + 3, 3, k), which are zero before.
+def put_columns(first: int, b: Array, orders: int, X: Array, push: Indices) -> None:
+    """Write V = (b, b', b'') ⊗ I₃ of one hold into its columns of `X` (n + 3, 3, 1 + k), which are zero before.
 
-    Only the first `orders` of b, b', b'' are written.
+    Only the first `orders` of b, b', b'' are written. `push` (9,) gives the columns.
     """
     for order in range(orders):
-        for i in range(4):
-            for x in range(3):
-                X[first + i, x, column + 3 * order + x] = b[order, i]
-
-
-@loop
-def put_riding(k: int, by_qs: Array, X: Array, column: int) -> None:
-    """Write H_qs of hold k, from `by_qs` (n, 3, m), into its column of `X` (n + 3, 3, k)."""
-    for i in range(len(by_qs)):
         for x in range(3):
-            X[i, x, column + AT_K] = by_qs[i, x, k]
+            column = 1 + push[3 * order + x]
+            for i in range(4 if column > 0 else 0):
+                X[first + i, x, column] = b[order, i]
 
 
 @loop
-def values_riding(k: int, by_qs: Array, X: Array, out: Array, at: int) -> None:
-    """Add H_qsᵀ X of hold k to its row of `out`; `at` is the first row of the hold."""
-    row = out[at + AT_K]
+def values_riding(k: int, by_qs: Array, X: Array, row: Array) -> None:
+    """Add H_qsᵀ X of hold k to its `row` (1 + k,) of the values, which is zero before."""
     for i in range(len(by_qs)):
         for x in range(3):
             weight = by_qs[i, x, k]
@@ -175,15 +176,17 @@ def values_riding(k: int, by_qs: Array, X: Array, out: Array, at: int) -> None:
 
 
 @loop
-def values_at_hold(first: int, b: Array, orders: int, X: Array, out: Array, at: int) -> None:
-    """Write Vᵀ X of one hold, shape `(9, k)`, to the rows of `out` from `at` on.
+def values_at_hold(first: int, b: Array, orders: int, X: Array, out: Array, read: Indices) -> None:
+    """Write Vᵀ X of one hold to its rows of `out` (t, 1 + k), given by `read` (9,).
 
     Only the first `orders` of b, b', b'' are used.
     """
     for order in range(orders):
         b0, b1, b2, b3 = b[order, 0], b[order, 1], b[order, 2], b[order, 3]
         for x in range(3):
-            row = out[at + 3 * order + x]
+            if read[3 * order + x] < 0:
+                continue
+            row = out[read[3 * order + x]]
             r0, r1, r2, r3 = X[first, x], X[first + 1, x], X[first + 2, x], X[first + 3, x]
             for j in range(len(row)):
                 row[j] = b0 * r0[j] + b1 * r1[j] + b2 * r2[j] + b3 * r3[j]
@@ -247,14 +250,15 @@ def is_given(border: Border, r: Array, k: int, row: int) -> bool:
 
 
 @loop
-def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int:
-    """Number the unknowns of the holds that are solved for, and return their count.
+def number_unknowns(border: Border, r: Array, joints: Joints) -> int:
+    """Number the unknowns of the holds that are solved for, in `at`, and return their count.
 
-    `at` (15m,) gets the number of each unknown, or −1 if it is not solved for. The unknowns that
+    The unknowns that
     are solved for are s, the active multipliers and, for a strand of a tie, its x. For another
     number of a site the unknown is its force, if the force depends on the thread. The rest of dy
     follows from the forces.
     """
+    at = border.at
     for i in range(len(at)):
         k, j = i // BORDER, i % BORDER
         at[i] = -1
@@ -277,6 +281,30 @@ def numbers_in_use(border: Border, r: Array, joints: Joints, at: Indices) -> int
 
 
 @loop
+def number_thread(border: Border) -> tuple[int, int]:
+    """Number the P, T and T' in `read` and `push`, and return both counts.
+
+    The unknowns are already numbered. A hold without a direction, for example, exerts no force on T.
+    """
+    reads, pushes, at = 0, 0, border.at
+    for k in range(len(border.E)):
+        E, B, R = border.E[k], border.B[k], border.R[k]
+        for i in range(NINE):
+            read = push = False
+            for z in range(OWN):
+                read |= at[BORDER * k + z] >= 0 and B[z, i] != 0.0
+                push |= at[BORDER * k + z] >= 0 and E[i, z] != 0.0
+            for j in range(NINE):
+                read |= R[j, i] != 0.0
+                push |= E[i, OWN + j] != 0.0
+            border.read[NINE * k + i] = reads if read else -1
+            border.push[NINE * k + i] = pushes if push else -1
+            reads += read
+            pushes += push
+    return reads, pushes
+
+
+@loop
 def is_strand(joints: Joints, k: int) -> bool:
     """Return whether hold k is a strand of a tie."""
     found = False
@@ -289,24 +317,24 @@ def is_strand(joints: Joints, k: int) -> bool:
 def solve_holds(
     border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, dz: Array
 ) -> bool:
-    """Solve the border for `dz` (m, 15), with the thread eliminated. Returns False if the matrix is singular.
+    """Solve the numbered border for `dz` (m, 15), with the thread eliminated. Returns False if the
+    matrix is singular.
 
     The other arguments are those of `holds_matrix`.
     """
-    at = np.empty(BORDER * len(r), np.int64)
-    size = numbers_in_use(border, r, joints, at)
+    size = 1 + border.at.max() if len(r) > 0 else 0
     M = np.zeros((size, size + 1))
-    holds_matrix(border, C, G, r, r_y, joints, sigma, at, M)
+    holds_matrix(border, C, G, r, r_y, joints, sigma, M)
     if not solve_dense(M):
         return False
-    spread_numbers(border, C, r_y, joints, at, M[:, size], dz)
+    spread_numbers(border, C, r_y, joints, M[:, size], dz)
     return True
 
 
 @owning
-def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, at: Indices, x: Array, dz: Array) -> None:
+def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, x: Array, dz: Array) -> None:
     """Write the solved unknowns of the holds, `x` (k,), and dy = C (F dz + R Vᵀdq) − r_y into `dz` (m, 15)."""
-    force = np.zeros(C.shape[0])
+    at, force = border.at, np.zeros(C.shape[0])
     for k in range(len(r_y)):
         for j in range(BORDER):
             dz[k, j] = x[at[BORDER * k + j]] if at[BORDER * k + j] >= 0 else 0.0
@@ -327,17 +355,17 @@ def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, at: Ind
 
 @owning
 def holds_matrix(
-    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, at: Indices, M: Array
+    border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array, M: Array
 ) -> None:
     """Write the equations of the holds into `M` (k, k + 1), which is zero before; the last column
     is the right-hand side.
 
-    `at` (15m,) are the numbers of the unknowns. The thread is eliminated by Vᵀdq = w − G E dz, and
-    the sites by dy = C (F dz + R Vᵀdq) − r_y. The first column of `G` (9m, 1 + 9m) is w.
+    The thread is eliminated by Vᵀdq = w − G E dz, and the sites by dy = C (F dz + R Vᵀdq) − r_y.
+    The first column of `G` (t, 1 + k) is w.
     """
-    m, size = len(r), len(M)
-    force = forces_on_sites(border, joints, at, size)
-    sites = matrix_product(C, force, 0)
+    m, size, at = len(r), len(M), border.at
+    force = forces_on_sites(border, joints, size)
+    sites = sparse_product(C, force)
     for k in range(m):
         strand = is_strand(joints, k)
         for i in range(NINE):
@@ -346,45 +374,38 @@ def holds_matrix(
                 row[at[BORDER * k + OWN + i]] = 1.0
             else:
                 row[size] = -r_y[k, i]
-    thread = matrix_product(G, pushes_on_thread(border.E, sites, at), 1)
-    for i in range(NINE * m):
-        for z in range(size + 1):
-            thread[i, z] = -thread[i, z]
-        thread[i, size] += G[i, 0]
+    thread = np.dot(G, pushes_on_thread(border, sites, G.shape[1]))
     for k in range(m):
-        add_own_equations(border, k, thread, sites, r, at, M)
+        add_own_equations(border, k, thread, sites, r, M)
         if len(sigma) > 0 and sigma[k] != 0.0:
             for other in range(m):
                 M[at[BORDER * k], at[BORDER * other]] += border.S[k, other]
-        add_force_equations(border, k, thread, at, M)
+        add_force_equations(border, k, thread, M)
     join_sites(joints, force, r_y, at, M)
     join_laws(joints, sigma, r, at, M)
 
 
 @owning
-def matrix_product(A: Array, X: Array, first: int) -> Array:
-    """Return A X, of the columns of `A` from `first` on and the rows of `X` that are not zero."""
-    rows = 0
-    there = np.zeros(len(X), np.int64)
+def sparse_product(A: Array, X: Array) -> Array:
+    """Return A X of a matrix `X` with few entries."""
+    count = 0
+    rows, columns = np.empty(X.size, np.int64), np.empty(X.size, np.int64)
     for i in range(len(X)):
         for z in range(X.shape[1]):
             if X[i, z] != 0.0:
-                there[rows] = i
-                rows += 1
-                break
-    left, right = np.empty((len(A), rows)), np.empty((rows, X.shape[1]))
-    for j in range(rows):
-        right[j] = X[there[j]]
-    for i in range(len(A)):
-        for j in range(rows):
-            left[i, j] = A[i, first + there[j]]
-    return np.dot(left, right)
+                rows[count], columns[count] = i, z
+                count += 1
+    out = np.zeros((len(A), X.shape[1]))
+    for a in range(len(A)):
+        for e in range(count):
+            out[a, columns[e]] += A[a, rows[e]] * X[rows[e], columns[e]]
+    return out
 
 
 @owning
-def forces_on_sites(border: Border, joints: Joints, at: Indices, size: int) -> Array:
+def forces_on_sites(border: Border, joints: Joints, size: int) -> Array:
     """Return F dz + R Vᵀdq over the unknowns in use, shape `(9m, size + 1)`, with a last column of zeros."""
-    force = np.zeros((NINE * len(border.F), size + 1))
+    at, force = border.at, np.zeros((NINE * len(border.F), size + 1))
     for k in range(len(border.F)):
         strand = is_strand(joints, k)
         for i in range(NINE):
@@ -398,33 +419,37 @@ def forces_on_sites(border: Border, joints: Joints, at: Indices, size: int) -> A
 
 
 @owning
-def pushes_on_thread(E: Array, sites: Array, at: Indices) -> Array:
-    """Return E dz over the unknowns in use, shape `(9m, size + 1)`; the last column is the constant part.
+def pushes_on_thread(border: Border, sites: Array, rows: int) -> Array:
+    """Return −E dz over the unknowns in use, shape `(rows, size + 1)`; the last column is the constant part.
 
-    `sites` is dy in the same form.
+    The first row belongs to w, the thread without these forces. `sites` is dy in the same form.
     """
-    out = np.zeros(sites.shape)
+    E, at, push = border.E, border.at, border.push
+    out = np.zeros((rows, sites.shape[1]))
+    out[0, sites.shape[1] - 1] = 1.0
     for k in range(len(E)):
         for i in range(NINE):
-            row = out[NINE * k + i]
+            if push[NINE * k + i] < 0:
+                continue
+            row = out[1 + push[NINE * k + i]]
             for z in range(OWN):
                 if at[BORDER * k + z] >= 0:
-                    row[at[BORDER * k + z]] += E[k, i, z]
+                    row[at[BORDER * k + z]] -= E[k, i, z]
             for j in range(NINE):
-                push = E[k, i, OWN + j]
-                if push != 0.0:
+                by_site = E[k, i, OWN + j]
+                if by_site != 0.0:
                     for z in range(len(row)):
-                        row[z] += push * sites[NINE * k + j, z]
+                        row[z] -= by_site * sites[NINE * k + j, z]
     return out
 
 
 @loop
-def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Array, at: Indices, M: Array) -> None:
+def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Array, M: Array) -> None:
     """Add B Vᵀdq + D dz = −r of hold k to its rows.
 
-    `thread` is Vᵀdq and `sites` is dy, shape `(9m, size + 1)` each.
+    `thread` (t, size + 1) is Vᵀdq of the thread's numbers, and `sites` (9m, size + 1) is dy.
     """
-    last = M.shape[1] - 1
+    last, at, read = M.shape[1] - 1, border.at, border.read
     for i in range(OWN):
         if at[BORDER * k + i] < 0:
             continue
@@ -433,7 +458,7 @@ def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Ar
             b, d = border.B[k, i, j], border.D[k, i, OWN + j]
             if b != 0.0:
                 for z in range(last + 1):
-                    row[z] += b * thread[NINE * k + j, z]
+                    row[z] += b * thread[read[NINE * k + j], z]
             if d != 0.0:
                 for z in range(last + 1):
                     row[z] += d * sites[NINE * k + j, z]
@@ -444,20 +469,20 @@ def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Ar
 
 
 @loop
-def add_force_equations(border: Border, k: int, thread: Array, at: Indices, M: Array) -> None:
+def add_force_equations(border: Border, k: int, thread: Array, M: Array) -> None:
     """Add f − R Vᵀdq = 0 for the forces on the site of hold k that depend on the thread."""
     last = M.shape[1] - 1
     for i in range(NINE):
-        pushed, place = False, at[BORDER * k + OWN + i]
+        pushed, own = False, border.at[BORDER * k + OWN + i]
         for j in range(NINE):
             push = border.R[k, i, j]
-            if push != 0.0 and place >= 0:
+            if push != 0.0 and own >= 0:
                 pushed = True
                 for z in range(last + 1):
-                    M[place, z] -= push * thread[NINE * k + j, z]
+                    M[own, z] -= push * thread[border.read[NINE * k + j], z]
         if pushed:
-            M[place, place] += 1.0
-            M[place, last] = -M[place, last]
+            M[own, own] += 1.0
+            M[own, last] = -M[own, last]
 
 
 @loop
@@ -500,16 +525,16 @@ def join_sites(joints: Joints, force: Array, r_y: Array, at: Indices, M: Array) 
 
 
 @owning
-def thread_direction(E: Array, dz: Array, X: Array, dq: Array) -> bool:
-    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, from `X` (n + 3, 3, 1 + 9m).
+def thread_direction(border: Border, dz: Array, X: Array, dq: Array) -> bool:
+    """Write dq = −A⁻¹r_q − A⁻¹V E dz, shape `(n, 3)`, from `X` (n + 3, 3, 1 + k).
 
     Returns False if an entry is inf or nan.
     """
-    push = np.zeros(NINE * len(E))
+    E, at, push = border.E, border.push, np.zeros(X.shape[2] - 1)
     for k in range(len(E)):
         for i in range(NINE):
-            for z in range(BORDER):
-                push[NINE * k + i] += E[k, i, z] * dz[k, z]
+            for z in range(BORDER if at[NINE * k + i] >= 0 else 0):
+                push[at[NINE * k + i]] += E[k, i, z] * dz[k, z]
     for i in range(len(X) - REACH):
         for x in range(3):
             moved = X[i, x, 0]
@@ -537,5 +562,6 @@ def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Arra
         stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
 
 
-linearise_holds, in_use, write_matrix = entry(linearise_all), entry(numbers_in_use), entry(holds_matrix)
+linearise_holds, in_use, of_thread = entry(linearise_all), entry(number_unknowns), entry(number_thread)
+write_matrix = entry(holds_matrix)
 site_residuals, stiffen_holds, numbers_of = entry(site_residual), entry(stiffen_all), entry(spread_numbers)

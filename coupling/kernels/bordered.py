@@ -9,13 +9,13 @@ the forces on the site.
 """
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels.border import BORDER, NINE, OWN, Border, in_use, linearise_holds, numbers_of, write_matrix
+from coupling.kernels import border as kernels
+from coupling.kernels.border import BORDER, NINE, OWN, Border
 from coupling.kernels.constraints import LOCAL, Passage, hold_arrays
 from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
@@ -39,7 +39,8 @@ class SingularError(ArithmeticError):
 def empty_border(m: int) -> Border:
     """Return the border of `m` holds with every block zero."""
     blocks = (NINE, BORDER), (OWN, NINE), (OWN, BORDER), (NINE, BORDER), (NINE, NINE), (m,)
-    return Border(*(np.zeros((m, *block)) for block in blocks))
+    numbers = (np.zeros(count * m, np.int64) for count in (BORDER, NINE, NINE))
+    return Border(*(np.zeros((m, *block)) for block in blocks), *numbers)
 
 
 def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, y: Array) -> Border:
@@ -50,17 +51,8 @@ def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, 
     border = empty_border(len(lam))
     if thread.ridden is not None:
         border.S[:] = -thread.ridden.by_ss
-    linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border)
+    kernels.linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border)
     return border
-
-
-@cache
-def column_pattern(c: int) -> tuple[Indices, Indices]:
-    """Return, for each entry of b^(order)_local ⊗ I₃, its row of Vᵀ and its column from the first
-    point's column on.
-    """
-    order, local, axis = np.ogrid[:3, :4, :3]
-    return 3 * order + axis, c * local + axis
 
 
 def columns(thread: Passage, n: int, c: int) -> Array:
@@ -70,8 +62,8 @@ def columns(thread: Passage, n: int, c: int) -> Array:
     """
     m = len(thread.first)
     V = np.zeros((m, NINE, c * n))
-    row, column = column_pattern(c)
-    V[np.arange(m)[:, None, None, None], row, c * thread.first[:, None, None, None] + column] = thread.b[:, :3, :, None]
+    k, order, local, axis = np.ogrid[:m, :3, :4, :3]
+    V[k, 3 * order + axis, c * (thread.first[:, None, None, None] + local) + axis] = thread.b[:, :3, :, None]
     if thread.ridden is not None:
         V.reshape(m, NINE, n, c)[:, RIDING, :, :3] = np.moveaxis(thread.ridden.by_qs, 2, 0)
     return V.reshape(NINE * m, c * n).T
@@ -101,19 +93,18 @@ def banded_solve(A: Array, b: Array) -> Array:
 
 
 def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints: Joints, sigma: Array) -> Array:
-    """Return the solution of the border with the thread eliminated, shape `(m, 15)`.
+    """Return the solution of the numbered border with the thread eliminated, shape `(m, 15)`.
 
     The result is that of the kernel with the same name; LAPACK is faster for many holds. Raises
     `SingularError`.
     """
-    at, dz = np.empty(BORDER * len(r), dtype=np.int64), np.empty((len(r), BORDER))
-    size = in_use(border, r, joints, at)
+    size, dz = 1 + border.at.max(), np.empty((len(r), BORDER))
     M = np.zeros((size, size + 1))
-    write_matrix(border, C, G, r, r_y, joints, sigma, at, M)
+    kernels.write_matrix(border, C, G, r, r_y, joints, sigma, M)
     _, _, x, info = dgesv(M[:, :-1], M[:, -1])
     if info != 0 or not np.isfinite(x).all():
         raise SingularError(SINGULAR_HOLDS)
-    numbers_of(border, C, r_y, joints, at, x, dz)
+    kernels.numbers_of(border, C, r_y, joints, x, dz)
     return dz
 
 
@@ -139,7 +130,9 @@ def newton_directions(
     Raises `SingularError`.
     """
     (n, c), m, count = residuals[0][0].shape, len(residuals[0][1]), len(residuals)
-    pushed = np.flatnonzero(border.E.any(axis=2))  # a hole without a direction exerts no force on T or T'
+    kernels.in_use(border, np.max([np.abs(r) for _, r, _ in residuals], axis=0), joined[0])
+    kernels.of_thread(border)
+    pushed = np.flatnonzero(border.push >= 0)
     right = np.empty((c * n, count + pushed.size), order="F")
     right[:, :count] = np.transpose([-r_q.ravel() for r_q, _, _ in residuals])
     right[:, count:] = columns(thread, n, c)[:, pushed]
@@ -148,8 +141,8 @@ def newton_directions(
     if m == 0:
         return [(X[:, k].reshape(n, c), np.empty((0, BORDER))) for k in range(count)]
     own, by_push = X[:, :count], X[:, count:]
-    G, at_holds = np.zeros((NINE * m, 1 + NINE * m)), values_at_holds(thread, X.T.reshape(-1, n, c))
-    G[:, 1 + pushed] = at_holds[:, count:]
+    at_holds = values_at_holds(thread, X.T.reshape(-1, n, c))[border.read >= 0]
+    G = at_holds[:, count - 1 :].copy()
     out, C = [], np.ascontiguousarray(C)
     for k, (_, r, r_y) in enumerate(residuals):
         G[:, 0] = at_holds[:, k]

@@ -7,6 +7,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH, hold_still, solve_band
 from coupling.kernels.border import (
+    AT_K,
     BORDER,
     LARGEST,
     NINE,
@@ -16,8 +17,9 @@ from coupling.kernels.border import (
     Border,
     empty_border,
     linearise_hold,
+    number_thread,
+    number_unknowns,
     put_columns,
-    put_riding,
     site_residual,
     solve_holds,
     stiffen_hold,
@@ -417,17 +419,6 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
     return A
 
 
-@loop
-def largest_entry(A: Array) -> float:
-    """Return the absolute value of the largest entry of a block band."""
-    largest = 0.0
-    for i in range(len(A)):
-        for x in range(3):
-            for c in range(A.shape[2]):
-                largest = max(largest, abs(A[i, x, c]))
-    return largest
-
-
 @owning
 def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations.
@@ -435,7 +426,7 @@ def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -
     The solution does not change. The matrix becomes regular even if the thread could move or turn
     freely without the constraints (statics).
     """
-    scale = largest_entry(A)
+    scale = np.abs(A).max()
     for k in range(len(r.holds)):
         K, push = np.zeros((NINE, NINE)), np.zeros(NINE)
         stiffen_hold(scale, given.rows[k], r.b[k], border, r.holds[k], k, K, push)
@@ -466,12 +457,15 @@ def newton_direction(
     """Solve for the direction `dq` (n, 3), `dz` (m, 15). Returns SOLVED, or which matrix is singular."""
     n, m, rides = len(r.balance), len(r.holds), given.ride.on
     orders = 2 if rides else 3
-    X, first = np.zeros((n + REACH, 3, 1 + NINE * m)), n
+    number_unknowns(border, r.holds, law.joints)
+    reads, pushes = number_thread(border)
+    read, push = border.read.reshape(m, NINE), border.push.reshape(m, NINE)
+    X, first = np.zeros((n + REACH, 3, 1 + pushes)), n
     for k in range(m):
-        put_columns(r.first[k], r.b[k], orders, X, 1 + NINE * k)
+        put_columns(r.first[k], r.b[k], orders, X, push[k])
         first = min(first, r.first[k])
-        if rides:
-            put_riding(k, r.ridden.by_qs, X, 1 + NINE * k)
+        if rides and push[k, AT_K] >= 0:
+            X[:n, :, 1 + push[k, AT_K]] = r.ridden.by_qs[:, :, k]
             first = 0
     for i in range(n):
         for x in range(3):
@@ -481,14 +475,14 @@ def newton_direction(
                     X[i, x, j] = 0.0
     if not solve_band(A, X, first):
         return SINGULAR_THREAD
-    G = np.zeros((NINE * m, 1 + NINE * m))
+    G = np.zeros((reads, 1 + pushes))
     for k in range(m):
-        values_at_hold(r.first[k], r.b[k], orders, X, G, NINE * k)
-        if rides:
-            values_riding(k, r.ridden.by_qs, X, G, NINE * k)
+        values_at_hold(r.first[k], r.b[k], orders, X, G, read[k])
+        if rides and read[k, AT_K] >= 0:
+            values_riding(k, r.ridden.by_qs, X, G[read[k, AT_K]])
     if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, dz):
         return SINGULAR_HOLDS
-    return SOLVED if thread_direction(border.E, dz, X, dq) else SINGULAR_HOLDS
+    return SOLVED if thread_direction(border, dz, X, dq) else SINGULAR_HOLDS
 
 
 @loop

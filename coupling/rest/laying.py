@@ -226,7 +226,8 @@ def start(system: System[Body], s: Array, path: Array, stretch: float) -> State[
     log.info("laying the thread along its path")
     organ = resting_organ(system)
     y = all_holds(system, system.organ.site_variables(organ))
-    s = np.concatenate([s, system.clamp_abscissae, np.full(2 * len(system.ties), system.thread.spline.start)])
+    ends = system.thread.spline.start, system.thread.spline.end
+    s = np.concatenate([s, [ends[k] for k in system.clamps], np.full(2 * len(system.ties), ends[0])])
     q, s = lay(system, Laying(hold_still(system.organ, organ), path, stretch), s)
     m, thread = system.holds, system.thread.placed(s)
     q = np.pad(q, ((0, 0), (0, thread.coordinates - 3)))

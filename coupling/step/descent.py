@@ -60,7 +60,6 @@ from coupling.step.newton import (
     moved,
 )
 from coupling.step.sliding import admissible_sigma, ruled, sliding_strands
-from thread.thread import Thread
 from tissue.errors import OrganError
 
 PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that buckles takes 150
@@ -167,7 +166,8 @@ class Descent(Generic[Body]):
         It is Newton's own if no tie gives such a correction, as at the level of round-off. Raises
         `SingularError`.
         """
-        whole, plain, firm = stretching_tie(start.problem.system.thread), correction(start, 0.0), None
+        thread, plain, firm = start.problem.system.thread, correction(start, 0.0), None
+        whole = float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
         tie, way, least, firmest = 0.0, plain, max(self.tie / FIRMER, SOFTEST * whole), FIRMEST * whole
         while way is None or way.slope > 0.0 or way.allowed < LEAST:
             if tie and firm is None and (way is None or way.slope > 0.0):
@@ -186,11 +186,6 @@ def slides_back(there: "Place[Body]") -> Flags:
     """Return the holes with friction that slid on the way to a place, and back past their start, shape `(m,)`."""
     law, z = there.problem.law, there.z
     return np.asarray(law.rough & law.may_slide & (z.sigma * (z.s - law.s_old) < 0.0))
-
-
-def stretching_tie(thread: Thread) -> float:
-    """Return the tie [1/s²] with the stiffness of the whole thread against stretch, EA/(ρA L²)."""
-    return float(thread.EA / (thread.section.rhoA * (thread.spline.end - thread.spline.start) ** 2))
 
 
 def correction(start: "Place[Body]", tie: float) -> "Way[Body] | None":

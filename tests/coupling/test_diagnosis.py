@@ -167,7 +167,7 @@ def test_a_direction_imposed_twice_on_a_straight_thread() -> None:
     """Independent check: at the clamped end and in a hole 10 nm from it; with a free end it is imposed once."""
     near = [1e-8]
     system, state = straight([0.5 * SPAN], ends=(Clamped(0.0 * X, X), Free()))
-    state = replace(state, s=np.array([near[0], *system.clamp_abscissae]))
+    state = replace(state, s=np.array([near[0], *state.s[1:]]))
     at = system.passage_of(state)
     (message,) = dependence_faults(system, state, at)
     assert "piercing 'first'" in message and "the clamped start of the thread" in message
