@@ -1,13 +1,11 @@
 """The grid of a sweep: the values of keys of a scenario, case by case."""
 
 import csv
-import tomllib
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from studies.scenario.refusal import BARE
 from studies.scenario.table import ScenarioError
 from studies.scenario.toml import override_key
 from studies.study import value_of
@@ -79,12 +77,10 @@ def read_table(path: Path) -> list[Settings]:
 
 def cell(text: str) -> Any:
     """Return a value from TOML; a bare word is a string."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        if BARE.fullmatch(text.strip()) or not text.strip().startswith(("[", "{", '"')):
-            return text.strip()
-        raise ScenarioError(f"{text} is refused: the value is not TOML; write for example 5e-4 or [0, 0, 1]") from None
+    value = value_of(text)
+    if value == text.strip() and value.startswith(("[", "{", '"')):  # as it was: it is no TOML
+        raise ScenarioError(f"{text} is refused: the value is not TOML; write for example 5e-4 or [0, 0, 1]")
+    return value
 
 
 def check_count(cases: Sequence[Settings]) -> None:

@@ -199,7 +199,7 @@ def known_table(planned: Sequence[Planned], kept: Path) -> SweepTable | None:
     cases = [case for case in planned if case.digest]
     there = {case.digest: known for case in cases if (known := known_case(kept, case.digest))}
     rows = [row_of(case, there) for case in cases if case.digest in there]
-    if done := [row for row in rows if row.exit_status == COMPLETED]:
+    if done := [(settings, known) for settings, known in rows if known["exit_status"] == COMPLETED]:
         return table_of(done)
     for case in cases[:STARTS]:
         if (start := run_start(case.data)) is not None:
@@ -220,8 +220,7 @@ def record(result: Result) -> dict[str, Any]:
 
 
 def row_of(case: Planned, found: Mapping[str, Mapping[str, Any]]) -> Case:
-    """Return the row of a case."""
+    """Return the settings of a case and its result."""
     if case.refused:
-        return Case(case.settings, REFUSED, {"status": "refused", "error": case.refused})
-    known = found[case.digest]
-    return Case(case.settings, known["exit_status"], known["summary"], known.get("cells"))
+        return case.settings, {"exit_status": REFUSED, "summary": {"status": "refused", "error": case.refused}}
+    return case.settings, found[case.digest]

@@ -19,6 +19,9 @@ from studies.scenario.reference import unit_of
 from studies.scenario.refusal import as_toml
 from studies.study import comma_separated
 
+# A case: the values of its keys, and its result, with `exit_status`, `summary` and, if known, `cells`.
+Case = tuple[Mapping[str, Any], Mapping[str, Any]]
+
 NEAR, LIKE = 3, 0.6  # largest number of suggested names, and their least similarity: difflib's own bound
 
 
@@ -55,20 +58,6 @@ class Column:
     def converted(self) -> list[Any]:
         """Its values, all converted to the column's type."""
         return [None if value is None else self.kind(value) for value in self.values]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A row: the values of keys, and the result.
-
-    The result is `exit_status`, `summary`, and the number of `cells` of the organ, None without an
-    organ.
-    """
-
-    settings: Mapping[str, Any]
-    exit_status: int
-    summary: Mapping[str, Any]
-    cells: int | None = None
 
 
 @dataclass(frozen=True)
@@ -166,26 +155,27 @@ def written(value: object) -> str:
 
 def table_of(cases: Sequence[Case]) -> SweepTable:
     """Return the table of cases."""
-    varied = dict.fromkeys(key for case in cases for key in case.settings)
-    found = [quantities(case.summary) for case in cases]
+    every, results = [settings for settings, _ in cases], [result for _, result in cases]
+    varied = dict.fromkeys(key for settings in every for key in settings)
+    found = [quantities(result["summary"]) for result in results]
     units = {name: q.unit for row in found for name, q in row.items()}
-    keys = [Column(key, unit_of(key), tuple(plain(case.settings.get(key)) for case in cases)) for key in varied]
-    results = [
+    keys = [Column(key, unit_of(key), tuple(plain(settings.get(key)) for settings in every)) for key in varied]
+    measured = [
         Column(name, unit, tuple(row[name].value if name in row else None for row in found))
         for name, unit in units.items()
     ]
-    remarks = [case.summary.get("remarks", []) for case in cases]
+    remarks = [result["summary"].get("remarks", []) for result in results]
     codes = ("; ".join(f"{remark['code']} ({remark['where']})" for remark in row) for row in remarks)
     unsupported = (sum(remark["severity"] == "unsupported" for remark in row) for row in remarks)
     return SweepTable(
         (
             Column("case", "", tuple(range(len(cases)))),
             *keys,
-            Column("exit_status", "", tuple(case.exit_status for case in cases)),
+            Column("exit_status", "", tuple(result["exit_status"] for result in results)),
             Column("unsupported", "", tuple(unsupported)),
             Column("remarks", "", tuple(codes)),
-            *results,
-            Column("cells", "-", tuple(case.cells for case in cases)),
+            *measured,
+            Column("cells", "-", tuple(result.get("cells") for result in results)),
         )
     )
 

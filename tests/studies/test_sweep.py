@@ -42,7 +42,7 @@ from studies.sweeps.figure import DASHES
 from studies.sweeps.figure import figure as drawn_figure
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import SweepProgress, sweep
-from studies.sweeps.table import Case, Column, drawn_columns, table_of
+from studies.sweeps.table import Column, drawn_columns, table_of
 from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
 from tests.bounds import IDENTITY
 from tests.studies.samples import step
@@ -50,6 +50,7 @@ from thread.catalogue import suture
 from tissue.organs import quasi_static
 from tissue.solvers import choice
 
+DONE = {"exit_status": 0, "summary": {"status": "completed"}}
 RING: dict[str, Any] = {  # a thread drawn through one point in space
     "title": "a ring",
     "thread": {
@@ -529,11 +530,11 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: paired({"a": [1], "b": [1, 2]}), "a has 1, b has 2"),
         (lambda: read_table(Path("nowhere.csv")), "cannot be read"),
         (
-            lambda: drawn_columns(table_of([Case({"a.b": 1.0}, 0, {"status": "completed"})]), ["a.c", "a.b"]),
+            lambda: drawn_columns(table_of([({"a.b": 1.0}, DONE)]), ["a.c", "a.b"]),
             "nearest is a.b",
         ),
         (
-            lambda: drawn_columns(table_of([Case({"a": 1.0}, 0, {"status": "completed"})]), ["a", "status"]),
+            lambda: drawn_columns(table_of([({"a": 1.0}, DONE)]), ["a", "status"]),
             "give a number's name",
         ),
         (lambda: ladder(parse(RING), levels=2), "needs 3 or more"),
@@ -610,8 +611,8 @@ def planted(numbers: list[float], statuses: list[int] | None = None) -> Any:
     """What refinement says of planted numbers on four levels, each twice as fine."""
     rungs = ladder(parse(ORGAN), "h", ratio=2.0)
     done = statuses or [0] * len(numbers)
-    cases = [Case({}, s, {"time": n, "status": "x"}) for s, n in zip(done, numbers, strict=True)]
-    return refined("time", rungs, table_of(cases))
+    results = [{"exit_status": s, "summary": {"time": n, "status": "x"}} for s, n in zip(done, numbers, strict=True)]
+    return refined("time", rungs, table_of([({}, result) for result in results]))
 
 
 def test_planted_numbers_get_their_verdicts() -> None:
