@@ -17,8 +17,6 @@ A study is a package with a module `study` and these parts:
 `carry_out` runs any study into a folder.
 """
 
-import csv
-import io
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
@@ -32,7 +30,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
 from studies.lists import study_list
-from studies.output.files import read_json, unfinished, write_bytes, write_json, write_text
+from studies.output.files import comma_separated, read_json, unfinished, write_bytes, write_json, write_text
 from studies.output.lock import foreign_file, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
@@ -332,10 +330,3 @@ def numbers(rows: Sequence[Any]) -> str:
     head = [f"{f.name} [{f.metadata['unit']}]" if "unit" in f.metadata else f.name for f in fields(rows[0])]
     cells = [[str(value) for value in asdict(row).values()] for row in rows]
     return comma_separated([head, *cells])
-
-
-def comma_separated(lines: Sequence[Sequence[str]]) -> str:
-    """Return lines in CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines)
-    return text.getvalue()

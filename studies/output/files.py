@@ -3,11 +3,13 @@
 A file that is damaged nevertheless is read as empty.
 """
 
+import csv
+import io
 import json
 import math
 import os
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +58,13 @@ def read_json(path: Path) -> dict[str, Any]:
 def as_json(value: Mapping[str, Any]) -> str:
     """Return JSON, with null for numbers that are not finite."""
     return json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def comma_separated(lines: Iterable[Iterable[Any]]) -> str:
+    """Return lines of cells in CSV; a cell that is None is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def _plain(value: Any) -> Any:

@@ -1,16 +1,14 @@
 """CSV tables that grow by whole lines after each step, so a killed run leaves whole rows."""
 
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Generic
 
 import numpy as np
 
-from studies.output.columns import TABLES, Column, Layout, Row, Value, headings
+from studies.output.columns import TABLES, Column, Layout, Row, headings
+from studies.output.files import comma_separated
 from studies.scenario import Scenario
-
-SPECIAL = re.compile(r'[",\r\n]')  # text with one of these is quoted
 
 
 class CsvFile(Generic[Row]):
@@ -18,7 +16,7 @@ class CsvFile(Generic[Row]):
 
     def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:
         """``last_step``: rows up to this step are kept, for a resumed run."""
-        self._line = line_writer(columns)
+        self._columns = columns
         self._end = len(b"".join(rows_until(path, last_step))) if last_step >= 0 else 0
         self._file = path.open("r+b" if self._end else "wb", buffering=0)
         self._file.truncate(self._end)
@@ -28,8 +26,7 @@ class CsvFile(Generic[Row]):
 
     def append(self, rows: Iterable[Row]) -> None:
         """Append rows in one write; on a full disk, append none."""
-        data = "".join([self._line(row) for row in rows]).encode()
-        if data:
+        if data := lines_of(self._columns, rows):
             self._write(data)
 
     def close(self) -> None:
@@ -46,48 +43,30 @@ class CsvFile(Generic[Row]):
         self._end += len(data)
 
 
-def line_writer(columns: Sequence[Column[Row]]) -> Callable[[Row], str]:
-    """Return a function that makes a line of a row."""
-    cells = [(column.of, writer_of(column)) for column in columns]
-    return lambda row: ",".join([write(of(row)) for of, write in cells]) + "\n"
+def lines_of(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
+    """Return the lines of rows.
+
+    Numbers have all their digits, so that reading gives the same bits.
+    """
+    return comma_separated([cell for column in columns for cell in cells_of(column, row)] for row in rows).encode()
+
+
+def cells_of(column: Column[Row], row: Row) -> list[Any]:
+    """Return the cells of a column in a row, for a vector one for each component."""
+    value: Any = column.of(row)
+    if column.parts:
+        return np.asarray(value, dtype=np.float64).tolist()
+    return [float(value) if column.kind == "number" and value is not None else value]
 
 
 def whole_table(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
     """Return a complete table as bytes."""
-    return head_of(columns) + "".join(map(line_writer(columns), rows)).encode()
-
-
-def writer_of(column: Column[Any]) -> Callable[[Any], str]:
-    """Return the function that writes a value as the cells of a row.
-
-    A number that is None gives an empty cell.
-    """
-    if column.parts:
-        return _numbers
-    return {"number": _number, "whole": _whole, "text": _quoted}[column.kind]
-
-
-def _number(value: Value) -> str:
-    """Return a number with all its digits, so that reading gives the same bits."""
-    return "" if value is None else repr(float(value))  # type: ignore[arg-type]
-
-
-def _numbers(value: Value) -> str:
-    """Return the components of a vector; `tolist` gives Python floats, which are fast to write."""
-    return ",".join(map(repr, np.asarray(value, dtype=np.float64).tolist()))
-
-
-def _whole(value: Value) -> str:
-    return "" if value is None else str(value)
-
-
-def _quoted(value: str) -> str:
-    return '"' + value.replace('"', '""') + '"' if SPECIAL.search(value) else value
+    return head_of(columns) + lines_of(columns, rows)
 
 
 def head_of(columns: Iterable[Column[Any]]) -> bytes:
     """Return the first line of a table."""
-    return (",".join(headings(columns)) + "\n").encode()
+    return comma_separated([headings(columns)]).encode()
 
 
 def rows_until(path: Path, step: int) -> list[bytes]:

@@ -12,12 +12,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import write_bytes, write_text
+from studies.output.files import comma_separated, write_bytes, write_text
 from studies.output.quantities import headed, quantities
 from studies.scenario import ScenarioError
 from studies.scenario.reference import unit_of
 from studies.scenario.refusal import as_toml
-from studies.study import comma_separated
 
 # A case: the values of its keys, and its result, with `exit_status`, `summary` and, if known, `cells`.
 Case = tuple[Mapping[str, Any], Mapping[str, Any]]
@@ -141,16 +140,9 @@ def drawn_columns(table: SweepTable, names: Sequence[str]) -> list[Column]:
     return [asked_column(table, name, "--plot", number=place < 2) for place, name in enumerate(names)]
 
 
-def written(value: object) -> str:
-    """Return a value as the text of a cell."""
-    match value:
-        case None:
-            return ""
-        case bool():
-            return "true" if value else "false"
-        case float():
-            return repr(value)
-    return str(value)
+def written(value: object) -> object:
+    """Return a value as the cell of a table in CSV: a flag in the words of TOML."""
+    return as_toml(value) if isinstance(value, bool) else value
 
 
 def table_of(cases: Sequence[Case]) -> SweepTable:
