@@ -9,6 +9,7 @@ import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import cycle
 from operator import itemgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 
 from studies.arrays import Array
 from studies.lists import list_of
+from studies.output.files import write_bytes
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe & Ito (2008)
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -170,6 +172,12 @@ def set_ticks(axes: Axes, axis: str, values: Sequence[float]) -> None:
     """Set plain numbers on an axis, logarithmic or not."""
     {"x": axes.set_xticks, "y": axes.set_yticks}[axis](values, [f"{value:.3g}" for value in values])
     axes.minorticks_off()
+
+
+def write_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str, folder: Path) -> None:
+    """Write a study's figure into a folder, in each format."""
+    for kind, picture in render_figure(figure, rows, name).items():
+        write_bytes(folder / f"figure.{kind}", picture)
 
 
 def render_figure(figure: Callable[[Sequence[Any]], Figure], rows: Sequence[Any], name: str) -> dict[str, bytes]:

@@ -30,7 +30,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
 from studies.lists import study_list
-from studies.output.files import comma_separated, read_json, unfinished, write_bytes, write_json, write_text
+from studies.output.files import comma_separated, read_json, unfinished, write_json, write_text
 from studies.output.lock import foreign_file, locked
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
@@ -297,7 +297,8 @@ def _carry_out(
     rows: list[Any] = []
     for row in found.main(**given):
         if not rows:
-            empty_folder(folder)
+            for path in (*(folder / name for name in WRITTEN), *unfinished(folder, WRITTEN)):
+                path.unlink(missing_ok=True)  # of an earlier study, finished or not
             write_json(folder / "study.json", {"study": name, "question": found.question, **asked})
         rows.append(row)
         write_text(folder / "runs.csv", numbers(rows))
@@ -305,15 +306,9 @@ def _carry_out(
     write(name, asked, rows, folder)
 
 
-def empty_folder(folder: Path) -> None:
-    """Remove an earlier study from a folder, finished or not."""
-    for path in (*(folder / name for name in WRITTEN), *unfinished(folder, WRITTEN)):
-        path.unlink(missing_ok=True)
-
-
 def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
     """Write table, figure, arguments and checks into a folder."""
-    from studies.figure import render_figure
+    from studies.figure import write_figure
 
     found = study(name)
     remarks, shown = found.remarks(rows), found.table(rows)
@@ -321,8 +316,7 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
     write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})
     write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))
     write_text(folder / "table.csv", shown.csv)
-    for kind, picture in render_figure(found.figure, rows, name).items():
-        write_bytes(folder / f"figure.{kind}", picture)
+    write_figure(found.figure, rows, name, folder)
 
 
 def numbers(rows: Sequence[Any]) -> str:

@@ -35,12 +35,13 @@ def run_sweep(options: argparse.Namespace) -> int:
     try:
         workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
         if wanted:
-            from studies.sweeps.figure import write_figure  # refused before the runs if matplotlib is missing
+            from studies.figure import write_figure  # refused before the runs if matplotlib is missing
+            from studies.sweeps.figure import figure
         with stages(options.json, LOOP_LOGGERS):
             check = partial(drawn_columns, names=wanted) if wanted else None
             table = sweep(base, cases, options.out, workers, teller.tell, check=check)
         if wanted:
-            write_figure(table, wanted, options.out)
+            write_figure(figure, drawn_columns(table, wanted), "sweep", options.out)
     except KeyboardInterrupt:
         return complain("interrupted; the same command continues", INTERRUPTED)
     if options.json:

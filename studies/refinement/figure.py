@@ -10,14 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.figure import COLOURS, Item, band, curve, draw, level, literal, panel, render_figure
+from studies.figure import COLOURS, Item, band, curve, draw, level, literal, panel
 from studies.refinement.ladder import KINDS, Ladder
 from studies.refinement.refined import Refined
-
-
-def pictures(found: Sequence[Refined], rungs: Ladder) -> dict[str, bytes]:
-    """Return the rendered figure by format."""
-    return render_figure(lambda rows: figure(rows, rungs), found, "refinement")
 
 
 def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:

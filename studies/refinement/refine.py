@@ -7,7 +7,7 @@ from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
-from studies.output.files import write_bytes, write_json, write_text
+from studies.output.files import write_json, write_text
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
 from studies.refinement.refined import Refined
 from studies.scenario import ScenarioError
@@ -46,7 +46,8 @@ def refine(
     Raises `ScenarioError`, for an unknown quantity before the first level is run, and
     `studies.workers.WorkersError`.
     """
-    from studies.refinement.figure import pictures  # refused before the runs if matplotlib is missing
+    from studies.figure import write_figure  # refused before the runs if matplotlib is missing
+    from studies.refinement.figure import figure
 
     names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
     if not names or not all(isinstance(name, str) for name in names):
@@ -62,8 +63,7 @@ def refine(
     rungs = as_estimated(as_meshed(rungs, table), table)
     found = tuple(refined(name, rungs, table) for name in names)
     write(found, rungs, Path(folder))
-    for kind, picture in pictures(found, rungs).items():
-        write_bytes(Path(folder) / f"figure.{kind}", picture)
+    write_figure(partial(figure, rungs=rungs), found, "refinement", Path(folder))
     return found
 
 

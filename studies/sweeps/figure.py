@@ -3,27 +3,18 @@
 import re
 from collections.abc import Sequence
 from math import ceil
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from studies.figure import COLOURS, MARKERS, literal, panels, render_figure
-from studies.output.files import write_bytes
-from studies.sweeps.table import Column, SweepTable, drawn_columns
+from studies.figure import COLOURS, MARKERS, literal, panels
+from studies.sweeps.table import Column
 
 DASHES = ("-", "--", ":", "-.")
 WORDS, HIGH = 44, 36  # letters of a line along the axes and in the legend, and along the vertical axis
 MOST = 16  # lines in a column of the legend
 TICKS = 5  # intervals between labels below the axes, whose numbers can have six digits
 MARGIN = 0.3  # around the legend [inch]
-
-
-def write_figure(table: SweepTable, names: Sequence[str], folder: Path) -> None:
-    """Draw columns into ``figure.png`` and ``figure.svg``. Raises `ScenarioError`."""
-    drawn = drawn_columns(table, names)
-    for kind, picture in render_figure(lambda rows: figure(drawn), (), "sweep").items():
-        write_bytes(folder / f"figure.{kind}", picture)
 
 
 def figure(drawn: Sequence[Column]) -> Figure:
