@@ -55,8 +55,12 @@ class Column(Generic[Row]):
     @property
     def headings(self) -> list[str]:
         """Headings in a CSV table, with the unit: `force_x [N]`."""
-        unit = f" [{self.unit}]" if self.unit else ""
-        return [name + unit for name in self.parts or (self.name,)]
+        return [headed(name, self.unit) for name in self.parts or (self.name,)]
+
+
+def headed(name: str, unit: str) -> str:
+    """Return the heading of a column, with its unit in brackets if there is one."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def columns_of(group: str, **sources: Callable[[Any], Value]) -> list[Column[Any]]:
@@ -348,10 +352,6 @@ def manual_tables() -> dict[str, str]:
     }
 
 
-def with_tables(manual: str, tables: Mapping[str, str]) -> str:
-    """Return the manual with each table between its marks updated."""
-    return with_blocks(manual, "columns of", tables)
-
-
 if __name__ == "__main__":
-    MANUAL.write_text(with_tables(MANUAL.read_text(encoding="utf-8"), manual_tables()), encoding="utf-8")
+    updated = with_blocks(MANUAL.read_text(encoding="utf-8"), "columns of", manual_tables())
+    MANUAL.write_text(updated, encoding="utf-8")

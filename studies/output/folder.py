@@ -27,11 +27,11 @@ from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, wri
 from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.fields import OrganTopology
 from studies.output.files import read_json, write_bytes, write_json, write_text
-from studies.output.lock import LOCK, refused
+from studies.output.lock import LOCK, foreign_file, refused
 from studies.output.provenance import provenance
 from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
-from studies.output.series import Series, steps_in
+from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import Judge, Status, Tally, nothing_to_say
 from studies.scenario import Scenario, ScenarioError, dump
@@ -182,7 +182,7 @@ def _refuse_torn_index(folder: Path, steps: Iterable[int]) -> None:
     """
     index = folder / "results.pvd"
     try:
-        named = steps_in(index)
+        named = {step_of(file) for _, file in named_files(index)}
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{index} cannot be read ({error}); {ANEW}") from None
     for step in steps:
@@ -279,11 +279,10 @@ def check_folder(
 
 def _refuse_others(folder: Path) -> None:
     """Refuse a folder that holds files but no manifest of this code."""
-    there = folder.iterdir() if folder.is_dir() else ()
-    others = sorted(path.name for path in set(there) - set(manifest.unfinished(folder)))
-    if others:
-        torn = f", and {manifest.MARK} is damaged or not from a run" if manifest.MARK in others else ""
-        raise refused(folder, f"it holds files that no run wrote ({others[0]}{torn}); give a new or empty folder")
+    if other := foreign_file(folder, [manifest.MARK], known=False):
+        torn = (folder / manifest.MARK).exists()
+        also = f", and {manifest.MARK} is damaged or not from a run" if torn else ""
+        raise refused(folder, f"it holds files that no run wrote ({other}{also}); give a new or empty folder")
 
 
 def _refuse_replacing(folder: Path, read: Iterable[Path | str | None], overwrite: bool) -> None:

@@ -26,16 +26,6 @@ class Quantity:
     unit: str
     value: float | int | str | bool | None
 
-    @property
-    def heading(self) -> str:
-        """The heading of its column in a table: `piercings.exit.slip [m]`."""
-        return headed(self.name, self.unit)
-
-
-def headed(name: str, unit: str) -> str:
-    """Return the heading of a column, with its unit in brackets if there is one."""
-    return f"{name} [{unit}]" if unit else name
-
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
     """Return all numbers and words of a summary by name, in its order."""

@@ -5,27 +5,22 @@ A running or killed run is read up to its last complete file.
 
 import csv
 import re
-import tomllib
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, fields
-from os import PathLike
 from pathlib import Path
 from typing import Any, cast
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from studies.arrays import Array
-from studies.output.columns import STATE_CODES, TABLES
+from studies.output.columns import STATE_CODES, TABLES, headed
 from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
 from studies.output.files import read_json
-from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.records import PiercingRecord, Snapshot
-from studies.output.series import is_whole, step_of
+from studies.output.series import is_whole, named_files, part_of, step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
 CORNERS = 4  # nodes of a tetrahedron without mid-edge nodes
@@ -80,7 +75,7 @@ class Table:
 
     def heading(self, name: str) -> str:
         """Return a column's name with its unit: `slip [m]`."""
-        return f"{name} [{self.units[name]}]" if name in self.units else name
+        return headed(name, self.units.get(name, ""))
 
     def where(self, name: str, word: str) -> "Table":
         """Return the rows with this word in a column of text."""
@@ -116,78 +111,6 @@ class FrameFiles:
                 raise ValueError("its checksum differs")
             found = pv.read(path)
         return found
-
-
-@dataclass(frozen=True)
-class RunResults:
-    """The content of a run's folder.
-
-    `summary` is empty before the end of the run, `provenance` is the manifest, `scenario` the
-    scenario's text. `tables` are by name, `frames` in the order of time.
-    """
-
-    folder: Path
-    summary: Mapping[str, Any]
-    provenance: Mapping[str, Any]
-    scenario: str
-    tables: Mapping[str, Table]
-    frames: tuple[FrameFiles, ...]
-
-    @property
-    def name(self) -> str:
-        """The folder's own name."""
-        return self.folder.resolve().name
-
-    @property
-    def title(self) -> str:
-        """The title of the scenario.
-
-        It is the folder's name without a title or with a damaged file.
-        """
-        try:
-            return str(tomllib.loads(self.scenario).get("title", "")) or self.name
-        except (tomllib.TOMLDecodeError, RecursionError):
-            return self.name
-
-    @property
-    def piercings(self) -> list[str]:
-        """The names of the piercings, in the order of the scenario."""
-        table = self.tables.get("piercings")
-        return [] if table is None else list(dict.fromkeys(table.columns["piercing"].tolist()))
-
-    def parts(self, name: str) -> dict[str, Table]:
-        """Return a table in parts with one row per step, by the name of the part.
-
-        This is the name of a piercing, a pair of surfaces, or a boundary. A second load on a
-        boundary is `top (2)`. A table without such names is one part with an empty name.
-        """
-        table = self.tables[name]
-        if name not in ITEM:
-            return {"": table}
-        met: Counter[tuple[float, str]] = Counter()
-        rows: dict[str, list[int]] = {}
-        for row, of in enumerate(zip(table.columns["step"].tolist(), table.columns[ITEM[name]].tolist(), strict=True)):
-            met[of] += 1
-            rows.setdefault(of[1] if met[of] == 1 else f"{of[1]} ({met[of]})", []).append(row)
-        return {item: table.rows(np.array(chosen)) for item, chosen in rows.items()}
-
-
-def read_run(folder: Path | str) -> RunResults:
-    """Read the run in a folder. Raises `ResultsError` if it holds none."""
-    if not isinstance(folder, str | PathLike):
-        raise ResultsError(f"{folder!r} is refused: it is no path; give a folder that suture run --out wrote")
-    folder = Path(folder)
-    if not holds_run(folder):
-        raise ResultsError(f"{folder} is refused: it holds no run; give a folder that suture run --out wrote")
-    found = {layout.name: folder / f"{layout.name}.csv" for layout in TABLES}
-    return RunResults(
-        folder,
-        read_summary(folder),
-        read_json(folder / MARK),
-        (folder / SCENARIO).read_text(encoding="utf-8", errors="replace"),
-        {name: read_run_table(path) for name, path in found.items() if path.is_file()},
-        read_frames(folder / "results.pvd"),
-    )
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
@@ -243,15 +166,14 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
     Empty if the file is missing or damaged.
     """
     try:
-        parts = list(ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet"))
-    except (OSError, ValueError, ElementTree.ParseError):
+        listed = named_files(index)
+    except (OSError, ValueError):
         return ()
     frames: dict[int, tuple[float, dict[str, Path]]] = {}
     with refused_if_torn(index):
-        for part in parts:
-            file = part.get("file", "")
-            _, files = frames.setdefault(step_of(file), (float(part.get("timestep", "nan")), {}))
-            files[part.get("name", "")] = index.parent / file
+        for time, file in listed:
+            _, files = frames.setdefault(step_of(file), (float(time), {}))
+            files[part_of(file)] = index.parent / file
     return tuple(FrameFiles(time, step, files) for step, (time, files) in sorted(frames.items()))
 
 

@@ -219,19 +219,6 @@ class StepRecord:
 
 
 @dataclass(frozen=True)
-class RunRecord:
-    """The totals of a run up to its last step."""
-
-    status: str
-    error: str  # empty unless the run failed or was interrupted
-    last: StepRecord | None  # None if the run stopped before its start
-    newton_iterations: int  # of all steps
-    constraint_max: float  # over all steps [m]
-    seconds: float  # wall-clock time of all steps without compilation [s]
-    tissue_dofs: int
-
-
-@dataclass(frozen=True)
 class Extremes:
     """The largest values of a run until now, and the forces of its last steps.
 

@@ -41,7 +41,6 @@ TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
 COMPONENTS = {6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}  # VTK's order of a symmetric tensor
 FRAME = re.compile(r"(?:organ|thread|piercings|ties)_(\d{6,})\.vt[pu]")
 PARTS = ("organ", "thread", "piercings", "ties")  # parts of a frame, one file each
-FILE = re.compile(r'file="([^"]*)"')
 SEAL, SEALED = re.compile(rb"<!-- sha256 [0-9a-f]{64} -->\n"), 81  # the last comment of a file, and its bytes
 LZMA = "vtkLZMADataCompressor"
 WORDS = {"id": lzma.FILTER_LZMA2, "lc": 0, "lp": 2, "pb": 2}  # for numbers of four bytes
@@ -125,9 +124,10 @@ class Series:
         self._folder = folder
         self._mesh = None if topology is None else encode_mesh(topology)
         (folder / "frames").mkdir(parents=True, exist_ok=True)
-        named = entries(folder / "results.pvd", before) if before else []
-        self._entries = [line for line in named if (folder / file_of(line)).is_file()]
-        self.missing = [file_of(line) for line in named if line not in self._entries]
+        listed = named_files(folder / "results.pvd") if before else []
+        named = [(time, file) for time, file in listed if 0 <= step_of(file) < before]
+        self._entries = [_entry(time, file) for time, file in named if (folder / file).is_file()]
+        self.missing = [file for _, file in named if not (folder / file).is_file()]
         for path in frame_files(folder / "frames"):
             if path.name.startswith(".") or step_of(path.name) >= before:
                 path.unlink()
@@ -144,25 +144,13 @@ class Series:
             parts = {f"organ_{step:06d}.vtu": organ_file(self._mesh, frame.organ)} | parts
         for name, data in parts.items():
             write_bytes(self._folder / "frames" / name, data)
-            self._entries.append(_entry(frame.time, name))
+            self._entries.append(_entry(repr(float(frame.time)), f"frames/{name}"))
         listed = Markup("".join(self._entries)).within("Collection").text  # parts of one time are shown together
         write_text(self._folder / "results.pvd", f"{_head('Collection', '0.1')}{listed}</VTKFile>\n")
 
 
-def entries(index: Path, before: int) -> list[str]:
-    """Return the lines of a ``.pvd`` file for frames of steps before ``before``."""
-    lines = [line for line in index.read_text(encoding="utf-8").splitlines(keepends=True) if "<DataSet" in line]
-    return [line for line in lines if step_of(line) < before]
-
-
-def file_of(line: str) -> str:
-    """Return the file that a line of a ``.pvd`` file names."""
-    found = FILE.search(line)
-    return found[1] if found else ""
-
-
-def steps_in(index: Path) -> set[int]:
-    """Return the steps whose frames a ``.pvd`` file names.
+def named_files(index: Path) -> list[tuple[str, str]]:
+    """Return the files that a ``.pvd`` file names, each after the text of its time [s].
 
     Raises `OSError` or `ValueError` for a damaged file.
     """
@@ -170,7 +158,7 @@ def steps_in(index: Path) -> set[int]:
         parts = ElementTree.fromstring(index.read_text(encoding="utf-8")).iter("DataSet")
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from None
-    return {step_of(part.get("file", "")) for part in parts}
+    return [(part.get("timestep", "nan"), part.get("file", "")) for part in parts]
 
 
 def frame_files(folder: Path) -> list[Path]:
@@ -186,6 +174,11 @@ def step_of(name: str) -> int:
     """Return the step in the name of a frame's file, or −1."""
     found = FRAME.search(name)
     return int(found[1]) if found else -1
+
+
+def part_of(file: str) -> str:
+    """Return the part of a frame that is in a file."""
+    return Path(file).name.partition("_")[0]
 
 
 def encode_mesh(topology: OrganTopology) -> Markup:
@@ -324,10 +317,10 @@ def _arrays(kind: str, arrays: Mapping[str, Any], active: str, pack: Pack) -> Ma
     return _joined(fields).within(f"{kind} {active}")
 
 
-def _entry(time: float, name: str) -> str:
-    label = name.partition("_")[0]
+def _entry(time: str, file: str) -> str:
+    label = part_of(file)
     part = PARTS.index(label)
-    return f'<DataSet timestep="{float(time)!r}" group="" part="{part}" name="{label}" file="frames/{name}"/>\n'
+    return f'<DataSet timestep="{time}" group="" part="{part}" name="{label}" file="{file}"/>\n'
 
 
 def _file(kind: str, piece: Markup, compressor: str = LZMA) -> bytes:

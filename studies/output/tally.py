@@ -1,6 +1,7 @@
 """Totals, extremes and remarks of a run for its summary, collected step by step."""
 
 from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
 from studies.output.fields import OrganRecord
-from studies.output.records import Ending, RunRecord, StepRecord, nothing_met
+from studies.output.records import Ending, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario, ScenarioError
 
@@ -90,8 +91,8 @@ class Tally:
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Return the contents of ``summary.json`` after the last step, without the provenance."""
         step = self.last_step
-        totals = {key: self._totals[key] for key in ("newton_iterations", "constraint_max", "seconds")}
-        head = values(RUN, RunRecord(status, error, step, tissue_dofs=self._tissue_dofs, **totals))
+        ended = {"status": status, "error": error, "last": step, "tissue_dofs": self._tissue_dofs}
+        head = values(RUN, SimpleNamespace(**ended, **self._totals))
         parts: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
         if self._scenario.tissue is not None:
             parts["range"] = range_summary(self._names, self._extremes)

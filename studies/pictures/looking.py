@@ -8,12 +8,11 @@ from pathlib import Path
 
 from meshes.child import run_module
 from studies.output.files import write_bytes
+from studies.output.opened import OpenRun, open_run
 from studies.output.reading import (
     FrameFiles,
     ResultsError,
-    RunResults,
     evenly_spaced,
-    read_run,
     snapshot_of,
     topology_of,
 )
@@ -29,7 +28,7 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
 
     Raises `ResultsError` for a folder without a run or frames, and for a file of another kind.
     """
-    run = read_run(folder)
+    run = open_run(folder)
     if not run.frames:
         raise ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
     if out is not None:
@@ -63,7 +62,7 @@ def window(folder: Path) -> str:
     return words_of(done) if done.returncode else ""
 
 
-def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
+def drawn_into(run: OpenRun, out: Path, time: float | None) -> str:
     """Draw one frame or all frames into a file; return the line on the picture.
 
     One frame is the nearest to a time, or the last if the time is None.
@@ -78,7 +77,7 @@ def drawn_into(run: RunResults, out: Path, time: float | None) -> str:
     return drawn.line
 
 
-def still(run: RunResults, out: Path, time: float | None) -> Drawn:
+def still(run: OpenRun, out: Path, time: float | None) -> Drawn:
     """Draw a frame into a PNG file."""
     frame = nearest(run.frames, time)
     return draw_picture(snapshot_of(frame, run.piercings), topology_of(frame), out, run.title)
@@ -89,7 +88,7 @@ def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 
-def film(run: RunResults, out: Path) -> Drawn:
+def film(run: OpenRun, out: Path) -> Drawn:
     """Draw frames into a GIF file, at most `MOST_PICTURES` of them."""
     chosen = [run.frames[number] for number in evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
     frames = [frame_of(snapshot_of(frame, run.piercings)) for frame in chosen]

@@ -9,7 +9,8 @@ from typing import Any
 
 import pyvista as pv
 
-from studies.output.reading import FrameFiles, read_run, snapshot_of, topology_of
+from studies.output.opened import open_run
+from studies.output.reading import FrameFiles, snapshot_of, topology_of
 from studies.pictures.picture import WINDOWS
 from studies.pictures.scene import Frame, frame_of
 from studies.pictures.space import CORNER, place_camera, props_of, stage_of
@@ -18,7 +19,7 @@ from studies.pictures.view import SIZE
 
 def show(folder: str) -> None:
     """Show the frames of a run, with a slider for the time."""
-    run = read_run(folder)
+    run = open_run(folder)
     topology = topology_of(run.frames[0])
 
     def read(files: FrameFiles) -> Frame:

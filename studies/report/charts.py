@@ -8,7 +8,8 @@ import numpy as np
 
 from studies.arrays import Array
 from studies.lists import list_of
-from studies.output.reading import RunResults, Table, evenly_spaced
+from studies.output.opened import OpenRun
+from studies.output.reading import Table, evenly_spaced
 
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit
@@ -34,6 +35,11 @@ class Series:
     values: Array
 
     @property
+    def name(self) -> str:
+        """Name of the quantity for `suture plot`, like `piercings.exit.slip`."""
+        return ".".join(filter(None, (self.table, self.item, self.column)))
+
+    @property
     def label(self) -> str:
         """Name of the quantity in a legend, without the run."""
         return f"{self.item}: {self.column}" if self.item else self.column
@@ -51,25 +57,19 @@ class Series:
         }  # fmt: skip
 
 
-def series_of(run: RunResults, name: str) -> list[Series]:
-    """Return every quantity of a run's tables with one row per step.
+def series_of(run: OpenRun, name: str, most: int | None = MOST_ROWS) -> list[Series]:
+    """Return every quantity of a run's tables with one row per step, except its events.
 
-    The length of every vector is included.
+    The length of every vector is included. A series has at most `most` points; None means all.
     """
-    return [one for table, item, rows in parts_over_time(run) for one in quantities(name, table, item, rows)]
+    parts = [(table, *part) for table in run.tables if table != "events" for part in run.parts(table).items()]
+    return [one for part in parts for one in quantities(name, *part, most)]
 
 
-def parts_over_time(run: RunResults) -> list[tuple[str, str, Table]]:
-    """Return the tables of a run except its events, part by part.
-
-    A part has its name, its item, and its rows, one per step.
-    """
-    return [(name, item, rows) for name in run.tables if name != "events" for item, rows in run.parts(name).items()]
-
-
-def quantities(run: str, table: str, item: str, rows: Table) -> Iterator[Series]:
+def quantities(run: str, table: str, item: str, rows: Table, most: int | None) -> Iterator[Series]:
     """Yield the quantities of a table's rows, with fewer points and in the units of the charts."""
-    chosen = evenly_spaced(len(rows.columns["time"]), MOST_ROWS)
+    count = len(rows.columns["time"])
+    chosen = evenly_spaced(count, most or count)
     scalars = [(name, rows.units.get(name, ""), rows.columns[name]) for name in rows.numeric if name not in CLOCKS]
     time = rows.columns["time"][chosen]
     for name, unit, values in [*scalars, *lengths(rows)]:

@@ -6,11 +6,10 @@ from pathlib import Path
 from matplotlib import rc_context
 
 from studies.figure import COLOURS, STYLE, literal, panels
-from studies.output.reading import ResultsError, RunResults, Table, read_run
-from studies.report.charts import AXES, SHOWN, lengths, parts_over_time
+from studies.output.opened import OpenRun, open_run
+from studies.output.reading import ResultsError
+from studies.report.charts import AXES, Series, series_of
 from studies.scenario.refusal import nearest
-
-Line = tuple[str, str, Sequence[float], Sequence[float]]  # name, unit, times [s], values
 
 
 def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
@@ -18,18 +17,18 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
 
     Raises `ResultsError` for an unknown name, and for a file of another kind.
     """
-    run = read_run(folder)
+    run = open_run(folder)
     lines = [line_of(run, name) for name in names]
     target = out or folder / "plot.png"
     if target.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise ResultsError(f"--out {target} is refused: name it {target.stem}.png, .svg or .pdf")
-    units = list(dict.fromkeys(unit for _, unit, _, _ in lines))
+    units = list(dict.fromkeys(line.unit for line in lines))
     with rc_context(STYLE):
         figure, axes = panels(len(units), 1)
         figure.set_size_inches(7.0, 1.0 + 2.6 * len(units))
         for unit, axis in zip(units, axes[:, 0], strict=True):
-            for number, (name, _, times, values) in enumerate(line for line in lines if line[1] == unit):
-                axis.plot(times, values, color=COLOURS[number % len(COLOURS)], label=literal(name))
+            for number, line in enumerate(line for line in lines if line.unit == unit):
+                axis.plot(line.time, line.values, color=COLOURS[number % len(COLOURS)], label=literal(line.name))
             axis.set(xlabel="time [s]", ylabel=f"[{unit}]" if unit else "")
             axis.legend()
         axes[0, 0].set_title(literal(run.title), fontsize=9, wrap=True)
@@ -37,12 +36,15 @@ def plot(folder: Path, names: Sequence[str], out: Path | None) -> list[str]:
     return [f"plot       {target}: {', '.join(names)}"]
 
 
-def line_of(run: RunResults, name: str) -> Line:
+def line_of(run: OpenRun, name: str) -> Series:
     """Return a column by its name, in the unit of the charts.
+
+    Examples are `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`,
+    `piercings.exit.force` for the length of a vector and `piercings.exit.force_x` for a component.
 
     Raises `ResultsError` with the names that contain it, or with the nearest name.
     """
-    known = {key: (table, column) for key, table, column in columns_of(run)}
+    known = {one.name: one for one in series_of(run, run.name, most=None) if one.column not in AXES}
     if name not in known:
         alike = [key for key in known if name in key]
         suggestion = nearest(name, alike or list(known))
@@ -51,22 +53,4 @@ def line_of(run: RunResults, name: str) -> Line:
         raise ResultsError(
             f"{name} is refused: the run has no such column; {hint}it has {', '.join(alike or siblings or known)}"
         )
-    table, column = known[name]
-    vectors = {key: (unit, values) for key, unit, values in lengths(table)}
-    unit, values = vectors.get(column) or (table.units.get(column, ""), table.columns[column])
-    factor, shown = SHOWN.get(unit, (1.0, unit))
-    return name, shown, table.columns["time"].tolist(), (factor * values).tolist()
-
-
-def columns_of(run: RunResults) -> list[tuple[str, Table, str]]:
-    """List the columns that can be drawn, each with its table and its column there.
-
-    Examples are `piercings.exit.tension_after`, `loads.top.share`, `energy.kinetic`,
-    `piercings.exit.force` for the length of a vector and `piercings.exit.force_x` for a component.
-    """
-    return [
-        (".".join(filter(None, (name, item, column))), table, column)
-        for name, item, table in parts_over_time(run)
-        for column in [*(name for name, _, _ in lengths(table)), *table.numeric]
-        if column not in ("time", "step", *AXES)
-    ]
+    return known[name]

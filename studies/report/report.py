@@ -13,11 +13,11 @@ import psutil
 from numpy.typing import NDArray
 
 from studies.figure import COLOURS
-from studies.output.columns import HOLE_SUMMARY
+from studies.output.columns import HOLE_SUMMARY, headed
 from studies.output.files import as_json, read_json, unfinished, write_text
 from studies.output.manifest import holds_run
-from studies.output.quantities import headed
-from studies.output.reading import ResultsError, RunResults, Table, read_run, read_table
+from studies.output.opened import OpenRun, open_run
+from studies.output.reading import ResultsError, Table, read_table
 from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page
 from studies.report.charts import FIRST, SHOWN, SUMMARY, chart_records, plain, series_of
@@ -68,7 +68,7 @@ def write_report(folders: Sequence[Path], path: Path) -> list[str]:
     if path.suffix.lower() not in (".html", ".htm"):
         raise ResultsError(f"--out {path} is refused: a report is an HTML page; name it {path.stem}.html")
     page.plotly_script()
-    runs = [read_run(folder) for folder in folders if holds_run(folder)]
+    runs = [open_run(folder) for folder in folders if holds_run(folder)]
     others = [read_rows(folder) for folder in folders if not holds_run(folder)]
     names = labels([run.folder for run in runs])
     text = report_text(dict(zip(names, runs, strict=True)), others)
@@ -147,7 +147,7 @@ def read_study(folder: Path) -> Rows:
     )
 
 
-def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
+def report_text(runs: Mapping[str, OpenRun], others: Sequence[Rows]) -> str:
     """Return the page of runs by name, and of studies and sweeps."""
     series = [one for name, run in runs.items() for one in series_of(run, name)]
     charts = chart_records(series)
@@ -166,7 +166,7 @@ def report_text(runs: Mapping[str, RunResults], others: Sequence[Rows]) -> str:
     return page.whole_page(title, body, data)
 
 
-def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], has_views: bool) -> Iterator[str]:
+def run_sections(runs: Mapping[str, OpenRun], charts: Sequence[str], has_views: bool) -> Iterator[str]:
     """Yield the sections of a report on runs, in order: the result first, notes below."""
     places = [page.chart(f"chart{k}") for k in range(len(charts))]
     yield page.heading("Result")
@@ -193,29 +193,29 @@ def run_sections(runs: Mapping[str, RunResults], charts: Sequence[str], has_view
     yield page.heading("Origin of the numbers")
     for name, run in runs.items():
         yield page.folded(f"{name}: versions, machine and digests", as_json(run.provenance))
-        yield page.folded(f"{name}: the scenario as run", run.scenario)
+        yield page.folded(f"{name}: the scenario as run", run.scenario_text)
 
 
-def last_picture(run: RunResults) -> str:
+def last_picture(run: OpenRun) -> str:
     """Return the picture in a run's folder, or a note on how to draw it."""
     if not (run.folder / "picture.png").is_file():
         return page.paragraph("There is no picture; draw it into the folder by suture view with --out picture.png.")
     return page.figure(base64.b64encode((run.folder / "picture.png").read_bytes()).decode(), "the end of the run")
 
 
-def doubts(run: RunResults) -> str:
+def doubts(run: OpenRun) -> str:
     """Return the remarks on unsupported numbers of a run."""
     if not run.summary:
         return page.paragraph(UNENDED)
     return page.remark_list(remarks_of(run, "unsupported"), "All numbers are supported.")
 
 
-def remarks_of(run: RunResults, severity: str) -> list[Mapping[str, str]]:
+def remarks_of(run: OpenRun, severity: str) -> list[Mapping[str, str]]:
     """Return the remarks of a severity."""
     return [one for one in run.summary["remarks"] if one["severity"] == severity]
 
 
-def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
+def summary_rows(runs: Sequence[OpenRun]) -> list[list[object]]:
     """Return the lines of the summary: a quantity, and its value in each run."""
     summaries = [run.summary for run in runs]
     rows: list[list[object]] = []
@@ -228,7 +228,7 @@ def summary_rows(runs: Sequence[RunResults]) -> list[list[object]]:
     return [row for row in rows if any(value is not None for value in row[1:])]
 
 
-def hole_rows(runs: Sequence[RunResults]) -> list[list[object]]:
+def hole_rows(runs: Sequence[OpenRun]) -> list[list[object]]:
     """Return the lines of each hole: a quantity, and its value in each run."""
     rows: list[list[object]] = [
         [headed(f"{hole}: {key}", HOLE_UNITS[key]), *(size(part(run.summary, "piercings", hole, key)) for run in runs)]
@@ -251,9 +251,9 @@ def size(value: Any) -> Any:
     return hypot(*value) if isinstance(value, list) and all(isinstance(each, float) for each in value) else value
 
 
-def events_section(name: str, run: RunResults) -> Iterator[str]:
+def events_section(name: str, run: OpenRun) -> Iterator[str]:
     """Yield the events of a run as a table."""
-    table = run.tables.get("events")
+    table = run.rows.get("events")
     if table is None or not len(table.columns["time"]):
         yield page.paragraph(f"{name}: none")
         return

@@ -16,7 +16,8 @@ import numpy as np
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.output.reading import FrameFiles, RunResults, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
+from studies.output.opened import OpenRun
+from studies.output.reading import FrameFiles, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -41,7 +42,7 @@ class Skin:
     triangles: Indices
 
 
-def view_record(run: RunResults, name: str, budget: float = BYTES) -> dict[str, Any]:
+def view_record(run: OpenRun, name: str, budget: float = BYTES) -> dict[str, Any]:
     """Return a run's view for the page; without an organ only the thread. Raises `ResultsError`."""
     with refused_if_torn(run.folder / "frames"):
         frames = [run.frames[k] for k in evenly_spaced(len(run.frames), MOST_FRAMES).tolist()]

@@ -7,12 +7,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from coupling.run.events import Event
+from studies.manual import with_blocks
 from studies.output.columns import (
     CONTACT,
     ENERGY,
@@ -37,7 +39,6 @@ from studies.output.columns import (
     manual_tables,
     state_summary,
     values,
-    with_tables,
 )
 from studies.output.fields import OrganRecord, ThreadRecord
 from studies.output.files import write_json
@@ -47,7 +48,6 @@ from studies.output.records import (
     GapRecord,
     LoadRecord,
     PiercingRecord,
-    RunRecord,
     StepRecord,
     StitchRecord,
     TieRecord,
@@ -171,7 +171,8 @@ def test_each_column_takes_its_own_field() -> None:
 
 def summary(record: StepRecord, folder: Path) -> dict[str, Any]:
     """The summary of a run that ended with a step, as it reads back."""
-    run = RunRecord("completed", "", record, 12, 1e-6, 2.0, 100)
+    totals = {"newton_iterations": 12, "constraint_max": 1e-6, "seconds": 2.0, "tissue_dofs": 100}
+    run = SimpleNamespace(status="completed", error="", last=record, **totals)
     write_json(folder / "summary.json", values(RUN, run) | state_summary(record))
     found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return found
@@ -212,9 +213,11 @@ def test_the_manual_has_the_columns_of_today() -> None:
     """Independent check: each table of the manual stands in it between its marks, as the columns make it."""
     manual, tables = MANUAL.read_text(encoding="utf-8"), manual_tables()
     assert re.findall(r"<!-- columns of (\S+) -->", manual) == list(tables)
-    assert with_tables(manual, tables) == manual, (
+    assert with_blocks(manual, "columns of", tables) == manual, (
         "the tables are of other columns: run python -m studies.output.columns"
     )
     for name, table in tables.items():
         assert f"<!-- columns of {name} -->\n{table}<!-- end -->" in manual
-    assert with_tables(manual, tables | {"thread": "none\n"}) == manual.replace(tables["thread"], "none\n")
+    assert with_blocks(manual, "columns of", tables | {"thread": "none\n"}) == manual.replace(
+        tables["thread"], "none\n"
+    )

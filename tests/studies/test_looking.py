@@ -18,7 +18,8 @@ from coupling.step.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
-from studies.output.reading import ResultsError, read_run, read_table, snapshot_of, topology_of
+from studies.output.opened import open_run
+from studies.output.reading import ResultsError, read_table, snapshot_of, topology_of
 from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
 from studies.pictures import looking, section
@@ -26,7 +27,7 @@ from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.scene import frame_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
-from studies.report.plotting import columns_of, line_of
+from studies.report.plotting import line_of
 from tests.studies.samples import LINEAR, frame, step
 from tests.studies.test_report import record_run
 
@@ -81,7 +82,7 @@ def test_labels_cover_neither_one_another_nor_the_thread() -> None:
 def test_frames_read_back_as_they_were_recorded(run: Path) -> None:
     """Consistency check: what a picture is drawn from is the same from the files as from the run, within their
     precision."""
-    results = read_run(run)
+    results = open_run(run)
     found, written = snapshot_of(results.frames[-1], results.piercings), frame(step(3).time)
     assert found.time == written.time and [hole.name for hole in found.piercings] == ["entry", "exit"]
     np.testing.assert_allclose(found.thread.points, written.thread.points, atol=SINGLE)
@@ -159,7 +160,7 @@ def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None
 
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
     """Independent check: as many pictures as frames, which differ; one scale has the extremes of all frames."""
-    results = read_run(run)
+    results = open_run(run)
     frames = [frame_of(snapshot_of(found, results.piercings)) for found in results.frames[1:3]]
     section.draw_section(frames, LINEAR, tmp_path / "film.gif", "title")
     with Image.open(tmp_path / "film.gif") as film:
@@ -206,7 +207,7 @@ def test_what_round_off_leaves_of_a_slack_thread_is_not_drawn() -> None:
 
 def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:
     """Independent check: the frame whose time is nearest, and the last without a time."""
-    frames = read_run(run).frames
+    frames = open_run(run).frames
     assert looking.nearest(frames, 0.14).step == 1
     assert looking.nearest(frames, 7.0).step == looking.nearest(frames, None).step == 3
 
@@ -214,12 +215,12 @@ def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:
 def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Independent check: a column by its name, a vector by its length, in the unit of the charts; a wrong name ends in
     the nearest, and in the columns of its table."""
-    results = read_run(run)
-    name, unit, times, values = line_of(results, "piercings.exit.slip")
-    assert (name, unit) == ("piercings.exit.slip", "mm")
-    np.testing.assert_allclose(values, [1e3 * time / 3 for time in times])
-    np.testing.assert_allclose(line_of(results, "piercings.entry.force")[3], np.sqrt(0.14))
-    assert "energy.kinetic" in {key for key, _, _ in columns_of(results)}
+    results = open_run(run)
+    slip = line_of(results, "piercings.exit.slip")
+    assert (slip.name, slip.unit) == ("piercings.exit.slip", "mm")
+    np.testing.assert_allclose(slip.values, 1e3 * slip.time / 3)
+    np.testing.assert_allclose(line_of(results, "piercings.entry.force").values, np.sqrt(0.14))
+    assert line_of(results, "energy.kinetic").unit == "mJ"
     target = tmp_path / "plot.png"
     assert main(["plot", str(run), "piercings.exit.slip", "energy.kinetic", "--out", str(target)]) == 0
     assert target.stat().st_size > 10_000
@@ -248,9 +249,10 @@ def test_pairs_and_loads_are_curves_of_their_own(run: Path, tmp_path: Path) -> N
             table.append(layout.rows(replace(step(n), contact=pairs, loads=tuple(load(*one) for one in loads))))
         table.close()
     tables = {name: read_table(tmp_path / f"{name}.csv") for name in ("contact", "loads")}
-    results = replace(read_run(run), tables=tables)
+    results = replace(open_run(run), rows=tables)
     names = ["contact.c - d.smallest_gap", "loads.top.share", "loads.top (2).share", "loads.left.share"]
-    assert [line_of(results, name)[3] for name in names] == [[1e4, 1.1e4, 1.2e4], [0, 1, 2], [10, 11, 12], [20] * 3]
+    drawn = [line_of(results, name).values.tolist() for name in names]
+    assert drawn == [[1e4, 1.1e4, 1.2e4], [0, 1, 2], [10, 11, 12], [20] * 3]
     found = {one.key: one.values.tolist() for one in series_of(results, "run")}
     assert found["contact: a - b: smallest_gap"] == [0, 1e3, 2e3]
     assert found["loads: top (2): share"] == [10, 11, 12]

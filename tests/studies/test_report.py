@@ -12,7 +12,8 @@ import pytest
 
 from studies.command.command import main
 from studies.output.folder import Recorder
-from studies.output.reading import ResultsError, evenly_spaced, read_frames, read_run, read_table
+from studies.output.opened import open_run
+from studies.output.reading import ResultsError, evenly_spaced, read_frames, read_table
 from studies.pictures.view import surface
 from studies.refinement.refine import refine
 from studies.report import page, space
@@ -66,8 +67,8 @@ def text(run: Path) -> str:
 
 def test_a_folder_reads_back(run: Path) -> None:
     """Independent check: the numbers and units of the records that were written, NaN where a cell is empty."""
-    results = read_run(run)
-    holes = results.tables["piercings"]
+    results = open_run(run)
+    holes = results.rows["piercings"]
     assert results.piercings == ["entry", "exit"]
     assert holes.units["slip"] == "m" and "state" not in holes.units
     np.testing.assert_array_equal(holes.where("piercing", "exit").columns["slip"], [step(k).time / 3 for k in range(4)])
@@ -83,8 +84,8 @@ def test_a_torn_run_is_read_as_far_as_it_came(tmp_path: Path) -> None:
     (folder / "summary.json").unlink()
     steps = (folder / "steps.csv").read_bytes()
     (folder / "steps.csv").write_bytes(steps[:-10])
-    results = read_run(folder)
-    assert len(results.tables["steps"].columns["time"]) == STEPS and not results.summary
+    results = open_run(folder)
+    assert len(results.rows["steps"].columns["time"]) == STEPS and not results.summary
     next((folder / "frames").glob("thread_000003*")).unlink()
     with pytest.raises(ResultsError, match="is missing, though"):
         results.frames[-1].read("thread")
@@ -191,7 +192,7 @@ def test_a_torn_scenario_or_summary_is_read_as_none(run: Path, tmp_path: Path, t
     write_report([folder], tmp_path / "page.html")
     body = (tmp_path / "page.html").read_text(encoding="utf-8").partition("<script")[0]
     assert "its summary is damaged" in body and "all numbers are supported" not in body
-    assert read_run(folder).title == "torn"
+    assert open_run(folder).title == "torn"
 
 
 def test_several_runs_a_study_and_a_sweep_are_compared(tmp_path: Path) -> None:
