@@ -43,8 +43,8 @@ from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file, written
 from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
-from studies.simulation.sharing import Shared, Store
-from studies.simulation.simulation import Moments, Simulation
+from studies.simulation.sharing import Shared
+from studies.simulation.simulation import Moments, Simulation, prepare
 from studies.simulation.timing import timed
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> int:
     with locked(options.out):
         check_folder(options.out, scenario, scenario_file(options.file), options.resume, options.overwrite)
         with stages(options.quiet or options.json):
-            simulation = _prepare(scenario)
+            simulation = prepare(scenario)
         return _run(options, simulation)
 
 
@@ -137,7 +137,7 @@ def check(options: argparse.Namespace) -> int:
         print(written(options.file, options.set), end="")
         return 0
     with stages(options.json):
-        simulation, prepared = timed(partial(_prepare, load(options.file, options.set)), compiles=True)
+        simulation, prepared = timed(partial(prepare, load(options.file, options.set)), compiles=True)
     remarks, counts = simulation.remarks(), counts_of(simulation, prepared)
     picture = "" if options.picture is None else _draw_start(simulation, options.picture)
     if options.json:
@@ -220,10 +220,9 @@ def make_mesh(options: argparse.Namespace) -> int:
 
     Nothing is run.
     """
-    report: list[str] = import_module("studies.pictures.mesh_report").write_report(
-        load(options.file, options.set), options.out
-    )
-    print_lines(report)
+    from studies.pictures.mesh_report import write_report
+
+    print_lines(write_report(load(options.file, options.set), options.out))
     return 0
 
 
@@ -322,7 +321,7 @@ def _try_remedies(
     store = Shared()
     with stages(options.quiet or options.json), suppress(KeyboardInterrupt):
         scenario, last = simulation.scenario, recorder.last_step
-        recorder.remark(try_remedies(scenario, failure, last, lambda copy: _prepare(copy, store)))
+        recorder.remark(try_remedies(scenario, failure, last, lambda copy: prepare(copy, store)))
 
 
 def _simulate(
@@ -365,11 +364,6 @@ def _where(recorder: Recorder, error: BaseException) -> str:
     done = recorder.last_step
     place = "at the start" if done is None else f"in step {done.step + 1}, after t = {done.time:.6g} s"
     return f"the run failed {place}: {error or type(error).__name__}"
-
-
-def _prepare(scenario: Scenario, store: Store | None = None) -> Simulation:
-    prepared: Simulation = import_module("studies.simulation").prepare(scenario, store)
-    return prepared
 
 
 @contextmanager

@@ -24,9 +24,9 @@ class ThreadRecord:
     torque: Array | None = None  # (m,) about the tangent, right-handed [N m]; None without twist
     bearing: Array | None = None  # (m, 3) of tracts on the thread [N/m], zero elsewhere; None without tracts
 
-    def split(self) -> list[Array]:
-        """Return the points of each piece, (k, 3) [m]."""
-        return np.split(self.points, np.cumsum(self.pieces[:-1]))
+    def split(self, values: Array) -> list[Array]:
+        """Return values of the samples, (m, …), piece by piece."""
+        return np.split(values, np.cumsum(self.pieces[:-1], dtype=np.int64))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from studies.scenario import Scenario, ScenarioError
 from studies.simulation.assembly import assemble
 from studies.simulation.meshing import organ_mesh
 from studies.simulation.places import with_places
-from studies.simulation.sharing import Unshared
+from studies.simulation.sharing import Shared
 
 Indices = NDArray[np.integer]
 
@@ -51,7 +51,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     """
     if path.suffix.lower() != ".vtu":
         raise ScenarioError(f"--out {path} is refused: the mesh is a ParaView file; name it {path.stem}.vtu")
-    scenario = with_places(scenario, Unshared())
+    scenario = with_places(scenario, Shared())
     fit = fit_of(scenario)
     mesh = organ_mesh(scenario) if fit is None else fit.body.mesh
     scratch = path.with_name(f".{path.stem}.part.vtu")

@@ -9,6 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 from studies.figure import literal
+from studies.output.reading import nodal
 from studies.pictures.mesh_report import MeshScene
 from studies.pictures.section import ASIDE, DPI, cut
 from studies.pictures.view import MARKER, MILLI, SIZE, colours
@@ -40,12 +41,9 @@ def _sizes(scene: MeshScene) -> np.ndarray:
 
     Each edge is weighted by the number of its cells.
     """
-    cells = np.asarray(scene.cells)
-    pairs = cells[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+    pairs = np.asarray(scene.cells, dtype=np.int64)[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
     length = np.linalg.norm(scene.points[pairs[:, 0]] - scene.points[pairs[:, 1]], axis=1)
-    nodes = pairs.T.ravel()
-    total = np.bincount(nodes, np.tile(length, 2), minlength=len(scene.points))
-    return np.asarray(total / np.maximum(np.bincount(nodes, minlength=len(scene.points)), 1))
+    return nodal(length, pairs, len(scene.points))
 
 
 if __name__ == "__main__":

@@ -84,9 +84,8 @@ def cut(points: Array, cells: view.Indices, values: Array, y: float) -> tuple[Ar
 
 def _section_thread(axes: Axes, frame: Frame, scale: view.Scale) -> Any:
     """Draw the thread coloured by its tension [N]."""
-    ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
-    lines = []
-    for points, tension in zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True):
+    thread, lines = frame.thread, []
+    for points, tension in zip(thread.split(thread.points), thread.split(thread.tension), strict=True):
         places = points[:, [0, 2]] / view.MILLI
         lines.append(
             LineCollection(

@@ -172,10 +172,9 @@ def _thread(frame: Frame, scale: view.Scale) -> list[Any]:
 
     The tube has a visible thickness.
     """
-    table = _table(view.tension_colours(scale), scale.tension)
-    ends = np.cumsum(frame.thread.pieces[:-1], dtype=np.int64)
-    pieces = zip(frame.thread.split(), np.split(frame.thread.tension, ends), strict=True)
-    tubes = [_tube(points, tension, max(frame.thread.radius, 0.004 * scale.width)) for points, tension in pieces]
+    table, thread = _table(view.tension_colours(scale), scale.tension), frame.thread
+    pieces = zip(thread.split(thread.points), thread.split(thread.tension), strict=True)
+    tubes = [_tube(points, tension, max(thread.radius, 0.004 * scale.width)) for points, tension in pieces]
     return [*(_coloured(tube, table, ambient=0.35) for tube in tubes), _bar(table, view.tension_words(frame), 0.68)]
 
 

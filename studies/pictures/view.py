@@ -105,8 +105,7 @@ def aimed_at(frame: Frame) -> Array:
     These are the pieces in holes, and free pieces at a distance of at most the extent of the
     former.
     """
-    pieces = frame.thread.split()
-    bounds = np.split(frame.thread.s, np.cumsum(frame.thread.pieces[:-1]))
+    pieces, bounds = frame.thread.split(frame.thread.points), frame.thread.split(frame.thread.s)
     held = [hole.s for hole in frame.piercings if hole.state != LEFT]
     kept = [points for points, s in zip(pieces, bounds, strict=True) if any(s[0] <= at <= s[-1] for at in held)]
     if not kept or len(kept) == len(pieces):

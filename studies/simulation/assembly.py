@@ -32,7 +32,7 @@ from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
-from studies.simulation.sharing import Store, Unshared, body_key, mesh_key, organ_key, reduction_key, thread_key
+from studies.simulation.sharing import Shared, Store, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
@@ -207,8 +207,8 @@ def is_compiled(solve: model.Solve) -> bool:
 
 
 def shareable(store: Store | None, given: Given) -> Store:
-    """Return the store, or a store that shares nothing if parts came from Python."""
-    return Unshared() if store is None or given.unrecorded else store
+    """Return the store, or a new store if parts came from Python."""
+    return Shared() if store is None or given.unrecorded else store
 
 
 def is_known(hole: model.Piercing) -> bool:

@@ -37,14 +37,6 @@ class Store(Protocol):
         """Return the cached part of a key, else the result of `make`."""
 
 
-class Unshared:
-    """A cache that stores nothing."""
-
-    def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
-        """Return the result of `make`."""
-        return make()
-
-
 class Shared:
     """Stores the last part of each kind: if cases are sorted by organ, each organ is made once."""
 

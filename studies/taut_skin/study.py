@@ -197,30 +197,22 @@ def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed:
 # --- what the rows say ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Ratio:
-    """Force ratio of the second to the first of a published pair of wounds [-].
+def ratios(rows: Sequence[Row]) -> list[SimpleNamespace]:
+    """Return the force ratios of the second to the first wound of every published pair [-].
 
-    It is the published one, the one by W/L, and the one found in one skin here.
+    A ratio has its `source` and `skin`. It is the `published` one, the one `by_law` W/L, and the
+    one `found` in this skin.
     """
-
-    source: str
-    skin: str
-    published: float
-    by_law: float
-    found: float
-
-
-def ratios(rows: Sequence[Row]) -> list[Ratio]:
-    """Return the ratios of every published pair that was run, by skin."""
     out = []
     for source in SOURCES:
         (l1, w1), (l2, w2) = source.wounds
+        known = {"source": source.name, "published": source.forces[1] / source.forces[0]}
+        known["by_law"] = (w2 / l2) / (w1 / l1)
         for skin in dict.fromkeys(row.skin for row in rows):
             found = {row.wound: row.middle for row in rows if row.skin == skin and row.closed}
             if all(wound in found for wound in source.wounds):
                 share = found[source.wounds[1]] / found[source.wounds[0]]
-                out.append(Ratio(source.name, skin, source.forces[1] / source.forces[0], (w2 / l2) / (w1 / l1), share))
+                out.append(SimpleNamespace(**known, skin=skin, found=share))
     return out
 
 

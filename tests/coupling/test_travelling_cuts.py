@@ -248,10 +248,10 @@ def test_a_frame_shows_the_pieces_apart() -> None:
     table = deepcopy(stitch())
     table["cut"], table["thread"]["cuts"] = [], [0.0113]
     thread = thread_record(states(table)[-1])
-    pieces, bounds = thread.split(), np.split(thread.s, np.cumsum(thread.pieces[:-1]))
+    pieces, bounds = thread.split(thread.points), thread.split(thread.s)
     assert len(pieces) == 2
     assert bounds[0][-1] == bounds[1][0] == 0.0113 and bounds[1][-1] == pytest.approx(0.0222)
-    tension = np.split(thread.tension, np.cumsum(thread.pieces[:-1]))
+    tension = thread.split(thread.tension)
     assert abs(tension[0][-1]) < 0.1 * np.abs(thread.tension).max()
     assert np.linalg.norm(pieces[0][-1] - pieces[1][0]) > 1e-5
 

@@ -51,7 +51,7 @@ def stub(monkeypatch: pytest.MonkeyPatch) -> Prepare:
         def prepared(scenario: Scenario, store: object = None) -> Stub:
             return replace(Stub(scenario, fail), topology=topology)  # type: ignore[arg-type]
 
-        monkeypatch.setattr(command, "_prepare", prepared)
+        monkeypatch.setattr(command, "prepare", prepared)
 
     prepare()
     return prepare
@@ -141,7 +141,7 @@ def test_what_the_preparation_refuses_is_refused(
     def prepare(scenario: Scenario) -> Stub:
         raise MeshError("the mesh is inside out; turn it")
 
-    monkeypatch.setattr(command, "_prepare", prepare)
+    monkeypatch.setattr(command, "prepare", prepare)
     out = ["--out", str(tmp_path / "out")] if verb == "run" else []
     assert command.main([verb, contract, *out]) == 2
     assert capsys.readouterr().err == "suture: the mesh is inside out; turn it\n"

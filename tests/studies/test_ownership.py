@@ -44,7 +44,7 @@ def contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A scenario whose runs are made by a stub."""
     path = tmp_path / "contract.toml"
     path.write_text(CONTRACT, encoding="utf-8")
-    monkeypatch.setattr(command, "_prepare", lambda scenario: replace(Stub(scenario, None), topology=None))
+    monkeypatch.setattr(command, "prepare", lambda scenario: replace(Stub(scenario, None), topology=None))
     return path
 
 
@@ -306,7 +306,7 @@ def test_an_interrupt_before_the_first_step(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "_prepare", interrupted)
+    monkeypatch.setattr(command, "prepare", interrupted)
     assert run(contract, tmp_path / "out") == 130
     assert list((tmp_path / "out").iterdir()) == []
     monkeypatch.setattr(command, "perform", interrupted)

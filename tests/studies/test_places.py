@@ -18,7 +18,7 @@ from studies.scenario.scenario import check_apart
 from studies.scenario.toml import dump
 from studies.simulation import prepare
 from studies.simulation.places import with_places
-from studies.simulation.sharing import Shared, Unshared
+from studies.simulation.sharing import Shared
 from tests.bounds import IDENTITY
 from tests.meshes.samples import NEEDS_GMSH
 from tests.meshes.test_skin import sphere
@@ -37,7 +37,7 @@ def scenario(mesh: dict[str, Any] | None, *holes: dict[str, Any]) -> Scenario:
 
 
 def place(mesh: dict[str, Any], **keys: Any) -> np.ndarray:
-    return np.array(with_places(scenario(mesh, {**ABOVE, **keys}), Unshared()).piercing[0].place)
+    return np.array(with_places(scenario(mesh, {**ABOVE, **keys}), Shared()).piercing[0].place)
 
 
 # -- where a line meets a surface ------------------------------------------------------------------------------------
@@ -212,4 +212,4 @@ def test_holes_that_land_on_one_another_are_refused() -> None:
     asked = scenario(BLOCK, ABOVE, exit_)
     check_apart([hole.model_copy(update={"at": hole.near}) for hole in asked.piercing])
     with pytest.raises(ScenarioError, match=r"near gives \[-0.0035, 0.001, 0.0\] m on the surface, and it is 0.0015 m"):
-        with_places(asked, Unshared())
+        with_places(asked, Shared())

@@ -660,7 +660,7 @@ def test_console_and_file_say_the_same_and_strict_ends_with_3(
     """Independent check: with a remark that a number is not supported, and with a note alone."""
     load_contract(tmp_path)
     said = Remark(code, CATALOGUE[code].severity, "a sentence of its own", "there")
-    monkeypatch.setattr(command, "_prepare", lambda scenario: Stub(scenario, said=(said,)))
+    monkeypatch.setattr(command, "prepare", lambda scenario: Stub(scenario, said=(said,)))
     run = ["run", str(tmp_path / "contract.toml"), "--out", str(tmp_path / "out"), "--no-picture"]
     assert command.main(run) == 0
     printed = capsys.readouterr().out
@@ -683,7 +683,7 @@ def test_a_picture_that_failed_is_a_remark_in_the_file(
 ) -> None:
     """Independent check: the child's own words are in the summary and on the console."""
     load_contract(tmp_path)
-    monkeypatch.setattr(command, "_prepare", Stub)
+    monkeypatch.setattr(command, "prepare", Stub)
     monkeypatch.setattr("studies.pictures.picture.draw_apart", lambda *given: "ValueError: no colours left")
     assert command.main(["run", str(tmp_path / "contract.toml"), "--out", str(tmp_path / "out")]) == 0
     [said] = json.loads((tmp_path / "out" / "summary.json").read_text())["remarks"]
