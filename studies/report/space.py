@@ -8,7 +8,6 @@ the mesh.
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,16 +29,9 @@ STRESSES = ("xx", "yy", "zz", "xy", "yz", "xz")
 THREAD_POINTS = 600  # largest number per frame
 
 
-@dataclass(frozen=True)
-class Skin:
-    """The drawn part of an organ's surface.
-
-    `nodes` are the numbers of its nodes in the mesh, shape `(n,)`, and `triangles` are places in
-    `nodes`, shape `(k, 3)`.
-    """
-
-    nodes: Indices
-    triangles: Indices
+# The drawn part of an organ's surface: the numbers of its nodes in the mesh, `(n,)`, and its triangles as places in
+# these numbers, `(k, 3)`.
+Skin = tuple[Indices, Indices]
 
 
 def view_record(run: OpenRun, name: str, budget: float = BYTES) -> dict[str, Any]:
@@ -64,22 +56,22 @@ def organ_record(frames: Sequence[FrameFiles], budget: float) -> dict[str, Any]:
     cells, points = cells_of(first), np.asarray(first.points, dtype=np.float64)
     names = field_names(field_values(first, cells))
     per_node = 2.0 * (3 + len(names)) * len(frames)
-    skin = decimated(points, whole_skin(points, cells), max(FEWEST_NODES, int(budget / per_node)))
+    nodes, triangles = decimated(points, whole_skin(points, cells), max(FEWEST_NODES, int(budget / per_node)))
     moved, shown = [], []
     for frame in frames:
         organ = frame.read("organ")
-        moved.append(np.asarray(organ.point_data["displacement"], dtype=np.float64)[skin.nodes])
+        moved.append(np.asarray(organ.point_data["displacement"], dtype=np.float64)[nodes])
         values = field_values(organ, cells)
-        shown.append([values[name][skin.nodes] for name in names])
+        shown.append([values[name][nodes] for name in names])
     largest = float(np.abs(moved).max()) or 1.0
     fields = [field_record(name, np.array(values)) for name, *values in zip(names, *shown, strict=True)]
     return {
-        "points": packed(points[skin.nodes], np.float32),
-        "triangles": packed(skin.triangles, np.int32),
+        "points": packed(points[nodes], np.float32),
+        "triangles": packed(triangles, np.int32),
         "displacement": packed(np.round(np.array(moved) / largest * SHORT), np.int16),
         "displacement_scale": largest / SHORT,
         "fields": fields,
-        "nodes": len(skin.nodes),
+        "nodes": len(nodes),
         "of": len(points),
     }
 
@@ -88,20 +80,21 @@ def whole_skin(points: Array, cells: Indices) -> Skin:
     """Return the whole surface of an organ."""
     triangles = surface(OrganTopology(points, cells))
     nodes, places = np.unique(triangles, return_inverse=True)
-    return Skin(nodes, places.reshape(triangles.shape))
+    return nodes, places.reshape(triangles.shape)
 
 
 def decimated(points: Array, skin: Skin, most: int) -> Skin:
     """Return a surface with about `most` nodes, all from the given surface."""
-    if len(skin.nodes) <= most:
+    nodes, triangles = skin
+    if len(nodes) <= most:
         return skin
     import pyvista as pv
     from scipy.spatial import cKDTree
 
-    whole = pv.PolyData.from_regular_faces(points[skin.nodes], skin.triangles)
-    coarse = whole.decimate_pro(1.0 - most / len(skin.nodes), preserve_topology=True)
-    _, near = cKDTree(points[skin.nodes]).query(np.asarray(coarse.points))
-    return Skin(skin.nodes[near], np.asarray(coarse.regular_faces, dtype=np.int64))
+    whole = pv.PolyData.from_regular_faces(points[nodes], triangles)
+    coarse = whole.decimate_pro(1.0 - most / len(nodes), preserve_topology=True)
+    _, near = cKDTree(points[nodes]).query(np.asarray(coarse.points))
+    return nodes[near], np.asarray(coarse.regular_faces, dtype=np.int64)
 
 
 def field_names(fields: Mapping[str, Array]) -> list[str]:
