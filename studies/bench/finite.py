@@ -14,8 +14,9 @@ from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.run import begin
+from studies.arrays import MILLI
 from studies.bench.rows import Numbers, keep, printed
-from studies.bench.step import COUPLED, FIXED, MILLI, SCENES, SIZES
+from studies.bench.step import COUPLED, FIXED, SCENES, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 

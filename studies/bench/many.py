@@ -24,9 +24,9 @@ from coupling.integrators import BDF2, BackwardEuler
 from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
-from studies.arrays import Array
+from studies.arrays import MEGA, MILLI, Array
 from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
-from studies.bench.step import COMPILED, COUPLED, FIXED, MILLI, SIZES
+from studies.bench.step import COMPILED, COUPLED, FIXED, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 from studies.simulation.sharing import Shared
@@ -35,7 +35,6 @@ Organ = tissue.DynamicOrgan | tissue.ReducedOrgan
 
 MESHES = {"10k": SIZES["10k"], "100k": (1.5e-3, 0.5e-3)}  # cell size far from and at the holes [m]
 NUMPY = '--set=solve.newton="numpy"'
-MEGA = 1e6
 SMALL = "tissue.reduction={ blocks = 2 }"
 WHOLE = 'solve.organ="whole"'
 STEPS = 60  # only the second half is timed

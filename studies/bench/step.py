@@ -18,6 +18,7 @@ import numpy as np
 
 import tissue
 from coupling.integrators import BDF2
+from studies.arrays import MILLI
 from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
@@ -38,7 +39,6 @@ LONGEST = 60.0  # s of the processor, after which no new run of a scene is start
 LATE = 99.9  # per cent of the steps
 WARM_UP = 3  # number of steps that load the loops
 REPEATED = 3  # number of whole runs, and of back-substitutions
-MILLI = 1e-3
 
 
 def main(json_path: Path | None = None, solver: str = "auto") -> int:

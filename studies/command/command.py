@@ -23,16 +23,17 @@ from typing import Any
 from coupling.calls import asked_before_corrections
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
+from studies.arrays import MILLI
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, StudyProgress, duration, stages
-from studies.command.summary import MILLI, doubt_lines, place_lines, print_summary, remark_lines
+from studies.command.summary import doubt_lines, place_lines, print_summary, remark_lines
 from studies.extras import missing
 from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
-from studies.output.log import RunLog
+from studies.output.log import begin_log, write_log
 from studies.output.opened import open_run
 from studies.output.reading import ResultsError
 from studies.output.remarks import Remark, any_unsupported, remark
@@ -115,12 +116,12 @@ def _run(options: argparse.Namespace, simulation: Simulation) -> int:
             print_lines([f"the run in {options.out} is complete; nothing remains to be done"])
         return _doubt(options, [Remark(**record) for record in open_run(options.out).remarks])
     recorder, moments = begun
-    log = RunLog(options.out, " ".join(["suture", *options.words]))
-    status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json, log)
+    begin_log(options.out, " ".join(["suture", *options.words]))
+    status, outcome, failure = _simulate(simulation, moments, recorder, options.quiet or options.json)
     picture = "" if options.no_picture else _draw(simulation, recorder)
     if failure is not None and not options.no_remedies:
         _try_remedies(options, simulation, recorder, failure)
-    log.end(outcome, recorder.tally.remarks)
+    write_log(options.out, "\n".join([outcome, *(remark.line for remark in recorder.tally.remarks)]))
     if options.json:
         print(as_json(recorder.summary(outcome)), end="")
     elif not options.quiet:
@@ -325,7 +326,7 @@ def _try_remedies(
 
 
 def _simulate(
-    simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool, log: RunLog
+    simulation: Simulation, moments: Moments, recorder: Recorder, quiet: bool
 ) -> tuple[int, Status, CouplingError | None]:
     """Record every step; results before a failure are kept.
 
@@ -350,12 +351,12 @@ def _simulate(
             status, outcome, text = FAILED, "failed", _where(recorder, error)
             failure = error if isinstance(error, CouplingError) else None
         except BaseException:
-            log.write(traceback.format_exc())
+            write_log(recorder.folder, traceback.format_exc())
             raise
         finally:
             progress.close()
     if text:
-        log.write(text)
+        write_log(recorder.folder, text)
         complain(f"{text}; the results so far are in {recorder.folder}", status)
     return status, outcome, failure
 

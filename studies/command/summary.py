@@ -1,11 +1,12 @@
 """The end of a run, in lines for a person."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studies.arrays import MILLI
 from studies.command.lines import print_lines
 from studies.output.columns import ENDS
 from studies.output.folder import Recorder
@@ -15,7 +16,6 @@ from studies.output.remarks import Remark
 from studies.output.tally import Status
 from studies.scenario import Piercing, PulledEnd, Scenario, Thread
 
-MILLI = 1e-3
 SEEN = 1e-6  # m: a smaller distance from the intended place is not shown
 
 
@@ -97,15 +97,13 @@ def refinement_line(refinement: Mapping[str, Any]) -> str:
     return f"cells      {last['unknowns']} unknowns after {count} round{'s' * (count > 1)} of refinement{estimate}"
 
 
-def place_lines(holes: Sequence[Piercing]) -> list[str]:
-    """Return the lines on holes found on the surface, with the distance moved."""
-    lines = []
+def place_lines(holes: Sequence[Piercing]) -> Iterator[str]:
+    """Yield the lines on holes found on the surface, with the distance moved."""
     for hole in holes:
         if hole.moved is not None:
             at = ", ".join(f"{value / MILLI:z.2f}" for value in hole.place)
             moved = f", moved by {hole.moved / MILLI:.3g} mm" if hole.moved > SEEN else ""
-            lines.append(f"place      {hole.name}: on the surface at [{at}] mm{moved}")
-    return lines
+            yield f"place      {hole.name}: on the surface at [{at}] mm{moved}"
 
 
 def load_lines(thread: Thread) -> list[str]:

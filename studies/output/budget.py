@@ -8,6 +8,7 @@ from pathlib import Path
 from time import process_time
 from timeit import repeat
 
+from studies.arrays import GIGA
 from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.refusal import refusal
@@ -30,7 +31,7 @@ STEP_KRYLOV, KRYLOV_UNKNOWN = 1e-3, 3.3e-4
 CORRECTION, CORRECTION_POINT, CORRECTION_HOLE, CORRECTION_FINITE = 5e-3, 5e-5, 1e-3, 4e-6
 CORRECTIONS, FRAME_BYTE, BEGINNING = {"dynamic": 3, "static": 20}, 4e-7, 6.0
 REFERENCE = 3.1e-3  # [s] the time of `pace` on the machine of these measurements
-GIGA, KIBI = 1e9, 1024.0
+KIBI = 1024.0
 UNITS = ((GIGA, "GB"), (1e6, "MB"), (1e3, "kB"))
 
 

@@ -3,33 +3,22 @@
 It has the start of the run, the version of the code, and the end of the run.
 """
 
-from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from studies.output.remarks import Remark
 from studies.output.version import CODE, ROOT, commit, installed_version
 
 LOG = "suture.log"
 
 
-class RunLog:
-    """Appends lines to the log of a folder, each with its time [UTC].
+def begin_log(folder: Path, command: str) -> None:
+    """Begin the log of a folder; a resumed run appends to the same log."""
+    write_log(folder, f"{CODE} {installed_version(CODE)} ({commit(ROOT) or 'no clone'}): {command}")
 
-    A resumed run appends to the same log.
-    """
 
-    def __init__(self, folder: Path, command: str) -> None:
-        self._path = folder / LOG
-        self.write(f"{CODE} {installed_version(CODE)} ({commit(ROOT) or 'no clone'}): {command}")
-
-    def write(self, text: str) -> None:
-        """Append lines."""
-        now = datetime.now(UTC).isoformat(timespec="seconds")
-        with suppress(OSError), self._path.open("a", encoding="utf-8") as file:  # the run itself reports a full disk
-            file.writelines(f"{now}  {line}\n" for line in text.splitlines())
-
-    def end(self, status: str, remarks: Iterable[Remark]) -> None:
-        """Append the end of the run and its remarks."""
-        self.write("\n".join([status, *(remark.line for remark in remarks)]))
+def write_log(folder: Path, text: str) -> None:
+    """Append lines to the log of a folder, each with its time [UTC]."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    with suppress(OSError), (folder / LOG).open("a", encoding="utf-8") as file:  # the run itself reports a full disk
+        file.writelines(f"{now}  {line}\n" for line in text.splitlines())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import tissue
 from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene
 from studies.scenario import Scenario, ScenarioError
@@ -22,7 +22,6 @@ from studies.simulation.sharing import Shared
 
 Indices = NDArray[np.integer]
 
-MILLI = 1e-3
 NO_REGION, NO_CELL = 0, -1  # values of the array `region` in addition to the regions' numbers
 
 

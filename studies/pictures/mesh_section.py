@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
+from studies.arrays import MILLI
 from studies.figure import literal
 from studies.output.reading import nodal
 from studies.pictures.mesh_report import MeshScene
 from studies.pictures.section import ASIDE, DPI, cut
-from studies.pictures.view import MARKER, MILLI, SIZE, colours
+from studies.pictures.view import MARKER, SIZE, colours
 
 
 def draw_section(scene: MeshScene, path: Path) -> None:

@@ -13,7 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from studies.arrays import Array
+from studies.arrays import KILO, MILLI, Array
 from studies.figure import literal
 from studies.output.fields import OrganTopology
 from studies.pictures import view
@@ -55,11 +55,11 @@ def _section_organ(axes: Axes, topology: OrganTopology, frame: Frame, scale: vie
     assert frame.organ is not None
     deformed = topology.points + frame.organ.displacement
     points, triangles, stress = cut(deformed, topology.cells[:, :4], frame.organ.von_mises, _section_y(frame, deformed))
-    low, high = (value / view.KILO for value in scale.stress)
+    low, high = (value / KILO for value in scale.stress)
     look: Any = {"triangles": triangles, "cmap": ListedColormap(view.colours()), "vmin": low, "vmax": high}
-    x, z = (points / view.MILLI).T
-    axes.tripcolor(x, z, stress / view.KILO, edgecolors="face", linewidth=0.8, **look)  # fills the next plot's joints
-    return axes.tripcolor(x, z, stress / view.KILO, shading="gouraud", **look)
+    x, z = (points / MILLI).T
+    axes.tripcolor(x, z, stress / KILO, edgecolors="face", linewidth=0.8, **look)  # fills the next plot's joints
+    return axes.tripcolor(x, z, stress / KILO, shading="gouraud", **look)
 
 
 def cut(points: Array, cells: view.Indices, values: Array, y: float) -> tuple[Array, view.Indices, Array]:
@@ -86,7 +86,7 @@ def _section_thread(axes: Axes, frame: Frame, scale: view.Scale) -> Any:
     """Draw the thread coloured by its tension [N]."""
     thread, lines = frame.thread, []
     for points, tension in zip(thread.split(thread.points), thread.split(thread.tension), strict=True):
-        places = points[:, [0, 2]] / view.MILLI
+        places = points[:, [0, 2]] / MILLI
         lines.append(
             LineCollection(
                 list(np.stack([places[:-1], places[1:]], axis=1)),
@@ -102,10 +102,10 @@ def _section_thread(axes: Axes, frame: Frame, scale: view.Scale) -> Any:
 def _section_piercings(axes: Axes, frame: Frame, scale: view.Scale) -> None:
     """Draw the holes, with the force of each on the thread."""
     style = {"arrowstyle": "-|>", "color": view.ARROW, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
-    for hole, tip in zip(frame.piercings, scale.tips(frame) / view.MILLI, strict=True):
-        x, _, z = hole.x / view.MILLI
+    for hole, tip in zip(frame.piercings, scale.tips(frame) / MILLI, strict=True):
+        x, _, z = hole.x / MILLI
         axes.plot(x, z, "o", color=view.MARKER, markersize=8, zorder=4)
-        axes.add_patch(Circle((x, z), hole.footprint / view.MILLI, color=view.MARKER, alpha=0.3, zorder=3))
+        axes.add_patch(Circle((x, z), hole.footprint / MILLI, color=view.MARKER, alpha=0.3, zorder=3))
         if scale.shows(float(np.linalg.norm(hole.force))):
             axes.annotate("", (tip[0], tip[2]), (x, z), arrowprops=style, zorder=5)
 
@@ -113,7 +113,7 @@ def _section_piercings(axes: Axes, frame: Frame, scale: view.Scale) -> None:
 def _section_held(axes: Axes, frame: Frame) -> None:
     """Draw the places of held nodes."""
     if frame.held is not None:
-        axes.plot(*frame.held[:, [0, 2]].T / view.MILLI, ".", color=view.THREAD, markersize=4, zorder=3)
+        axes.plot(*frame.held[:, [0, 2]].T / MILLI, ".", color=view.THREAD, markersize=4, zorder=3)
 
 
 def _section_names(axes: Axes, frame: Frame, scale: view.Scale) -> None:
@@ -122,11 +122,11 @@ def _section_names(axes: Axes, frame: Frame, scale: view.Scale) -> None:
     words = [literal(view.label(hole.name, float(np.linalg.norm(hole.force)))) for hole in named]
     boxes = np.array([[LETTER * LETTERS * len(text), 1.4 * LETTERS] for text in words]).reshape(-1, 2)
     holes, tips, thread = (
-        axes.transData.transform(points[:, [0, 2]] / view.MILLI)
+        axes.transData.transform(points[:, [0, 2]] / MILLI)
         for points in (view.places_of(frame), scale.tips(frame), frame.thread.points)
     )
     occupied = np.concatenate([thread, along_arrows(holes, tips)])
-    anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / view.MILLI)
+    anchors = axes.transData.transform(np.array([hole.x[[0, 2]] for hole in named]).reshape(-1, 2) / MILLI)
     for text, anchor, corner in zip(words, anchors, label_places(anchors, boxes, occupied, view.SIZE), strict=True):
         axes.annotate(
             text, anchor, corner, xycoords="figure pixels", textcoords="figure pixels", fontsize=LETTERS * 72 / DPI,
@@ -138,7 +138,7 @@ def _section_frame(axes: Axes, frame: Frame, title: str, scale: view.Scale) -> N
     tips = scale.tips(frame)
     low, high = np.min([scale.low, *tips], axis=0), np.max([scale.high, *tips], axis=0)
     margin = 0.08 * scale.width
-    ends = np.array([low - margin, high + margin]) / view.MILLI
+    ends = np.array([low - margin, high + margin]) / MILLI
     axes.set(xlim=ends[:, 0], ylim=ends[:, 2], xlabel="x [mm]", ylabel="z [mm]")
     axes.set_aspect("equal", adjustable="box")
     axes.set_title(f"{literal(view.caption(frame, title))}\n{view.legend(scale, frame)}".strip(), fontsize=10)

@@ -26,7 +26,7 @@ from vtkmodules.vtkFiltersGeneral import vtkVertexGlyphFilter
 from vtkmodules.vtkFiltersSources import vtkArrowSource, vtkSphereSource
 from vtkmodules.vtkRenderingAnnotation import vtkAxesActor, vtkScalarBarActor
 
-from studies.arrays import Array
+from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
 from studies.pictures import view
 from studies.pictures.camera import Camera, along_arrows, camera_on, label_places, scale_bar
@@ -156,10 +156,10 @@ def _organ(topology: OrganTopology, frame: Frame, scale: view.Scale) -> list[Any
         return []
     points = _points(topology.points + frame.organ.displacement)
     skin = make(vtkPolyData, Points=points, Polys=_cells(view.surface(topology)))
-    skin.GetPointData().SetScalars(_array(frame.organ.von_mises / view.KILO))
+    skin.GetPointData().SetScalars(_array(frame.organ.von_mises / KILO))
     clean = make(vtkCleanPolyData, InputData=skin)
     smooth = make(vtkPolyDataNormals, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP, Splitting=True)
-    table = _table(view.colours(), [value / view.KILO for value in scale.stress])
+    table = _table(view.colours(), [value / KILO for value in scale.stress])
     actor = _coloured(smooth, table, ambient=0.45)
     put(actor.GetProperty(), Opacity=0.6, BackfaceCulling=True, Specular=0.1)
     edges = make(vtkFeatureEdges, InputConnection=clean.GetOutputPort(), FeatureAngle=SHARP)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.arrays import Array
+from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
 from studies.pictures.scene import Frame, Scene
 
@@ -24,7 +24,6 @@ LEFT = "left"  # state of a hole without the thread
 UNFELT = 1e-9  # N: below the weight of a millimetre of the thinnest suture, and above the round-off of a slack thread
 LARGEST = 6.0  # diagonals of the box of the selected points: a larger organ is shown only around the thread
 REACH = 0.16  # longest arrow over the diagonal of the scene
-KILO, MILLI = 1e3, 1e-3
 TICKS = 4  # largest number of labels at a colour bar
 ROUND = np.array([1.0, 2.0, 5.0])  # possible steps between two labels, within a decade
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import tissue
 from studies import scenario as model
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.output.remarks import EARLY_ROTATION, EARLY_STRAIN, THREAD_STRAIN, Remark, judged, remark
 from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
@@ -28,7 +28,6 @@ TURNS = 0.75  # of (1 − ν²) M/(E a³): turn of a rigid disc on a half-space 
 HAT = {"P1": 1.0, "P2": 0.5}  # of a cell: reach of one node's share of a force
 BENT = 2.0  # times EI θ/ℓ: couple of a slack strand of length ℓ, an arc turned by θ at both ends
 STRAIGHT = 1e-9  # sine of an angle, above the round-off of directions, 1e-16
-MILLI = 1e-3
 
 
 def demanding(

@@ -26,7 +26,7 @@ from meshes.skin import fill, read_surface
 from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
-from studies.arrays import Array
+from studies.arrays import GIGA, Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
@@ -36,7 +36,6 @@ log = logging.getLogger(__name__)
 
 Cells = NDArray[np.integer]
 
-GIGA = 1e9
 SHARP = 45.0  # degrees between facets above which their common edge belongs to the organ and not only to the mesh
 ON_EDGE = 1e-9  # of the organ's diagonal: a hole this near to an edge is on the edge
 

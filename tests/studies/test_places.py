@@ -121,7 +121,7 @@ RUN = ANCHORED.replace("h = 5.0e-3", "h = 5.0e-3\nh_site = 2.5e-3").replace(
 def test_a_hole_at_its_place_is_not_said_to_have_moved(off: float, told: str) -> None:
     """Independent check: what rounding leaves of a way is none; a fiftieth of a millimetre is said."""
     hole = Piercing(name="a", at=(0.0, 0.0, 0.0), near=(0.0, 0.0, off))
-    assert place_lines([hole]) == [f"place      a: on the surface at [0.00, 0.00, 0.00] mm{told}"]
+    assert list(place_lines([hole])) == [f"place      a: on the surface at [0.00, 0.00, 0.00] mm{told}"]
 
 
 def test_a_run_says_by_how_much_a_hole_was_moved_and_runs_again(
