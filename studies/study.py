@@ -94,7 +94,7 @@ class Study:
     consistency: str
     table: Callable[[Sequence[Any]], Table]
     figure: Callable[[Sequence[Any]], "Figure"]
-    remarks: Callable[[Sequence[Any]], list[str]]
+    remarks: Callable[[Sequence[Any]], Iterable[str]]
     quick: Mapping[str, Any]
 
 
@@ -311,7 +311,7 @@ def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path
     from studies.figure import write_figure
 
     found = study(name)
-    remarks, shown = found.remarks(rows), found.table(rows)
+    remarks, shown = list(found.remarks(rows)), found.table(rows)
     checks = {"independent": found.independent, "consistency": found.consistency, "remarks": remarks}
     write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})
     write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))

@@ -10,7 +10,7 @@ numerical uncertainty of CFD calculations, J. Comput. Phys. 262 (2014) 104.
 Of a run: linear range, fine cells and spans, rest at the end; and a remark if one of them fails.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -168,21 +168,19 @@ def kind_of(p: float, f: Sequence[float], change: float, index: float) -> str:
     return "diverging" if p <= FLAT and one_way else "pre-asymptotic"
 
 
-def beyond_linear(what: str, moved: float, footprint: float) -> list[str]:
-    """Return a remark if a hole moved [m] beyond the range of small strains.
+def beyond_linear(what: str, moved: float, footprint: float) -> Iterator[str]:
+    """Yield a remark if a hole moved [m] beyond the range of small strains.
 
     The range follows from its footprint [m].
     """
-    if moved <= LINEAR * footprint:
-        return []
-    return [f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"]
+    if not moved <= LINEAR * footprint:
+        yield f"{what}: a hole moved by {moved / footprint:.2g} footprints, BEYOND the linear range (about {LINEAR})"
 
 
-def beyond_bearing(what: str, strain: float) -> list[str]:
-    """Return a remark if the bearing strain T/(d ℓ E) of a thread is not small."""
-    if strain <= LINEAR:
-        return []
-    return [f"{what}: the bearing strain T/(d ℓ E) is {strain:.2g}, BEYOND the linear range (about {LINEAR})"]
+def beyond_bearing(what: str, strain: float) -> Iterator[str]:
+    """Yield a remark if the bearing strain T/(d ℓ E) of a thread is not small."""
+    if not strain <= LINEAR:
+        yield f"{what}: the bearing strain T/(d ℓ E) is {strain:.2g}, BEYOND the linear range (about {LINEAR})"
 
 
 def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus: float) -> float:
@@ -193,21 +191,20 @@ def bearing_strain(tension: float, diameter: float, bite: float, youngs_modulus:
     return tension / (diameter * bite * youngs_modulus)
 
 
-def too_coarse(what: str, size: float, footprint: float) -> list[str]:
-    """Return a remark if cells [m] are larger than the radius of a footprint [m]."""
-    if size <= footprint:
-        return []
-    return [f"{what}: cells of {size / footprint:.3g} footprint radii, TOO COARSE: the mesh sets the hole's stiffness"]
+def too_coarse(what: str, size: float, footprint: float) -> Iterator[str]:
+    """Yield a remark if cells [m] are larger than the radius of a footprint [m]."""
+    if not size <= footprint:
+        radii = f"{size / footprint:.3g} footprint radii"
+        yield f"{what}: cells of {radii}, TOO COARSE: the mesh sets the hole's stiffness"
 
 
-def not_settled(what: str, share: float) -> list[str]:
-    """Return a remark if a run still moves at its end.
+def not_settled(what: str, share: float) -> Iterator[str]:
+    """Yield a remark if a run still moves at its end.
 
     `share` is its kinetic over its elastic energy [-].
     """
-    if share <= SETTLED:
-        return []
-    return [f"{what}: NOT SETTLED, its kinetic energy is {share:.2g} of the elastic (at most {SETTLED:g})"]
+    if not share <= SETTLED:
+        yield f"{what}: NOT SETTLED, its kinetic energy is {share:.2g} of the elastic (at most {SETTLED:g})"
 
 
 def unrest(kinetic: float, elastic: float) -> float:

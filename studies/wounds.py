@@ -18,7 +18,7 @@ from coupling.arrays import Flags
 from coupling.errors import EquilibriumError
 from coupling.run import begin
 from coupling.system import State
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.lists import study_list
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import require, scene
@@ -36,7 +36,6 @@ TAIL = 6e-3  # of thread beyond the holes, in addition to the drawn length [m]
 NEAR = 0.02  # of the open width: lips this near count as closed; for smaller gaps the last stitch's force has no limit
 PRECISE = 1e-4  # of the width: tolerance of the hands
 MOVES = 30  # largest number of moves of the hands
-MILLI = 1e-3
 TOGETHER, IN_TURN = "all at once", "one after another"
 
 

@@ -30,12 +30,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import tissue
+from studies.arrays import MILLI
 from studies.figure import Item, draw, level, panel, series, unnamed
 from studies.simulation.assembly import assemble, site_of
 from studies.study import Job, Table, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
-MILLI = 1e-3
 A = 1e-3  # footprint of the cases with one footprint [m]
 LENGTH = 0.04  # of the block [m]
 EDGE_DISTANCE = 1.3  # footprints from the edge to the middle of the hole, whose rim is 0.3 from the edge
@@ -201,26 +201,21 @@ def shown(number: float) -> str:
     return "not reached" if np.isnan(number) else f"{float(f'{number:.2g}'):g}"
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the sizes of meshes, and on estimates far from the error.
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the sizes of meshes, and on estimates far from the error.
 
     The other meshes are compared with the adaptive ones.
     """
-    out = []
     for case, own in grouped(rows, lambda row: row.case).items():
         for element, same in grouped(own, lambda row: row.element).items():
             need = {mesh: needed(meshes, "unknowns") for mesh, meshes in grouped(same, lambda row: row.mesh).items()}
             for mesh in (UNIFORM, GRADED):
                 if not np.isnan(ratio := need.get(mesh, np.nan) / need.get(ADAPTIVE, np.nan)):
-                    out.append(
-                        f"{case}, {element}: {mesh} meshes take {ratio:.2g} times the unknowns of adaptive ones for 3 %"
-                    )
+                    more = f"{ratio:.2g} times the unknowns of adaptive ones"
+                    yield f"{case}, {element}: {mesh} meshes take {more} for 3 %"
     for row in (row for row in rows if row.mesh == ADAPTIVE):
         if not EFFECTIVITY[0] <= row.effectivity <= EFFECTIVITY[1]:
-            out.append(
-                f"{row.case}, {row.kind}, {row.unknowns} unknowns: ESTIMATE {row.effectivity:.2g} times the error"
-            )
-    return out
+            yield f"{row.case}, {row.kind}, {row.unknowns} unknowns: ESTIMATE {row.effectivity:.2g} times the error"
 
 
 def figure(rows: Sequence[Row]) -> Figure:

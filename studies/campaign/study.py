@@ -110,15 +110,16 @@ def table(rows: Sequence[Row]) -> Table:
     return Table(["kind", COMPLETED, *causes], [[name, share(of), *counts[name]] for name, of in groups.items()])
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on completion, on created energy, and on every case that did not complete."""
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on completion, on created energy, and on every case that did not complete."""
     created = [str(row.number) for row in rows if "energy-created" in row.said.split()]
     gentle, sudden = [row for row in rows if row.gentle], [row for row in rows if row.kind == "sudden"]
-    out = [arrived(*of) for of in (("gentle cases", gentle, 0.97), ("sudden dead loads", sudden, 0.9))]
-    out.append(f"cases whose steps created energy: {len(created)} of {len(rows)} {', '.join(created)}".strip())
-    stopped = [row for row in rows if row.cause != COMPLETED]
-    ends = [f"case {row.number} ({row.kind}, {row.ask}): {row.cause} at {row.time:.4g} s" for row in stopped]
-    return [*out, *agreement(rows), *ends]
+    yield arrived("gentle cases", gentle, 0.97)
+    yield arrived("sudden dead loads", sudden, 0.9)
+    yield f"cases whose steps created energy: {len(created)} of {len(rows)} {', '.join(created)}".strip()
+    yield from agreement(rows)
+    for row in (row for row in rows if row.cause != COMPLETED):
+        yield f"case {row.number} ({row.kind}, {row.ask}): {row.cause} at {row.time:.4g} s"
 
 
 def arrived(name: str, rows: Sequence[Row], asked: float) -> str:

@@ -30,7 +30,7 @@ from coupling.reports.observation import largest_gap
 from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
-from studies.arrays import Array
+from studies.arrays import KILO, MILLI, Array
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
@@ -47,7 +47,6 @@ DURATION = 0.1  # of pull and release [s]
 WAY = 6e-3  # of the hand, out and back [m]
 CREATED = 0.1  # of the hand's work: a run that created more energy is unstable
 
-MILLI, KILO = 1e-3, 1e3
 COMPARED = (3e-4, 1.2e-3, 5e-3)  # steps in the table [s]
 TICKS = (0.1, 0.3, 1.0, 3.0, 10.0)  # [ms]
 EQUAL = 500  # linear systems: the cost at which errors are compared
@@ -275,16 +274,14 @@ def stable_text(runs: Sequence[Row]) -> str:
     return f"{largest:.2g}" if largest else "only " + ", ".join(f"{dt:.2g}" for dt in stable)
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on too soft organs, and on a mesh too coarse for the footprint."""
-    out = too_coarse("every run", rows[0].size, FOOTPRINT)
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on too soft organs, and on a mesh too coarse for the footprint."""
+    yield from too_coarse("every run", rows[0].size, FOOTPRINT)
     for inertia, E in organs(rows):
         name = f"{'organ with inertia' if inertia else 'quasi-static organ'} of {E / KILO:g} kPa"
-        out += beyond_linear(name, runs_of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
-    out.append(
-        "linear: compared with a thread without the added compliance of a spline at a hole, which this step cannot use"
-    )
-    return out
+        yield from beyond_linear(name, runs_of(rows, "monolithic", inertia, E)[0].moved, FOOTPRINT)
+    thread = "a thread without the added compliance of a spline at a hole"
+    yield f"linear: compared with {thread}, which this step cannot use"
 
 
 def figure(rows: Sequence[Row]) -> Figure:

@@ -321,20 +321,20 @@ def cells(row: Row) -> tuple[str, ...]:
     return f"{row.mu:g}", f"{row.turn:g}", f"{row.ratio:.5g}", f"{row.theory:.5g}", f"{limit:.5g}"
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return the orders of the holes in a row, and the runs that did not settle."""
-    out = []
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the orders of the holes in a row, and the runs that did not settle."""
     for mu in coefficients(rows):
         runs = rows_of_kind(rows, "holes in a row", mu)
         far = runs[-1].ratio / runs[-1].limit - 1.0
         order = f"order {order_in_number(runs):.2f} in 1/N" if len(runs) > 1 else "too few for an order"
-        out.append(f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}")
+        yield f"μ = {mu:g}: {runs[-1].holes} holes in a row are {100 * far:.2g} % above exp(μθ), {order}"
         locked = [f"{row.turn:g}°" for row in rows_of_kind(rows, "two passes, pull given", mu) if not row.settled]
         if locked:
             lock = f"LOCK at {', '.join(locked)}, the exact law does not lock"
-            out.append(f"μ = {mu:g}: two passes with the pull given {lock}")
-    holes = [row for row in rows if row.kind in ("one hole", "holes in a row") and not row.settled]
-    return out + [f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND" for row in holes]
+            yield f"μ = {mu:g}: two passes with the pull given {lock}"
+    for row in rows:
+        if row.kind in ("one hole", "holes in a row") and not row.settled:
+            yield f"{row.kind}, μ = {row.mu:g}, {row.turn:g}°: the threshold was NOT FOUND"
 
 
 def figure(rows: Sequence[Row]) -> Figure:

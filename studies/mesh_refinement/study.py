@@ -38,6 +38,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coupling.reports.observation import site_compliance
+from studies.arrays import MILLI
 from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
 from studies.lists import study_list
 from studies.simulation import prepare
@@ -49,7 +50,6 @@ RAMP = 0.05  # of the pull in a dynamic run, which is evaluated at its end [s]
 STATIC = 0.0  # time step in the table for an equilibrium
 FOOTPRINT, CONTROL_POINTS, CELLS = 2e-3, 40, 16  # values that are not refined [m], [-], [per LENGTH]
 
-MILLI = 1e-3
 DECADE = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # ticks [mm/N]
 SPANS_PER_CELL, STEPS_PER_CELL = 2.5, 1 / 32  # of the coupled ladder: spans per cell, and steps per square of cells
 # Theoretical orders; the coupled ladder has the lowest of its parts, P1 in h and backward Euler in
@@ -257,20 +257,18 @@ def table(rows: Sequence[Row]) -> Table:
     return Table.of(COLUMNS, [(runs, quantity, verdict_on(runs, quantity)) for runs, quantity in changing])
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return the worst remarks of each ladder: cells too coarse, holes that moved too far."""
-    out = []
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the worst remarks of each ladder: cells too coarse, holes that moved too far."""
     for ladder, variant, runs in ladders(rows):
         name = f"{ladder}, {variant}"
         if runs[0].footprint == 0.0:
-            out.append(f"{name}: strains next to the hole grow without bound, NO LINEAR RANGE")
+            yield f"{name}: strains next to the hole grow without bound, NO LINEAR RANGE"
             continue
         if variant != FITTED:
             coarse = max(runs, key=lambda run: LENGTH / run.cells / run.footprint)
-            out += too_coarse(f"{name}, {coarse.size_text}", LENGTH / coarse.cells, coarse.footprint)
+            yield from too_coarse(f"{name}, {coarse.size_text}", LENGTH / coarse.cells, coarse.footprint)
         far = max(runs, key=lambda run: run.displacement / run.footprint)
-        out += beyond_linear(f"{name}, {far.size_text}", far.displacement, far.footprint)
-    return out
+        yield from beyond_linear(f"{name}, {far.size_text}", far.displacement, far.footprint)
 
 
 # --- figure -----------------------------------------------------------------------------------------------

@@ -374,20 +374,20 @@ def second_stitches(rows: Sequence[Row]) -> dict[str, dict[int, Row]]:
     return {"each row drawn anew": anew} | placed
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the calibration, the predictions, and the limits of all runs.
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the calibration, the predictions, and the limits of all runs.
 
     Predictions are compared with published values.
     """
     first = runs(rows, CALIBRATED)[0][0]
-    return [
-        f"calibrated: μ = {first.mu:.3f}, for {LEFT:g} N two stitches back from a pull of {first.hand:g} N",
-        *(f"{name}: stitch 2 {sequence(found)}" for name, found in second_stitches(rows).items() if BACK in found),
-        "the hold is not published: with this second free number the published course is possible, but not predicted",
-        *not_settled("all runs", max(row.settled for row in rows)),
-        *beyond_linear("all runs", max(row.moved for row in rows), FOOTPRINT),
-        *beyond_bearing("all runs", max(row.bearing for row in rows)),
-    ]
+    yield f"calibrated: μ = {first.mu:.3f}, for {LEFT:g} N two stitches back from a pull of {first.hand:g} N"
+    for name, found in second_stitches(rows).items():
+        if BACK in found:
+            yield f"{name}: stitch 2 {sequence(found)}"
+    yield "the hold is not published: with this second free number the published course is possible, but not predicted"
+    yield from not_settled("all runs", max(row.settled for row in rows))
+    yield from beyond_linear("all runs", max(row.moved for row in rows), FOOTPRINT)
+    yield from beyond_bearing("all runs", max(row.bearing for row in rows))
 
 
 def sequence(tensions: dict[int, Row]) -> str:

@@ -4,7 +4,7 @@ Each function judges one quantity by plain numbers and returns its remarks. The 
 catalogue, `studies.output.remarks`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import dist
 from typing import Any
@@ -15,7 +15,7 @@ import tissue
 from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.lists import list_of
 from studies.output import records
 from studies.output import remarks as bounds
@@ -31,47 +31,50 @@ from thread.catalogue import knot_pull
 from thread.thread import Thread
 from thread.vectors import curvature
 
-MILLI = 1e-3
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
 # For each key the least and largest value of organs and sutures, its unit, and other units.
 PLAUSIBLE = list_of(__file__, "plausible.toml")
 
 
-def foreseen(assembly: Assembly, q: Array) -> list[Remark]:
-    """Return the remarks before the first step, for a thread with control points `q` (n, c) [m]."""
+def foreseen(assembly: Assembly, q: Array) -> Iterator[Remark]:
+    """Yield the remarks before the first step, for a thread with control points `q` (n, c) [m]."""
     scenario, system, body = assembly.scenario, assembly.system, assembly.body
     thread, holes = system.thread, scenario.piercing
-    out = [*unlike_units(values_of(assembly)), *off_path(assembly)]
+    yield from unlike_units(values_of(assembly))
+    yield from off_path(assembly)
     if thread.bending and not thread.coil:
-        out += bent_sharply(*sharpest_bend(thread, q), thread.section.diameter)
-    out += handed_over(assembly.given, body)
-    out += after_end(times_of(scenario), scenario.solve.duration)
-    out += rest_unloaded(scenario)
+        yield from bent_sharply(*sharpest_bend(thread, q), thread.section.diameter)
+    yield from handed_over(assembly.given, body)
+    yield from after_end(times_of(scenario), scenario.solve.duration)
+    yield from rest_unloaded(scenario)
     free = scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0])
-    out += judged(free, "slides-freely", "piercing")
+    yield from judged(free, "slides-freely", "piercing")
     at, E = np.array(of_piercings(assembly.holes, assembly.at.tolist())), moduli_at(body, holes)
     sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in holes]
     radii = radii_at(holes, sizes, body.element if body else "P1")
-    out += demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength_of(scenario))
-    return out if body is None else [*out, *foreseen_in_organ(assembly, body, sizes)]
+    yield from demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength_of(scenario))
+    if body is not None:
+        yield from foreseen_in_organ(assembly, body, sizes)
 
 
-def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequence[float]) -> list[Remark]:
-    """Return the remarks on the organ before the first step.
+def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequence[float]) -> Iterator[Remark]:
+    """Yield the remarks on the organ before the first step.
 
     Its cells at the holes have `sizes` (p,) [m].
     """
-    scenario, fit, out = assembly.scenario, assembly.fit, list[Remark]()
+    scenario, fit = assembly.scenario, assembly.fit
     for hole, size in zip(scenario.piercing, sizes, strict=True):
-        out += coarse_cells(hole, size, body.element, fit is not None)
+        yield from coarse_cells(hole, size, body.element, fit is not None)
     accuracy = scenario.tissue.mesh.accuracy if scenario.tissue else "given"
     if fit is not None and accuracy != "given":
         named = zip(assembly.holes, fit.errors.tolist(), strict=True)
         errors = {hole.name: error for hole, error in named}
-        out += inaccurate(accuracy, errors, fit.rounds[-1].unknowns)
-    out += near_holes(scenario.piercing) + moved_holes(scenario.piercing)
-    out += steep_friction(scenario.contact) + unheld(scenario)
-    return out + along_path(assembly, body)
+        yield from inaccurate(accuracy, errors, fit.rounds[-1].unknowns)
+    yield from near_holes(scenario.piercing)
+    yield from moved_holes(scenario.piercing)
+    yield from steep_friction(scenario.contact)
+    yield from unheld(scenario)
+    yield from along_path(assembly, body)
 
 
 def strength_of(scenario: Scenario) -> float | None:
@@ -86,13 +89,11 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 
 
-def rest_unloaded(scenario: Scenario) -> list[Remark]:
-    """Return remarks on ramps of dead loads on a thread that starts at rest."""
-    out = []
+def rest_unloaded(scenario: Scenario) -> Iterator[Remark]:
+    """Yield remarks on ramps of dead loads on a thread that starts at rest."""
     for key, end in (("thread.start", scenario.thread.start), ("thread.end", scenario.thread.end)):
         if scenario.solve.start == "rest" and isinstance(end, model.PulledEnd) and end.ramp:
-            out.append(remark("rest-unloaded", key, ramp=end.ramp))
-    return out
+            yield remark("rest-unloaded", key, ramp=end.ramp)
 
 
 def after_end(times: Mapping[str, float], duration: float) -> list[Remark]:
@@ -113,75 +114,71 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
     return out + judged(given.stiffness is not None, "stress-of-e-nu", "tissue")
 
 
-def met(assembly: Assembly, ending: records.Ending) -> list[Remark]:
-    """Return the remarks on a run with an `ending`."""
+def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
+    """Yield the remarks on a run with an `ending`."""
     scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
     dynamic, diameter = scenario.solve.kind == "dynamic", assembly.system.thread.section.diameter
-    out = []
     if not isinstance(assembly.organ, tissue.FiniteOrgan):
-        out += beyond_at_holes(names, extremes) + beyond_in_tissue(extremes)
-    out += missed_by_basis(names, extremes) + torn(names, extremes, strengths)
-    out += on_surfaces(extremes) + overloaded(extremes, strength_of(scenario))
+        yield from beyond_at_holes(names, extremes)
+        yield from beyond_in_tissue(extremes)
+    yield from missed_by_basis(names, extremes)
+    yield from torn(names, extremes, strengths)
+    yield from on_surfaces(extremes)
+    yield from overloaded(extremes, strength_of(scenario))
     for tract in step.tracts:
-        out += stiff_in_tract(scenario, tract)
-    out += assumed_channels(scenario.piercing, step.piercings)
-    out += coarse_spans(step.span_ratio) + few_spans(step.spans_between)
+        yield from stiff_in_tract(scenario, tract)
+    yield from assumed_channels(scenario.piercing, step.piercings)
+    yield from coarse_spans(step.span_ratio)
+    yield from few_spans(step.spans_between)
     if not (dynamic and moves(step.energy)):
-        out += judged(not step.would_stay, "would-not-stay", "solve")
-    out += along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
+        yield from judged(not step.would_stay, "would-not-stay", "solve")
+    yield from along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
     if dynamic:
-        out += audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step))
-        out += unsettled(step.energy, step.slide_speed * step.time, diameter)
+        yield from audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step))
+        yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
     abscissae = [hole.s for hole in step.piercings]
-    out += sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
-    out += left_holes(scenario.piercing, step) + undone(scenario, step)
+    yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
+    yield from left_holes(scenario.piercing, step)
+    yield from undone(scenario, step)
     if dynamic:
-        out += locked_slack(scenario.tie, extremes.locked) + swinging(extremes.swing)
-        out += chattering(names, extremes.chattered)
-    return out
+        yield from locked_slack(scenario.tie, extremes.locked)
+        yield from swinging(extremes.swing)
+        yield from chattering(names, extremes.chattered)
 
 
-def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> list[Remark]:
-    """Return remarks on strain and turn of the tissue at the holes."""
-    out = []
+def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> Iterator[Remark]:
+    """Yield remarks on strain and turn of the tissue at the holes."""
     for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
-        out += judged(strain > bounds.SMALL_STRAIN, "hole-strain", name, strain=strain)
-        out += judged(turn > bounds.SMALL_ROTATION, "hole-rotation", name, turn=turn)
-    return out
+        yield from judged(strain > bounds.SMALL_STRAIN, "hole-strain", name, strain=strain)
+        yield from judged(turn > bounds.SMALL_ROTATION, "hole-rotation", name, turn=turn)
 
 
-def beyond_in_tissue(extremes: records.Extremes) -> list[Remark]:
-    """Return remarks on strain and rotation of the organ's cells."""
+def beyond_in_tissue(extremes: records.Extremes) -> Iterator[Remark]:
+    """Yield remarks on strain and rotation of the organ's cells."""
     strain, rotation = extremes.strain, extremes.rotation
     code = "tissue-strain" if extremes.strained > bounds.SHARE else "local-strain"
     turns = rotation > bounds.SMALL_ROTATION and extremes.rotated > bounds.SHARE
-    return [
-        *judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=extremes.strained),
-        *judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=extremes.rotated),
-    ]
+    yield from judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=extremes.strained)
+    yield from judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=extremes.rotated)
 
 
-def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> list[Remark]:
-    """Return remarks on the error of the organ's small basis at its holes; none without a basis."""
+def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> Iterator[Remark]:
+    """Yield remarks on the error of the organ's small basis at its holes; none without a basis."""
     limit = bounds.REDUCED * float(extremes.way.max(initial=0.0))
-    out = []
     for name, difference, bound in zip(names, extremes.difference, extremes.bound, strict=True):
         code, distance = ("reduction", difference) if difference > limit else ("reduction-bound", bound)
-        out += judged(distance > limit, code, name, distance=distance / MILLI, limit=limit / MILLI)
-    return out
+        yield from judged(distance > limit, code, name, distance=distance / MILLI, limit=limit / MILLI)
 
 
-def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> list[Remark]:
-    """Return remarks on the pressure at holes above the tissue's strength [Pa].
+def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[float]) -> Iterator[Remark]:
+    """Yield remarks on the pressure at holes above the tissue's strength [Pa].
 
     The strength is infinite if unknown.
     """
-    out = []
     for name, pressure, strength in zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True):
-        out += judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
-    return out
+        yield from judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
 
 
 def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> list[Remark]:
@@ -206,22 +203,18 @@ def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records
     return [remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)]
 
 
-def on_surfaces(extremes: records.Extremes) -> list[Remark]:
-    """Return remarks on the turn of pressed surfaces and on the overlap of lips without contact."""
+def on_surfaces(extremes: records.Extremes) -> Iterator[Remark]:
+    """Yield remarks on the turn of pressed surfaces and on the overlap of lips without contact."""
     turn, crossed = extremes.pressed_turn, extremes.crossed
-    return [
-        *judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn),
-        *judged(crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=crossed),
-    ]
+    yield from judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn)
+    yield from judged(crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=crossed)
 
 
-def overloaded(extremes: records.Extremes, strength: float | None) -> list[Remark]:
-    """Return remarks on the thread's strength [N], None if unknown, and on its strain."""
+def overloaded(extremes: records.Extremes, strength: float | None) -> Iterator[Remark]:
+    """Yield remarks on the thread's strength [N], None if unknown, and on its strain."""
     tension, strain, breaks = extremes.tension, extremes.thread_strain, np.inf if strength is None else strength
-    return [
-        *judged(tension > breaks, "thread-strength", "thread", tension=tension, strength=breaks),
-        *judged(strain > bounds.THREAD_STRAIN, "thread-strain", "thread", strain=strain),
-    ]
+    yield from judged(tension > breaks, "thread-strength", "thread", tension=tension, strength=breaks)
+    yield from judged(strain > bounds.THREAD_STRAIN, "thread-strain", "thread", strain=strain)
 
 
 def coarse_spans(ratio: float) -> list[Remark]:
@@ -241,16 +234,14 @@ def few_spans(number: float | None) -> list[Remark]:
     return judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
 
 
-def along_branch(branches: float, fallen: float) -> list[Remark]:
-    """Return remarks on load steps that followed a branch by arc length.
+def along_branch(branches: float, fallen: float) -> Iterator[Remark]:
+    """Yield remarks on load steps that followed a branch by arc length.
 
     `branches` is the number of these steps. `fallen` is the decrease of the loads along the branch,
     as a share of the full loads.
     """
-    return [
-        *judged(branches >= 1.0, "branch", "solve", branches=branches),
-        *judged(fallen > bounds.FALLEN, "limit-point", "solve", fallen=fallen),
-    ]
+    yield from judged(branches >= 1.0, "branch", "solve", branches=branches)
+    yield from judged(fallen > bounds.FALLEN, "limit-point", "solve", fallen=fallen)
 
 
 def rubs(assembly: Assembly) -> bool:
@@ -317,30 +308,26 @@ def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> lis
     return judged(bool(left), "hole-left", left[0] if left else "", holes=words, time=step.time)
 
 
-def undone(scenario: model.Scenario, step: records.StepRecord) -> list[Remark]:
-    """Return remarks on ties that have begun but are open at the end of a run.
+def undone(scenario: model.Scenario, step: records.StepRecord) -> Iterator[Remark]:
+    """Yield remarks on ties that have begun but are open at the end of a run.
 
     A tie whose loop is cut is not considered.
     """
     at = {hole.name: hole.s for hole in step.piercings}
     cuts = [cut.s for cut in scenario.cut if cut.time <= step.time]
-    out = []
     for tie, found in zip(scenario.tie, step.ties, strict=True):
         first, last = sorted(at[name] for name in tie.between)
         is_open = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
-        out += judged(is_open, "tie-undone", tie.name, time=step.time)
-    return out
+        yield from judged(is_open, "tie-undone", tie.name, time=step.time)
 
 
-def locked_slack(ties: Sequence[model.Tie], forces: Array) -> list[Remark]:
-    """Return remarks on ties locked below their force.
+def locked_slack(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:
+    """Yield remarks on ties locked below their force.
 
     `forces` (t,) [N] are NaN for a tie that was not locked.
     """
-    out = []
     for tie, force in zip(ties, forces.tolist(), strict=True):
-        out += judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
-    return out
+        yield from judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
 
 
 def swinging(swing: float) -> list[Remark]:
@@ -364,13 +351,11 @@ def chattering(names: Sequence[str], times: Array) -> list[Remark]:
     return [remark("chatter", names[first], time=times[first], also=also)]
 
 
-def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> list[Remark]:
-    """Return remarks on errors of the holes' compliance above the requested `accuracy`."""
-    out = []
+def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> Iterator[Remark]:
+    """Yield remarks on errors of the holes' compliance above the requested `accuracy`."""
     for name, error in errors.items():
         percent = {"error": 100.0 * error, "accuracy": 100.0 * accuracy}
-        out += judged(error > accuracy, "accuracy", name, **percent, unknowns=unknowns)
-    return out
+        yield from judged(error > accuracy, "accuracy", name, **percent, unknowns=unknowns)
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
@@ -382,35 +367,29 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
     return judged(not refined and size > limit, "cells", hole.name, element=element, **sizes)
 
 
-def moved_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
-    """Return remarks on holes that were moved far to the surface."""
-    out = []
+def moved_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
+    """Yield remarks on holes that were moved far to the surface."""
     for hole in holes:
         sizes = {"moved": (hole.moved or 0.0) / MILLI, "footprint": hole.footprint / MILLI}
         far = hole.moved is not None and hole.moved > bounds.MOVED * hole.footprint
-        out += judged(far, "moved", hole.name, **sizes)
-    return out
+        yield from judged(far, "moved", hole.name, **sizes)
 
 
-def near_holes(holes: Sequence[model.Piercing]) -> list[Remark]:
-    """Return remarks on neighbouring holes.
+def near_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
+    """Yield remarks on neighbouring holes.
 
     Two holes at the same place are one hole at two times.
     """
-    out = []
     for one, other in combinations(holes, 2):
         distance, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
         ways = {"apart": distance / MILLI, "reach": reach / MILLI}
-        out += judged(0.0 < distance < reach, "holes-near", one.name, other=other.name, **ways)
-    return out
+        yield from judged(0.0 < distance < reach, "holes-near", one.name, other=other.name, **ways)
 
 
-def steep_friction(contacts: Sequence[model.Contact]) -> list[Remark]:
-    """Return remarks on contacts with a large coefficient of friction."""
-    out = []
+def steep_friction(contacts: Sequence[model.Contact]) -> Iterator[Remark]:
+    """Yield remarks on contacts with a large coefficient of friction."""
     for pair in contacts:
-        out += judged(pair.friction > bounds.STEEP, "contact-rough", " - ".join(pair.between), pair=pair)
-    return out
+        yield from judged(pair.friction > bounds.STEEP, "contact-rough", " - ".join(pair.between), pair=pair)
 
 
 def unheld(scenario: Scenario) -> list[Remark]:
@@ -461,7 +440,7 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
     placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
-    out, depths = end_strands(assembly, own), {}
+    out, depths = list(end_strands(assembly, own)), {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
         if tract is None:
@@ -478,23 +457,21 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
     return [*without_tract(depths, diameter), *out]
 
 
-def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> list[Remark]:
-    """Return remarks on the first and the last strand of the thread.
+def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> Iterator[Remark]:
+    """Yield remarks on the first and the last strand of the thread.
 
     `own` are its holes with their abscissae on the path [m]. The free tail of an anchored hole is
     not judged, because nothing pulls on it.
     """
     path, thread = assembly.path, assembly.scenario.thread
     strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
-    out: list[Remark] = []
     for end, at_end, holes, which in strands:
         for hole, at in holes:
             if isinstance(end, model.FreeEnd) and hole.kind == "anchored":
                 continue
             deep = assembly.depths(path.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
             where = f"on its {which} strand, from its end to {hole.name!r},"
-            out += unpierced(where, hole.name, float(deep.max()), assembly.system.thread.section.diameter)
-    return out
+            yield from unpierced(where, hole.name, float(deep.max()), assembly.system.thread.section.diameter)
 
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:
@@ -585,18 +562,16 @@ def values_of(assembly: Assembly) -> dict[str, Array]:
     return {key: np.atleast_1d(value) for key, value in out.items()}
 
 
-def unlike_units(values: Mapping[str, Array]) -> list[Remark]:
-    """Return remarks on values [SI] outside the range of organs and sutures, by their key.
+def unlike_units(values: Mapping[str, Array]) -> Iterator[Remark]:
+    """Yield remarks on values [SI] outside the range of organs and sutures, by their key.
 
     A remark shows the first such value of a key and the units in which this value would be
     plausible.
     """
-    out = []
     for key, numbers in values.items():
         low, high, unit, others = PLAUSIBLE[key]
         for value in numbers[(numbers < low) | (numbers > high)][:1].tolist():
             likely = [other for other, factor in others.items() if low <= factor * value <= high]
             which = f"is it in {' or '.join(likely)}?" if likely else "is it in another unit than SI?"
             words = {"named": "the organ is" if key == "size" else f"{key} =", "unit": unit, "which": which}
-            out.append(remark("units", key, value=value, low=low, high=high, **words))
-    return out
+            yield remark("units", key, value=value, low=low, high=high, **words)

@@ -123,7 +123,7 @@ class Simulation:
     @cached_property
     def foreseen(self) -> list[Remark]:
         """Remarks on the run before its first step."""
-        return foreseen(self.assembly, self.start.q)
+        return list(foreseen(self.assembly, self.start.q))
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return the remarks on the run before the first step and, if given, up to an `ending`."""

@@ -324,17 +324,15 @@ def table(rows: Sequence[Row]) -> Table:
     return Table.of(columns, ends(rows))
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the fit, the agreement, the error of the capstan, and open points."""
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the fit, the agreement, the error of the capstan, and open points."""
     found = ends(rows)
-    out = [case_words(stitches) for stitches in grouped(found, lambda row: row.throw).values()]
-    out += [
-        spread_words(found, of_middle_throw(rows, "load")[FITTED][-1]),
-        say("assumed"),
-        say("open"),
-    ]
-    stuck = [f"{row.pattern}, throw {row.throw:g}°: the thread does NOT slide everywhere" for row in found]
-    return out + [text for text, row in zip(stuck, found, strict=True) if not row.slides]
+    yield from map(case_words, grouped(found, lambda row: row.throw).values())
+    yield spread_words(found, of_middle_throw(rows, "load")[FITTED][-1])
+    yield say("assumed")
+    yield say("open")
+    for row in (row for row in found if not row.slides):
+        yield f"{row.pattern}, throw {row.throw:g}°: the thread does NOT slide everywhere"
 
 
 def case_words(found: Sequence[Row]) -> str:

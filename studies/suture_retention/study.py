@@ -23,6 +23,7 @@ from scipy.optimize import brentq
 
 import tissue
 from coupling.errors import CouplingError
+from studies.arrays import KILO, MEGA, MILLI
 from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series
 from studies.lists import sentences, study_list
 from studies.scenario import Scenario
@@ -40,7 +41,6 @@ SUTURE = "3-0 polypropylene"
 LEG, OFFSET, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either hand from its middle, at the hole [m]
 NEAR = 2.0  # footprints around the hole in which the largest stretch is sought
 MIDDLE = 0.15  # of the strip's length: its middle part, stretched as in a uniaxial test
-MILLI, KILO, MEGA = 1e-3, 1e3, 1e6
 LINEAR, COARSER = "linear organ", "coarser cells"
 say = sentences("suture_retention")
 
@@ -270,23 +270,23 @@ def number(value: float) -> str:
     return "not reached" if np.isnan(value) else f"{value:.3g}"
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the fits, the predictions, their dependences, and failures."""
-    names = list(dict.fromkeys(row.name for row in rows))
-    out = [fit_words(name) for name in names]
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the fits, the predictions, their dependences, and failures."""
     found = runs_of(rows)
+    yield from map(fit_words, dict.fromkeys(row.name for row in rows))
     for (name, footprint, variant), runs in found.items():
         if not variant:
-            out.append(prediction(name, footprint, runs))
+            yield prediction(name, footprint, runs)
         if variant == COARSER and (reference := found.get((name, footprint, ""))):
             off = {key: getattr(reference[-1], key) / getattr(runs[-1], key) for key in ("force", "stretch", "energy")}
             text = ", ".join(f"{key} {over - 1.0:+.1%}" for key, over in off.items())
-            out.append(f"{name}: against cells 1.5 times coarser, at the end: {text}")
+            yield f"{name}: against cells 1.5 times coarser, at the end: {text}"
     swelling = max((row.swelling for row in rows if not row.variant), default=1.0)
-    out.append(f"tissue at the hole swells to {swelling:.3g} times its volume, which is hardly realistic")
+    yield f"tissue at the hole swells to {swelling:.3g} times its volume, which is hardly realistic"
     balance = max((abs(row.clamp - row.force) / row.force for row in rows if row.force > 0.0), default=0.0)
-    out.append(f"the force on the clamp equals the force on the hole within {balance:.1g}")
-    return out + [f"{row.name}, {row.drawn / MILLI:.3g} mm: FAILED beyond, {row.failed}" for row in rows if row.failed]
+    yield f"the force on the clamp equals the force on the hole within {balance:.1g}"
+    for row in (row for row in rows if row.failed):
+        yield f"{row.name}, {row.drawn / MILLI:.3g} mm: FAILED beyond, {row.failed}"
 
 
 def fit_words(name: str) -> str:

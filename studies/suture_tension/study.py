@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 import tissue
 from coupling.reports.observation import site_compliance, site_forces
-from studies.arrays import Array
+from studies.arrays import KILO, MILLI, Array
 from studies.figure import draw, level, panel, series
 from studies.lists import sentences, study_list
 from studies.scenario import Scenario
@@ -44,7 +44,6 @@ LEG, DIP = 0.03, 1e-3  # of the laid thread above the holes and below them [m]
 COARSEST, GROWTH = 1.3, 3.0  # P2 cells at the holes over the footprint, and their growth; finer by a `refinement`
 SIX = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]  # xx, yy, zz, xy, yz, xz of a tensor
 DEPARTURE = 0.05  # relative error of the linear organ's displacement at the end of its range
-MILLI, KILO = 1e-3, 1e3
 
 TISSUES = study_list("suture_tension")["published"]
 say = sentences("suture_tension")
@@ -266,20 +265,19 @@ def measured_range(linear: Sequence[Row], runs: Sequence[Row]) -> tuple[float, f
     return float(np.interp(DEPARTURE, [0.0, *off[:end]], tau)), float(np.interp(DEPARTURE, [0.0, *off[:end]], moved))
 
 
-def measured_ranges(rows: Sequence[Row]) -> list[str]:
-    """Return in words for each material the load at which the linear organ is wrong.
+def measured_ranges(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield in words for each material the load at which the linear organ is wrong.
 
     Its error is added.
     """
-    materials, out = runs_by_material(rows), []
+    materials = runs_by_material(rows)
     linear = materials.pop("linear")
     for name, runs in materials.items():
         (tau, moved), off = measured_range(linear, runs), departures(linear, runs)
         last = int(np.flatnonzero(np.isfinite(off))[-1])
         where = f"at τ = T/(E a²) = {tau:.2g}, u/a = {moved:.2g}" if np.isfinite(tau) else "at no load here"
         known = {"departure": DEPARTURE, "linear": LINEAR, "tau": runs[last].scaled_load, "off": off[last]}
-        out.append(say("range", name=name, where=where, **known))
-    return out
+        yield say("range", name=name, where=where, **known)
 
 
 def limits(row: Row, youngs_modulus: float) -> tuple[float, float]:
@@ -292,42 +290,40 @@ def limits(row: Row, youngs_modulus: float) -> tuple[float, float]:
     return moving, LINEAR * THREAD.diameter * row.bite * youngs_modulus
 
 
-def ranges(row: Row) -> list[str]:
-    """Return in words for each tissue the range of linear theory.
+def ranges(row: Row) -> Iterator[str]:
+    """Yield in words for each tissue the range of linear theory.
 
     A clinical tension is compared with this range.
     """
-    out = []
     for name, of in TISSUES.items():
         moving, bearing = limits(row, of["youngs_modulus"])
         times = of["tension"] / min(moving, bearing)
         how = f"BEYOND, {times:.2g} times" if times > 1.0 else "within"
         known = {"E": of["youngs_modulus"] / KILO, "linear": LINEAR, "moving": moving, "bearing": bearing}
-        out.append(say("clinical", name=name, of=of, how=how, **known))
-    return out
+        yield say("clinical", name=name, of=of, how=how, **known)
 
 
-def convergence(rows: Sequence[Row]) -> list[str]:
-    """Return in words whether each quantity converges on the cells.
+def convergence(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield in words whether each quantity converges on the cells.
 
     Its deviation from the half-space is added.
     """
-    runs, out = sorted((row for row in rows if row.sweep == "cells"), key=lambda row: row.cells), []
+    runs = sorted((row for row in rows if row.sweep == "cells"), key=lambda row: row.cells)
     if len({row.cells for row in runs}) < 3:
-        return ["cells: they were not refined, so no stress is SHOWN TO CONVERGE; use the preset full"]
+        yield "cells: they were not refined, so no stress is SHOWN TO CONVERGE; use the preset full"
+        return
     for name, (order, of, theory) in QUANTITIES.items():
         found = verdict([row.cells for row in runs], [of(row) for row in runs], order)
         word = found.text if found.kind == "converged" else f"NOT CONVERGED ({found.text})"
-        out.append(f"cells, {name}: {word}, {of(runs[0]) / theory(runs[0]) - 1.0:+.1%} off the half-space")
-    return out
+        yield f"cells, {name}: {word}, {of(runs[0]) / theory(runs[0]) - 1.0:+.1%} off the half-space"
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the ranges, the convergence on the cells, and exceeded limits."""
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the ranges, the convergence on the cells, and exceeded limits."""
     worst = max(row.residual for row in rows if row.material == "linear")
-    found = [*ranges(rows[0]), *measured_ranges(rows), *convergence(rows)]
-    found.append(f"compliance times reported force equals the reported displacement within {worst:.1g}")
-    return [*found, *(line for row in rows if row.sweep != "material" for line in row.shortcomings)]
+    yield from (*ranges(rows[0]), *measured_ranges(rows), *convergence(rows))
+    yield f"compliance times reported force equals the reported displacement within {worst:.1g}"
+    yield from (line for row in rows if row.sweep != "material" for line in row.shortcomings)
 
 
 # --- figure -----------------------------------------------------------------------------------------------

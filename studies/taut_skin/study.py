@@ -33,12 +33,12 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
 from coupling.system import State
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
 from studies.lists import sentences
 from studies.study import Columns, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
-from studies.wounds import MILLI, MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
+from studies.wounds import MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
 SHEET, SIZE, FAR, PITCH, BITE = 0.12, 4e-3, 20e-3, 5e-3, 4e-3  # of the sheet, its cells and its stitches [m]
 APPROACH = 2.5e-3  # largest step of closing the lips [m]
@@ -197,13 +197,12 @@ def row_of(hands: Hands, skin: Skin | None, state: State, opened: Array, closed:
 # --- what the rows say ------------------------------------------------------------------------------------
 
 
-def ratios(rows: Sequence[Row]) -> list[SimpleNamespace]:
-    """Return the force ratios of the second to the first wound of every published pair [-].
+def ratios(rows: Sequence[Row]) -> Iterator[SimpleNamespace]:
+    """Yield the force ratios of the second to the first wound of every published pair [-].
 
     A ratio has its `source` and `skin`. It is the `published` one, the one `by_law` W/L, and the
     one `found` in this skin.
     """
-    out = []
     for source in SOURCES:
         (l1, w1), (l2, w2) = source.wounds
         known = {"source": source.name, "published": source.forces[1] / source.forces[0]}
@@ -212,8 +211,7 @@ def ratios(rows: Sequence[Row]) -> list[SimpleNamespace]:
             found = {row.wound: row.middle for row in rows if row.skin == skin and row.closed}
             if all(wound in found for wound in source.wounds):
                 share = found[source.wounds[1]] / found[source.wounds[0]]
-                out.append(SimpleNamespace(**known, skin=skin, found=share))
-    return out
+                yield SimpleNamespace(**known, skin=skin, found=share)
 
 
 def table(rows: Sequence[Row]) -> Table:
@@ -234,17 +232,16 @@ def table(rows: Sequence[Row]) -> Table:
     return Table.of(columns, rows)
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on the slit, the predictions of each pair, and wounds that were not closed."""
-    out = []
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on the slit, the predictions of each pair, and wounds that were not closed."""
     for row in rows:
         if not row.width:
-            out.append(say("gapes", row=row, opened=row.opened / MILLI))
+            yield say("gapes", row=row, opened=row.opened / MILLI)
         if not row.closed:
-            out.append(f"{row.name} mm, {row.skin}: the lips were NOT BROUGHT TOGETHER at every stitch")
+            yield f"{row.name} mm, {row.skin}: the lips were NOT BROUGHT TOGETHER at every stitch"
     for ratio in ratios(rows):
-        out.append(say("ratio", ratio=ratio, off=round(100 * (ratio.found / ratio.published - 1))))
-    return [*out, strips_words()]
+        yield say("ratio", ratio=ratio, off=round(100 * (ratio.found / ratio.published - 1)))
+    yield strips_words()
 
 
 def strips_words() -> str:
@@ -259,7 +256,7 @@ def strips_words() -> str:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Return the figure of forces along wounds and slits, of gaping, and of published ratios."""
-    wide, slits, found = [row for row in rows if row.width], [row for row in rows if not row.width], ratios(rows)
+    wide, slits = [row for row in rows if row.width], [row for row in rows if not row.width]
     skins, names = (dict.fromkeys(getattr(row, key) for row in wide) for key in ("skin", "name"))
     forces = {
         skin: {f"{row.name} mm": row.course(row.places, np.array(row.forces)) for row in wide if row.skin == skin}
@@ -272,7 +269,7 @@ def figure(rows: Sequence[Row]) -> Figure:
     gaped = grouped((row for row in rows if row.tension), lambda row: f"{row.name} mm, {row.tension:g} N/m")
     most = [max(row.crack, row.opened - row.width) / MILLI for row in rows if row.tension]
     top = 1.1 * max(most, default=1.0)
-    pairs = grouped(found, lambda ratio: f"{ratio.source}, {ratio.skin}")
+    pairs = grouped(ratios(rows), lambda ratio: f"{ratio.source}, {ratio.skin}")
     scalp = {"Ahmad 2019, scalp, by width": [(pull / STRIPS[11], w / 11.0) for w, pull in STRIPS.items() if w > 11]}
     place, small = "place along the wound, over its half length [-]", {"fontsize": 6}
     half: dict[str, Any] = {"xlim": (-1.0, 1.0), "ylim": (0.0, None)}

@@ -31,12 +31,12 @@ from matplotlib.figure import Figure
 
 from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
-from studies.arrays import Array
+from studies.arrays import MILLI, Array
 from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
 from studies.lists import sentences
 from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
-from studies.wounds import FOOTPRINT, IN_TURN, MILLI, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
+from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
 
 PLACES = 41  # number of places along the wound for the gaps
 CROSSED = 1e-9  # of the width: allowed overlap of the lips
@@ -189,21 +189,19 @@ class Comparison:
         return self.row.wound == self.source.wounds[0]
 
 
-def comparisons(rows: Sequence[Row]) -> list[Comparison]:
-    """Return every published wound that was run together with the fitted wound of its pair."""
-    out = []
+def comparisons(rows: Sequence[Row]) -> Iterator[Comparison]:
+    """Yield every published wound that was run together with the fitted wound of its pair."""
     for source in SOURCES:
         first, second = (row_with(rows, wound, source.way) for wound in source.wounds)
         for force, row in zip(source.forces, (first, second), strict=True):
             if first is not None and row is not None and first.closed and row.closed:
                 fitted = STIFFNESS * source.forces[0] / first.comparable_force
-                out.append(Comparison(source, force, row, fitted, row.uniform / first.uniform - 1.0))
-    return out
+                yield Comparison(source, force, row, fitted, row.uniform / first.uniform - 1.0)
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for every wound and check."""
-    compared = comparisons(rows)
+    compared = list(comparisons(rows))
 
     def published(row: Row, cell: Callable[[Comparison], str]) -> str:
         return "; ".join(cell(c) for c in compared if c.row == row)
@@ -228,26 +226,26 @@ def table(rows: Sequence[Row]) -> Table:
     return Table.of(columns, rows)
 
 
-def remarks(rows: Sequence[Row]) -> list[str]:
-    """Return remarks on agreement, on effects of mesh, sheet and lips, and on exceeded limits."""
-    out = [sentence(c) for c in comparisons(rows) if not c.is_fit]
-    out += [*where_largest(rows), *changes(rows)]
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield remarks on agreement, on effects of mesh, sheet and lips, and on exceeded limits."""
+    yield from (sentence(c) for c in comparisons(rows) if not c.is_fit)
+    yield from (*where_largest(rows), *changes(rows))
     for row in rows:
         name = f"{row.name} mm, {row.way}"
         if not row.closed:
-            out.append(f"{name}: the lips were NOT BROUGHT TOGETHER at every stitch")
+            yield f"{name}: the lips were NOT BROUGHT TOGETHER at every stitch"
         if row.smallest_gap < -CROSSED * row.width or not row.pushes:
-            out.append(f"{name}: the lips CROSS by {-row.smallest_gap:.1e} m, or contact holds them together")
+            yield f"{name}: the lips CROSS by {-row.smallest_gap:.1e} m, or contact holds them together"
         if row.way == TOGETHER and not row.variant and row.width > LINEAR * row.length:
             turn = row.width / row.length
-            out.append(say("turns", row=row, turn=turn, strain=0.5 * turn, linear=LINEAR))
+            yield say("turns", row=row, turn=turn, strain=0.5 * turn, linear=LINEAR)
     strains = [row.bearing for row in rows]
     if max(strains) > LINEAR:
-        out.append(say("bearing", least=min(strains), most=max(strains), linear=LINEAR))
-    out += too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
+        yield say("bearing", least=min(strains), most=max(strains), linear=LINEAR)
+    yield from too_coarse("the holes, not the lips", max(row.size for row in rows), FOOTPRINT)
     gap, worst = min(row.smallest_gap / row.width for row in rows), max(row.complementarity for row in rows)
     pulls = "no force pulls" if all(row.pushes for row in rows) else "some forces PULL"
-    return [*out, f"lips: smallest gap {gap:.0e} of the width, {pulls}, |force × gap| at most {worst:.0e} J"]
+    yield f"lips: smallest gap {gap:.0e} of the width, {pulls}, |force × gap| at most {worst:.0e} J"
 
 
 def sentence(c: Comparison) -> str:
@@ -257,34 +255,31 @@ def sentence(c: Comparison) -> str:
     return say("prediction", c=c, first=first, edges=100.0 * c.edges, off=off)
 
 
-def where_largest(rows: Sequence[Row]) -> list[str]:
-    """Return the stitch with the largest force, compared with the published one, in words."""
-    out, plain = [], [row for row in rows if not row.variant]
+def where_largest(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the stitch with the largest force, compared with the published one, in words."""
+    plain = [row for row in rows if not row.variant]
     if in_turn := [row for row in plain if row.way == IN_TURN]:
         peaks = [1 + int(np.argmax(row.tied)) for row in in_turn]
         agree = all(1 < peak < 0.5 * (len(row.tied) + 1) for peak, row in zip(peaks, in_turn, strict=True))
         shown = ", ".join(f"{peak} of {len(row.tied)}" for peak, row in zip(peaks, in_turn, strict=True))
-        out.append(say("peak", shown=shown, verdict=VERDICTS[agree]))
+        yield say("peak", shown=shown, verdict=VERDICTS[agree])
     if together := [row for row in plain if row.way == TOGETHER]:
         ratios = [row.over_middle for row in together]
-        out.append(say("ends", least=min(ratios), most=max(ratios), verdict=VERDICTS[max(ratios) < 1.0]))
-    return out
+        yield say("ends", least=min(ratios), most=max(ratios), verdict=VERDICTS[max(ratios) < 1.0])
 
 
-def changes(rows: Sequence[Row]) -> list[str]:
-    """Return the changes by a finer mesh, a larger sheet and other stitches, in words."""
-    out = []
+def changes(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the changes by a finer mesh, a larger sheet and other stitches, in words."""
     for row in rows:
         plain = row_with(rows, row.wound, row.way)
         if not row.variant or plain is None:
             continue
         change, largest = row.comparable_force / plain.comparable_force, max(row.forces) / max(plain.forces)
         if row.variant == HALVES:
-            out.append(say("halves", row=row, plain=plain))
+            yield say("halves", row=row, plain=plain)
             continue
         verdict = "" if abs(change - 1.0) <= CONVERGED else ": NOT CONVERGED"
-        out.append(say("change", row=row, change=100 * (change - 1), largest=100 * (largest - 1), verdict=verdict))
-    return out
+        yield say("change", row=row, change=100 * (change - 1), largest=100 * (largest - 1), verdict=verdict)
 
 
 # --- figure -----------------------------------------------------------------------------------------------
@@ -295,7 +290,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
     Predictions are compared with published forces.
     """
-    plain, compared = [row for row in rows if not row.variant], comparisons(rows)
+    plain, compared = [row for row in rows if not row.variant], list(comparisons(rows))
     together, in_turn = ([row for row in plain if row.way == way] for way in (TOGETHER, IN_TURN))
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
     by_source = {source.name: [c for c in compared if c.source == source] for source in SOURCES}

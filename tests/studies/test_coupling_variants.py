@@ -115,7 +115,7 @@ def test_what_is_written(tmp_path: Path) -> None:
 
 def test_what_is_not_supported_is_said() -> None:
     """Cells of 2.5 radii, and the soft organs beyond small strains; the firm ones are not."""
-    said = STUDY.remarks(rows())
+    said = list(STUDY.remarks(rows()))
     assert len(said) == 4
     assert "every run: cells of 2.5 footprint radii, TOO COARSE" in said[0]
     assert all("of 2 kPa" in line and "BEYOND" in line for line in said[1:3])

@@ -73,7 +73,7 @@ def test_what_locks_and_what_was_not_found_is_said() -> None:
         and np.isfinite(point_ratio(0.3, np.radians(120.0)))
         and np.isinf(point_ratio(1.0, np.radians(91.0)))
     )
-    said = STUDY.remarks([*rows(), pull])
+    said = list(STUDY.remarks([*rows(), pull]))
     assert any("LOCK at 120°" in line for line in said)
     assert not any("LOCK" in line or "NOT FOUND" in line for line in STUDY.remarks(rows()))
     lost = [replace(row, settled=False) if row.kind == "one hole" else row for row in rows()]

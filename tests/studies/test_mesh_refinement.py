@@ -97,7 +97,7 @@ def test_order_of_the_time_step(quantity: str) -> None:
 
 def test_what_is_not_supported_is_said() -> None:
     """The bare point at once; coarse cells, a far pull and a near edge when they come."""
-    remarks = STUDY.remarks(rows())
+    remarks = list(STUDY.remarks(rows()))
     assert any(BARE in line and "NO LINEAR RANGE" in line for line in remarks)
     assert not any("TOO COARSE" in line for line in remarks)
     assert [line.split(",")[0] for line in remarks if "BEYOND" in line] == ["footprint"]

@@ -3,7 +3,7 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -75,7 +75,7 @@ from thread.catalogue import suture
 ROUND = 1e-9  # of a bound: what is said beyond it is said this far beyond, and not this far within
 STEPS = 12
 
-Judge = Callable[[float], Sequence[Remark]]
+Judge = Callable[[float], Iterable[Remark]]
 
 
 def met(**values: Any) -> Extremes:
@@ -178,10 +178,10 @@ def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
     """Independent check: a value just beyond the bound has this remark and no other, one just within has none; the
     message has the number."""
     bound, side, judge = JUDGED[code]
-    said = judge(bound * (1.0 + side * ROUND))
+    said = list(judge(bound * (1.0 + side * ROUND)))
     assert [(each.code, each.severity) for each in said] == [(code, CATALOGUE[code].severity)]
     assert re.search(r"\d", said[0].message) and said[0].where
-    assert judge(bound * (1.0 - side * ROUND)) == []
+    assert list(judge(bound * (1.0 - side * ROUND))) == []
 
 
 COLUMN = """
@@ -463,12 +463,12 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert [each.code for each in judging.unsettled(still, SLID * at * (1 + ROUND), at)] == ["not-at-rest"]
     for share, code in ((SHARE * (1 - ROUND), "local-strain"), (SHARE * (1 + ROUND), "tissue-strain")):
         assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share))] == [code]
-    assert judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE)) == []
+    assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE))) == []
     assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
     assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
-    assert judging.overloaded(met(tension=1e9), None) == []
-    assert judging.near_holes([hole(), hole(name="b")]) == []  # one place at two times
+    assert list(judging.overloaded(met(tension=1e9), None)) == []
+    assert list(judging.near_holes([hole(), hole(name="b")])) == []  # one place at two times
 
 
 def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:

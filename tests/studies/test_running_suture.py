@@ -96,7 +96,7 @@ def test_what_disagrees_is_said() -> None:
     assert "(DISAGREES)" in sequence({**same, 2: replace(run[2], tension=1.4)})
     assert sequence({**same, 3: replace(run[2], tension=0.6)}).endswith("SD 0.3 N: DISAGREES)")
     fast = [replace(row, settled=1e-3, mu=0.15) if row.mu == MUS[0] else row for row in rows()]
-    said = STUDY.remarks([*rows(), *(row for row in fast if row.mu == 0.15)])
+    said = list(STUDY.remarks([*rows(), *(row for row in fast if row.mu == 0.15)]))
     assert any("NOT SETTLED" in line for line in said)
     assert not any("NOT SETTLED" in line for line in STUDY.remarks(rows()))
 

@@ -151,7 +151,7 @@ def test_tissues_leave_the_linear_range_long_before_clinical_tensions() -> None:
         assert row.moved == pytest.approx(0.3 * FOOTPRINT, rel=0.1)
     assert moving < 3e-3
     assert bearing == pytest.approx(0.3 * 2.245e-4 * 0.01 * 6e3, rel=1e-9)
-    said = STUDY.remarks(rows())
+    said = list(STUDY.remarks(rows()))
     assert any(line.startswith("liver") and "BEYOND" in line for line in said)
     assert any(line.startswith("skin") and "BEYOND" in line and "Capek" in line for line in said)
     assert any("were not refined" in line for line in said)

@@ -66,7 +66,7 @@ def test_what_is_compared_with_print_is_the_ratio_of_a_pair() -> None:
         "takes 2.20 times the first; published 2.91 (-24 %)" in said and "it gapes by" in said and "Ahmad 2019" in said
     )
     open_one = replace(second, closed=False)
-    assert not ratios([first, open_one]) and any("NOT BROUGHT TOGETHER" in said for said in remarks([open_one]))
+    assert not list(ratios([first, open_one])) and any("NOT BROUGHT TOGETHER" in said for said in remarks([open_one]))
     assert {len(line) for line in table([slit(), first]).lines} == {len(table([slit()]).head)}
     assert render_figure(STUDY.figure, [slit(), first, second], "taut_skin")["svg"]
 

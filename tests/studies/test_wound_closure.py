@@ -109,7 +109,7 @@ def test_one_number_is_fitted_and_the_other_predicted() -> None:
     assert in_turn is not None and in_turn.comparable_force == max(in_turn.tied) > max(in_turn.forces)
     assert fitted.is_fit and fitted.predicted_force == pytest.approx(SOURCES[0].forces[0])
     assert not predicted.is_fit and predicted.predicted_force == pytest.approx(3.0 * SOURCES[0].forces[0])
-    said = remarks([together, wide])
+    said = list(remarks([together, wide]))
     assert any("+5.0 % of it from the edges of the sheet; published: 1.5 N (+0 %)" in remark for remark in said)
     assert any("30 × 15 mm: closing turns the lips by up to 0.5 rad" in remark for remark in said)
     assert any("bearing strains" in remark and "BEYOND" in remark for remark in said)
@@ -124,9 +124,9 @@ def test_lips_that_cross_are_said() -> None:
     """Consistency check: a run whose lips cross, or that was not closed, is not passed off as one that did."""
     row = rows()[0]
     assert any("CROSS" in remark for remark in remarks([replace(row, smallest_gap=-1e-6)]))
-    pulled = remarks([row, replace(row, pushes=False)])
+    pulled = list(remarks([row, replace(row, pushes=False)]))
     assert "some forces PULL" in pulled[-1] and any("CROSS" in remark for remark in pulled)
-    assert "no force pulls" in remarks([row])[-1]
+    assert "no force pulls" in list(remarks([row]))[-1]
     assert any("NOT BROUGHT TOGETHER" in remark for remark in remarks([replace(row, closed=False)]))
     assert not any("CROSS" in remark for remark in remarks([row]))
 
