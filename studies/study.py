@@ -282,41 +282,40 @@ def carry_out(
     the errors of its `main`, `studies.workers.WorkersError`, and `ScenarioError` if another run
     uses the folder.
     """
+    found, rows = study(name), list[Any]()
+    asked = {"study": name, "question": found.question, "preset": preset, "arguments": dict(given)}
+    asked["provenance"] = provenance()
     token = AT_WORK.set(workers)
     try:
         with locked(folder):
-            _carry_out(name, preset, given, folder, tell)
+            for row in found.main(**given):
+                if not rows:
+                    begin(asked, folder)
+                rows.append(row)
+                write_text(folder / "runs.csv", numbers(rows))
+                tell(rows)
+            write(found, asked, rows, folder)
     finally:
         AT_WORK.reset(token)
 
 
-def _carry_out(
-    name: str, preset: str, given: Mapping[str, Any], folder: Path, tell: Callable[[Sequence[Any]], None]
-) -> None:
-    found, asked = study(name), {"preset": preset, "arguments": dict(given), "provenance": provenance()}
-    rows: list[Any] = []
-    for row in found.main(**given):
-        if not rows:
-            for path in (*(folder / name for name in WRITTEN), *unfinished(folder, WRITTEN)):
-                path.unlink(missing_ok=True)  # of an earlier study, finished or not
-            write_json(folder / "study.json", {"study": name, "question": found.question, **asked})
-        rows.append(row)
-        write_text(folder / "runs.csv", numbers(rows))
-        tell(rows)
-    write(name, asked, rows, folder)
+def begin(asked: Mapping[str, Any], folder: Path) -> None:
+    """Write the arguments of a study, and remove an earlier study, finished or not."""
+    for path in (*(folder / file for file in WRITTEN), *unfinished(folder, WRITTEN)):
+        path.unlink(missing_ok=True)
+    write_json(folder / "study.json", asked)
 
 
-def write(name: str, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
+def write(found: Study, asked: Mapping[str, Any], rows: Sequence[Any], folder: Path) -> None:
     """Write table, figure, arguments and checks into a folder."""
     from studies.figure import write_figure
 
-    found = study(name)
     remarks, shown = list(found.remarks(rows)), found.table(rows)
     checks = {"independent": found.independent, "consistency": found.consistency, "remarks": remarks}
-    write_json(folder / "study.json", {"study": name, "question": found.question, **asked, **checks})
+    write_json(folder / "study.json", {**asked, **checks})
     write_text(folder / "table.md", shown.markdown + "".join(f"\n* {remark}\n" for remark in remarks))
     write_text(folder / "table.csv", shown.csv)
-    write_figure(found.figure, rows, name, folder)
+    write_figure(found.figure, rows, asked["study"], folder)
 
 
 def numbers(rows: Sequence[Any]) -> str:

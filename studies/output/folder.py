@@ -35,7 +35,7 @@ from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import Judge, Status, Tally, nothing_to_say
 from studies.scenario import Scenario, ScenarioError, dump
-from studies.scenario.toml import mesh_file, with_mesh_file
+from studies.scenario.toml import mesh_file, with_mesh_copy
 
 DURATION = "solve.duration"
 SHOWN = 3  # number of names of missing files in a message
@@ -339,9 +339,6 @@ def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
 
     The digests are of the text and of the mesh file.
     """
-    digests, mesh = {}, mesh_file(scenario)
-    if mesh is not None:
-        scenario = with_mesh_file(scenario, f"mesh/{mesh.name}")
-        digests["mesh_sha256"] = hashlib.sha256(mesh.read_bytes()).hexdigest()
-    text = dump(scenario)
+    copied, mesh = with_mesh_copy(scenario)
+    text, digests = dump(copied), {"mesh_sha256": mesh} if mesh else {}
     return text, digests | {"scenario_sha256": hashlib.sha256(text.encode()).hexdigest()}

@@ -11,8 +11,7 @@ from typing import Any
 
 from studies.output.columns import ANY, SUMMARY, Column
 
-NOT_REPEATED = ("seconds_per_step", "provenance", "mesh")  # wall-clock time, and the origin of a run
-SEPARATE = ("remarks",)  # a list of sentences, read separately
+LEFT_OUT = ("seconds_per_step", "provenance", "mesh", "remarks")  # wall-clock time, origin, and a list of sentences
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Quantity:
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
     """Return all numbers and words of a summary by name, in its order."""
-    kept = {key: value for key, value in summary.items() if key not in (*NOT_REPEATED, *SEPARATE)}
+    kept = {key: value for key, value in summary.items() if key not in LEFT_OUT}
     return {found.name: found for found in leaves(kept, ())}
 
 

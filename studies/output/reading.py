@@ -77,10 +77,6 @@ class Table:
         """Return a column's name with its unit: `slip [m]`."""
         return headed(name, self.units.get(name, ""))
 
-    def where(self, name: str, word: str) -> "Table":
-        """Return the rows with this word in a column of text."""
-        return self.rows(self.columns[name] == word)
-
     def rows(self, chosen: NDArray[Any]) -> "Table":
         """Return the rows chosen by their numbers or by a mask."""
         return Table({key: values[chosen] for key, values in self.columns.items()}, self.units)
@@ -184,7 +180,7 @@ def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
     """
     with refused_if_torn(f"the frame at {frame.time:g} s"):
         thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
-        data = {name: np.asarray(values, dtype=np.float64) for name, values in thread.point_data.items()}
+        data = arrays_of(thread.point_data)
         lengths = tuple(len(piece) for piece in pieces(thread))
         record = ThreadRecord(
             np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
@@ -192,6 +188,11 @@ def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
         )  # fmt: skip
         marks = () if holes is None else tuple(hole_of(holes, k, name) for k, name in enumerate(names))
         return Snapshot(frame.time, record, marks, None if organ is None else organ_of(organ))
+
+
+def arrays_of(data: Any) -> dict[str, Array]:
+    """Return the arrays of points or of cells by their names, in double precision."""
+    return {name: np.asarray(values, dtype=np.float64) for name, values in data.items()}
 
 
 def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
@@ -209,11 +210,7 @@ def organ_of(organ: Any) -> OrganRecord:
 
     Quantities that no frame stores, for example shares of strain energy, are NaN.
     """
-    arrays = {
-        name: np.asarray(values, dtype=np.float64)
-        for data in (organ.point_data, organ.cell_data)
-        for name, values in data.items()
-    }
+    arrays = arrays_of(organ.point_data) | arrays_of(organ.cell_data)
     needed = [field.name for field in fields(OrganRecord) if field.default is MISSING]
     known = {field.name for field in fields(OrganRecord)} & arrays.keys()
     given: dict[str, Any] = dict.fromkeys(needed, np.nan) | {name: arrays[name] for name in known}

@@ -229,17 +229,12 @@ def _data_array(name: str, values: ArrayLike, kind: str, pack: Pack, unit: str =
 def _array(name: str, encoded: bytes, kind: str, components: int = 1, unit: str = "") -> Markup:
     labels = "".join(f' ComponentName{index}="{label}"' for index, label in enumerate(COMPONENTS.get(components, ())))
     tag = f'DataArray type="{TYPE_NAMES[kind]}" Name="{escape(name)}" format="appended" offset="{PLACE}"'
-    return Markup(_unit_key(unit), (encoded,)).within(f'{tag} NumberOfComponents="{components}"{labels}')
+    key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>\n'
+    return Markup(key if unit else "", (encoded,)).within(f'{tag} NumberOfComponents="{components}"{labels}')
 
 
 def _joined(parts: Iterable[Markup]) -> Markup:
     return sum(parts, start=Markup(""))
-
-
-def _unit_key(unit: str) -> str:
-    """Return a unit as a key of VTK; empty without a unit."""
-    key = f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{escape(unit)}</InformationKey>\n'
-    return key if unit else ""
 
 
 def _small(values: NDArray[Any], kind: str) -> bytes:

@@ -218,9 +218,7 @@ def remarks_of(run: OpenRun, severity: str) -> list[Mapping[str, str]]:
 def summary_rows(runs: Sequence[OpenRun]) -> list[list[object]]:
     """Return the lines of the summary: a quantity, and its value in each run."""
     summaries = [run.summary for run in runs]
-    rows: list[list[object]] = []
-    for label, key in SUMMARY.items():
-        rows.append([label, *(summary.get(key) for summary in summaries)])
+    rows: list[list[object]] = [[label, *(one.get(key) for one in summaries)] for label, key in SUMMARY.items()]
     rows.append(["largest strain of the thread", *(part(summary, "thread", "max_strain") for summary in summaries)])
     rows += hole_rows(runs) if len(runs) > 1 else []
     for key in dict.fromkeys(name for summary in summaries for name in summary.get("energy", {})):

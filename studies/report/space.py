@@ -16,7 +16,7 @@ from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
 from studies.output.opened import OpenRun
-from studies.output.reading import FrameFiles, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
+from studies.output.reading import FrameFiles, arrays_of, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -113,10 +113,7 @@ def field_values(organ: Any, cells: Indices) -> dict[str, Array]:
     A field of cells is averaged over the cells at a node. Vectors are left out, except the length
     of the displacement and the components of the stress.
     """
-    data, cell_data = (
-        {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
-        for given in (organ.point_data, organ.cell_data)
-    )
+    data, cell_data = arrays_of(organ.point_data), arrays_of(organ.cell_data)
     out = {name: values for name, values in data.items() if values.ndim == 1}
     scalars = {name: values for name, values in cell_data.items() if values.ndim == 1}
     out |= {name: nodal(values, cells, organ.n_points) for name, values in scalars.items()}

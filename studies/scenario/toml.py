@@ -3,6 +3,7 @@
 ``load`` reads a file (with ``--set`` overrides), ``dump`` writes a scenario with every default.
 """
 
+import hashlib
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -143,12 +144,18 @@ def mesh_file(scenario: Scenario) -> Path | None:
     return Path(scenario.tissue.mesh.path)
 
 
-def with_mesh_file(scenario: Scenario, path: str) -> Scenario:
-    """Return the scenario with another mesh file; unchanged without a mesh file."""
-    if scenario.tissue is None or not isinstance(scenario.tissue.mesh, FileMesh):
-        return scenario
-    mesh = scenario.tissue.mesh.model_copy(update={"path": path})
-    return scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
+def with_mesh_copy(scenario: Scenario) -> tuple[Scenario, str]:
+    """Return the scenario with the copy of its mesh file, and the SHA-256 of the file.
+
+    The copy is in the folder `mesh` of a results folder. Without a mesh file the scenario is
+    unchanged, and the digest is empty.
+    """
+    file = mesh_file(scenario)
+    if file is None or scenario.tissue is None:
+        return scenario, ""
+    mesh = scenario.tissue.mesh.model_copy(update={"path": f"mesh/{file.name}"})
+    copied = scenario.model_copy(update={"tissue": scenario.tissue.model_copy(update={"mesh": mesh})})
+    return copied, hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -194,19 +194,18 @@ def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark
     return [remark("pull-strength", "thread", tension=tension, what=what)]
 
 
-def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Array) -> list[Remark]:
-    """Return a remark on the displacements `ways` (p,) [m] of holes under `forces` (p,) [N].
+def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Array) -> Iterator[Remark]:
+    """Yield a remark on the displacements `ways` (p,) [m] of holes under `forces` (p,) [N].
 
     The holes bear within `radii` (p,) [m]; the worst hole is named.
     """
     demands = (ways / radii).tolist()
     strained = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
-    if not strained:
-        return []
-    worst = max(strained, key=demands.__getitem__)
-    also = f", and {len(strained) - 1} other holes too much" if len(strained) > 1 else ""
-    words = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
-    return [remark("demand", holes[worst].name, **words)]
+    if strained:
+        worst = max(strained, key=demands.__getitem__)
+        also = f", and {len(strained) - 1} other holes too much" if len(strained) > 1 else ""
+        words = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
+        yield remark("demand", holes[worst].name, **words)
 
 
 def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:

@@ -181,8 +181,8 @@ def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[f
         yield from judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
 
 
-def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> list[Remark]:
-    """Return a remark on an assumed channel whose length affects friction.
+def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> Iterator[Remark]:
+    """Yield a remark on an assumed channel whose length affects friction.
 
     The hole is named whose friction depends most on this length.
     """
@@ -196,11 +196,10 @@ def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records
         unsure = friction[0] - friction[2] > bounds.UNSURE * max(found.tension_before, 0.0)
         if unsure and found.normal_force > bounds.RULES * across:
             losses.append((friction.tolist(), found.channel, found.name))
-    if not losses:
-        return []
-    (half, now, twice), channel, name = max(losses)
-    key = dotted_key(["piercing", name, "channel"])
-    return [remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)]
+    if losses:
+        (half, now, twice), channel, name = max(losses)
+        key = dotted_key(["piercing", name, "channel"])
+        yield remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)
 
 
 def on_surfaces(extremes: records.Extremes) -> Iterator[Remark]:
@@ -338,17 +337,16 @@ def swinging(swing: float) -> list[Remark]:
     return judged(swing > bounds.SWUNG, "forces-swing", "solve.dt", swing=swing)
 
 
-def chattering(names: Sequence[str], times: Array) -> list[Remark]:
-    """Return a remark on holes that changed often between stick and slip within a few steps.
+def chattering(names: Sequence[str], times: Array) -> Iterator[Remark]:
+    """Yield a remark on holes that changed often between stick and slip within a few steps.
 
     `times` (p,) [s] are NaN for a hole that did not.
     """
     chattered = np.flatnonzero(~np.isnan(times))
-    if not chattered.size:
-        return []
-    first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
-    also = f", and {others} other{'s' * (others > 1)} later" if others else ""
-    return [remark("chatter", names[first], time=times[first], also=also)]
+    if chattered.size:
+        first, others = chattered[np.argmin(times[chattered])], len(chattered) - 1
+        also = f", and {others} other{'s' * (others > 1)} later" if others else ""
+        yield remark("chatter", names[first], time=times[first], also=also)
 
 
 def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> Iterator[Remark]:
@@ -505,17 +503,16 @@ def sunk(
     )
 
 
-def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> list[Remark]:
-    """Return a remark on the thread in tissue between two holes without a tract.
+def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> Iterator[Remark]:
+    """Yield a remark on the thread in tissue between two holes without a tract.
 
     `depths` are its depths [m] by the names of the holes.
     """
     deep = {holes: depth for holes, depth in depths.items() if depth > bounds.IN_TISSUE * diameter}
-    if not deep:
-        return []
-    (one, other), others = next(iter(deep)), len(deep) - 1
-    also = f", and between {others} other pair{'s' * (others > 1)} of holes," if others else ""
-    return [remark("no-tract", one, other=other, also=also, depth=max(deep.values()) / MILLI)]
+    if deep:
+        (one, other), others = next(iter(deep)), len(deep) - 1
+        also = f", and between {others} other pair{'s' * (others > 1)} of holes," if others else ""
+        yield remark("no-tract", one, other=other, also=also, depth=max(deep.values()) / MILLI)
 
 
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:

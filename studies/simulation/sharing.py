@@ -8,12 +8,11 @@ the thread only. An unlisted key, for example a new one, makes another organ.
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from threading import RLock
 from typing import Any, Protocol, TypeVar
 
 from studies.scenario import Scenario
-from studies.scenario.toml import mesh_file, tables
+from studies.scenario.toml import tables, with_mesh_copy
 
 Made = TypeVar("Made")
 
@@ -145,6 +144,5 @@ def without(table: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
 
 def digest(plain: dict[str, Any], scenario: Scenario) -> str:
     """Return the SHA-256 of tables, and of the mesh file that a scenario names."""
-    file = mesh_file(scenario)
-    contents = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file is not None else ""
-    return hashlib.sha256(json.dumps([plain, contents], sort_keys=True).encode()).hexdigest()
+    _, mesh = with_mesh_copy(scenario)
+    return hashlib.sha256(json.dumps([plain, mesh], sort_keys=True).encode()).hexdigest()

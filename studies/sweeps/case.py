@@ -17,7 +17,7 @@ from studies.output.records import Snapshot, StepRecord
 from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.toml import changed, mesh_file, parsed, tables, with_mesh_file
+from studies.scenario.toml import changed, parsed, tables, with_mesh_copy
 from studies.simulation.sharing import Shared, start_key
 from studies.simulation.simulation import Simulation, prepare
 from studies.status import COMPLETED, FAILED, REFUSED
@@ -114,8 +114,7 @@ def make_ready(data: Mapping[str, Any]) -> None:
 
 def tally_of(simulation: Simulation) -> Tally:
     """Return the tally of a simulation."""
-    run = simulation
-    return Tally(run.scenario, run.tissue_dofs, run.remarks, refinement=run.refinement)
+    return Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks, refinement=simulation.refinement)
 
 
 def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
@@ -160,10 +159,8 @@ def case_digest(scenario: Scenario) -> str:
 
     The versions of the packages are included.
     """
-    file = mesh_file(scenario)
-    mesh = "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
-    plain = tables(scenario if file is None else with_mesh_file(scenario, f"mesh/{file.name}"))
-    return hashlib.sha256(json.dumps([plain, mesh, *code_version()], sort_keys=True).encode()).hexdigest()
+    copied, mesh = with_mesh_copy(scenario)
+    return hashlib.sha256(json.dumps([tables(copied), mesh, *code_version()], sort_keys=True).encode()).hexdigest()
 
 
 @cache

@@ -101,7 +101,7 @@ def test_steps_without_common_times_are_refused() -> None:
 
 def test_what_is_written(tmp_path: Path) -> None:
     """The table has a line for each organ, the numbers read back, and the figure is a picture in both formats."""
-    write("coupling_variants", {}, rows(), tmp_path)
+    write(STUDY, {"study": "coupling_variants"}, rows(), tmp_path)
     lines = [line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("|")]
     assert len(lines) == 2 + 4 * 3
     assert len({line.count("|") for line in lines}) == 1

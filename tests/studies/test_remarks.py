@@ -275,8 +275,8 @@ def test_chatter_is_of_one_hole_and_few_steps() -> None:
     (said,) = judging.chattering(names, switching([*near, 30, 31, 32, 33, 34, 35]).chattered)
     assert (said.code, said.where) == ("chatter", "entry") and f"t = {0.5 * last - 0.01:.4g} s:" in said.message
     for others in (far, near[1:]):
-        assert judging.chattering(names, switching(others).chattered) == []
-    assert judging.chattering(names, switching(near, "knot").chattered) == []
+        assert list(judging.chattering(names, switching(others).chattered)) == []
+    assert list(judging.chattering(names, switching(near, "knot").chattered)) == []
     (both,) = judging.chattering(names, np.array([0.2, 0.1, *[np.nan] * (len(names) - 2)]))
     assert both.where == names[1] and "and 1 other later" in both.message
 

@@ -2,6 +2,7 @@
 
 import ast
 import codecs
+import hashlib
 import json
 import re
 import tomllib
@@ -19,7 +20,7 @@ from studies.scenario.organ import unknown_clamp
 from studies.scenario.refusal import as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
 from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS, ScenarioTable
-from studies.scenario.toml import scenario_file, with_mesh_file
+from studies.scenario.toml import scenario_file, with_mesh_copy
 from tests.studies.samples import CONTRACT
 
 
@@ -442,7 +443,8 @@ def test_a_mesh_file_is_found_beside_the_scenario(contract: Path) -> None:
     assert Path(scenario.tissue.mesh.path) == (contract.parent / "liver.msh").resolve()
     with pytest.raises(ScenarioError, match=r'tissue\.mesh\.unit = "inch" is refused: allowed are "m", "dm"'):
         load(contract, [mesh.replace("mm", "inch")])
-    copied = with_mesh_file(scenario, "mesh/liver.msh")
+    copied, digest = with_mesh_copy(scenario)
+    assert digest == hashlib.sha256(b"$MeshFormat").hexdigest()
     assert parse(tomllib.loads(dump(copied))) == copied
 
 
