@@ -250,8 +250,8 @@ def is_given(border: Border, r: Array, k: int, row: int) -> bool:
 
 
 @loop
-def number_unknowns(border: Border, r: Array, joints: Joints) -> int:
-    """Number the unknowns of the holds that are solved for, in `at`, and return their count.
+def number_unknowns(border: Border, r: Array, joints: Joints) -> None:
+    """Number the unknowns of the holds that are solved for, in `at`.
 
     The unknowns that
     are solved for are s, the active multipliers and, for a strand of a tie, its x. For another
@@ -277,15 +277,15 @@ def number_unknowns(border: Border, r: Array, joints: Joints) -> int:
         if at[i] == 0:
             at[i] = count
             count += 1
-    return count
 
 
 @loop
-def number_thread(border: Border) -> tuple[int, int]:
-    """Number the P, T and T' in `read` and `push`, and return both counts.
+def number_border(border: Border, r: Array, joints: Joints) -> tuple[int, int]:
+    """Number the unknowns, and P, T and T' in `read` and `push`; return the counts of these two.
 
-    The unknowns are already numbered. A hold without a direction, for example, exerts no force on T.
+    A hold without a direction, for example, exerts no force on T.
     """
+    number_unknowns(border, r, joints)
     reads, pushes, at = 0, 0, border.at
     for k in range(len(border.E)):
         E, B, R = border.E[k], border.B[k], border.R[k]
@@ -562,6 +562,6 @@ def stiffen_all(scale: float, rows: Flags, b: Array, border: Border, holds: Arra
         stiffen_hold(scale, rows[k], b[k], border, holds[k], k, K[k], push[k])
 
 
-linearise_holds, in_use, of_thread = entry(linearise_all), entry(number_unknowns), entry(number_thread)
+linearise_holds, number = entry(linearise_all), entry(number_border)
 write_matrix = entry(holds_matrix)
 site_residuals, stiffen_holds, numbers_of = entry(site_residual), entry(stiffen_all), entry(spread_numbers)

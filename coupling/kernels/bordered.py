@@ -130,8 +130,7 @@ def newton_directions(
     Raises `SingularError`.
     """
     (n, c), m, count = residuals[0][0].shape, len(residuals[0][1]), len(residuals)
-    kernels.in_use(border, np.max([np.abs(r) for _, r, _ in residuals], axis=0), joined[0])
-    kernels.of_thread(border)
+    kernels.number(border, np.max([np.abs(r) for _, r, _ in residuals], axis=0), joined[0])
     pushed = np.flatnonzero(border.push >= 0)
     right = np.empty((c * n, count + pushed.size), order="F")
     right[:, :count] = np.transpose([-r_q.ravel() for r_q, _, _ in residuals])

@@ -17,8 +17,7 @@ from coupling.kernels.border import (
     Border,
     empty_border,
     linearise_hold,
-    number_thread,
-    number_unknowns,
+    number_border,
     put_columns,
     site_residual,
     solve_holds,
@@ -457,8 +456,7 @@ def newton_direction(
     """Solve for the direction `dq` (n, 3), `dz` (m, 15). Returns SOLVED, or which matrix is singular."""
     n, m, rides = len(r.balance), len(r.holds), given.ride.on
     orders = 2 if rides else 3
-    number_unknowns(border, r.holds, law.joints)
-    reads, pushes = number_thread(border)
+    reads, pushes = number_border(border, r.holds, law.joints)
     read, push = border.read.reshape(m, NINE), border.push.reshape(m, NINE)
     X, first = np.zeros((n + REACH, 3, 1 + pushes)), n
     for k in range(m):
