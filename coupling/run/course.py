@@ -16,10 +16,10 @@ from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE
 from coupling.kernels.constraints import Passage
 from coupling.kernels.friction import Law
-from coupling.kernels.iteration import Bounds, Given, Passing, Unknowns
+from coupling.kernels.iteration import Given, Passing, Unknowns
 from coupling.kernels.steps import march
 from coupling.kernels.steps.audit import BODY, TURNS, Motion
-from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Scene, Scratch
+from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Plan, Scene, Scratch
 from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Along
@@ -34,14 +34,14 @@ from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
-from coupling.step.tables import Tables, bounds_of, empty_found, given_of, own_curve, solver_for, tables_of
+from coupling.step.tables import bounds_of, empty_found, given_of, own_curve, solver_for, tables_of
 from coupling.step.tension import along_of
 from coupling.system import State, System, forgetful
-from thread.kernels.curve import Curve
 from thread.kernels.travel import Field
 from thread.placed import Placed
 from thread.riding import plain
 from thread.spline import ORDERS
+from thread.thread import Thread
 
 KEPT = "march.march_of."  # first part of the file names of the loops on disk
 Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)
@@ -91,36 +91,17 @@ def body_of(system: System[Any], scheme: Scheme, state: State[Any], times: Seque
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class Fixture:
-    """Arrays that steps share as long as the same holds are present, and arrays for results.
-
-    The references and loads in these arrays are those of the present step. `solver` is the address
-    of the compiled step for arrays like these.
-    """
-
-    tables: Tables
-    pace: Pace
-    law: Law
-    given: Given
-    bounds: Bounds
-    scene: Scene
-    room: Scratch
-    curve: Curve
-    solver: int
+PLANS: Recent[tuple[Thread, Plan]] = Recent()
 
 
-FIXTURES: Recent[Fixture] = Recent()
-
-
-def fixture_of(
+def plan_of(
     system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
-) -> Fixture:
-    """Return the fixture of steps from a state with the organ's `answer` to the first step.
+) -> tuple[Thread, Plan]:
+    """Return the thread and the plan of steps from a state with the organ's `answer` to the first step.
 
-    It is a cached one if one of the last fixtures fits; from step to step it does. `motion` is the
-    state as arrays, and `taut` (k + 1,) are its taut strands. The organ is not part of the cache,
-    because it may be large. Its answer is written into the arrays of the fixture.
+    The plan is a cached one if one of the last plans fits; from step to step it does. `motion` is
+    the state as arrays, and `taut` (k + 1,) are its taut strands. The organ is not part of the
+    cache, because it may be large. Its answer is written into the arrays of the plan.
     """
     loose = loose_ends(system, state).tobytes()
     of_ends = system.held_flags.tobytes(), loose, len(taut), system.clamps, system.clamp_frames.tobytes()
@@ -128,21 +109,21 @@ def fixture_of(
     thread = system.thread
     of_thread = thread.damping, thread.point_masses, thread.bending
     alike = (thread.spline.travel, thread.section) if isinstance(thread.spline, Placed) else (thread,)
-    fixture = FIXTURES.of(
+    of, plan = PLANS.of(
         (*alike, system.piercings, system.gravity),
-        lambda: make_fixture(system, scheme, state, answer, motion, taut),
+        lambda: make_plan(system, scheme, state, answer, motion, taut),
         (*values, *of_thread),
     )
-    fixture.given.y_free[:] = all_holds(system, answer.y_free)
-    fixture.given.C[:] = pad_compliance(system, answer.C)
-    fixture.scene.strands.taut[:] = taut
-    return fixture
+    plan.given.y_free[:] = all_holds(system, answer.y_free)
+    plan.given.C[:] = pad_compliance(system, answer.C)
+    plan.scene.strands.taut[:] = taut
+    return of, plan
 
 
-def make_fixture(
+def make_plan(
     system: System[Any], scheme: Scheme, state: State[Any], answer: Answer[Any], motion: Motion, taut: Flags
-) -> Fixture:
-    """Return a new fixture; the arguments are those of `fixture_of`."""
+) -> tuple[Thread, Plan]:
+    """Return a new plan with its thread; the arguments are those of `plan_of`."""
     problem = dynamic_problem(system, state, scheme.dt, answer, scheme)
     tables, bounds = tables_of(system.thread), bounds_of(problem)
     curve = own_curve(tables.curve) if system.thread.travels else tables.curve
@@ -152,17 +133,10 @@ def make_fixture(
     given = given._replace(fields=(one, other))
     strands = with_own(strands_of(system, state, taut), "taut")
     room = empty_room(motion, system.thread.elastic_rule.w.shape[1])
-    return Fixture(
-        tables=tables,
-        pace=pace_of(scheme),
-        law=law,
-        given=given,
-        bounds=bounds,
-        scene=scene_of(problem, state.present, strands, CREATED_BDF2 if isinstance(scheme, BDF2) else CREATED),
-        room=room,
-        curve=curve,
-        solver=solver_for(curve, tables.knots, law, given, bounds, room.z, room.found),
-    )
+    scene = scene_of(problem, state.present, strands, CREATED_BDF2 if isinstance(scheme, BDF2) else CREATED)
+    solver = solver_for(curve, tables.knots, law, given, bounds, room.z, room.found)
+    plan = Plan(curve, tables.knots, law, given, bounds, scene, pace_of(scheme), room, solver)
+    return tables.thread, plan
 
 
 def with_own(arrays: Arrays, *names: str) -> Arrays:
@@ -183,19 +157,18 @@ class Course:
     ) -> None:
         self._like, self._holes, self._body, self._remembers = state, len(system.piercings), body, remembers
         self._now, self._earlier = motion_of(state, body.now), motion_of(state.before or state, body.earlier)
-        self._fixture = fixture_of(system, scheme, state, body.answer, self._now, taut)
+        self._thread, self._plan = plan_of(system, scheme, state, body.answer, self._now, taut)
 
     def make_steps(self, energies: Sequence[float], times: Sequence[float], ends: tuple[Array, ...]) -> None:
         """Make steps to the `times` [s] as long as they are smooth.
 
         `ends` is the result of `coupling.run.march.tabled_ends`.
         """
-        given, iterations, kept = self._fixture, np.zeros(len(times), np.int64), room_to_keep(self._now, len(times))
+        iterations, kept = np.zeros(len(times), np.int64), room_to_keep(self._now, len(times))
+        motions = self._now, self._earlier
         self.made, why = run_march(
-            given.curve, given.tables.knots, given.law, given.given, given.bounds, given.scene, given.pace,
-            self._body.organ, Ends(*ends), self._now, self._earlier, given.room, np.array(energies), iterations, kept,
-            given.solver,
-        )  # fmt: skip
+            self._plan, self._body.organ, Ends(*ends), *motions, np.array(energies), iterations, kept
+        )
         self.happened, self._times = why == march.HAPPENED, times[: self.made]
         self.iterations, self._kept = iterations[: self.made], kept
         self.energies, self.strains = kept.energies[: self.made].tolist(), kept.strain[: self.made]
@@ -207,12 +180,12 @@ class Course:
         each = each if first else [forgetful(self._like), *each]
         if not self._remembers:
             return each[1:]
-        dt = self._fixture.pace.dt
+        dt = self._plan.pace.dt
         return [replace(new, before=old, dt_before=dt) for old, new in pairwise(each)]
 
     def _state(self, step: int) -> State[Any]:
         motion = Motion(*[each[step] for each in self._ends])
-        f_y, spline = motion.f_y[: self._holes].ravel(), self._fixture.tables.thread.spline
+        f_y, spline = motion.f_y[: self._holes].ravel(), self._thread.spline
         return State(
             time=self._times[step],
             q=motion.q,
@@ -237,7 +210,7 @@ class Course:
         at, ends = self._kept.at, self._ends
         first = at.first[: self.made].ravel()
         b, D = (x[: self.made].reshape(-1, *x.shape[2:]) for x in (at.b, at.D))
-        drive = ends.drive.ravel() if self._fixture.given.ride.on else None
+        drive = ends.drive.ravel() if self._plan.given.ride.on else None
         holes = ends.s, ends.sigma, ends.stretch, ends.lam, ends.y, Passage(first, b, D, drive)
         elastic = self._kept.elastic[: self.made]
         return Seen(self._like.present, np.array(self._times), ends.q, elastic, *holes)

@@ -135,6 +135,24 @@ class Scratch(NamedTuple):
     after: Array
 
 
+class Plan(NamedTuple):
+    """The data that steps share as long as the same holds are present.
+
+    The references and loads in these arrays are those of the present step. `solver` is the address
+    of `coupling.kernels.iteration.solve` for arrays like these.
+    """
+
+    curve: Curve
+    knots: Knots
+    law: Law
+    given: Given
+    bounds: Bounds
+    scene: Scene
+    pace: Pace
+    room: Scratch
+    solver: int
+
+
 class Kept(NamedTuple):
     """The stored results of steps, (steps, …) each.
 
@@ -307,35 +325,30 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
 
 
 @loop
-def begin_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, organ: Organ, ends: Ends, step: int,
-    now: Motion, earlier: Motion, room: Scratch,
-) -> float:  # fmt: skip
+def begin_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion) -> float:
     """Write the constant data of a step. Returns the largest place [m], for the round-off of its forces."""
+    law, given, scene, room = plan.law, plan.given, plan.scene, plan.room
     start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
-    largest = put_references(pace, scene, law, given, now, earlier, room.at)
+    largest = put_references(plan.pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
     if not organ.still:
-        go_free(pace, organ, given, now, earlier, room.going)
+        go_free(plan.pace, organ, given, now, earlier, room.going)
     if given.ride.on:
         place_along(given.ride, given.fields[0].S, given.fields[0], scene.along)
         pass_knots(given.ride, given.fields[0].S, now.q, now.drive, room.was)
         put_tensions(scene.along, now.s, now.N, scene.present, room.T)
-        put_stretch(room.T, curve.EA, law.stretch)
+        put_stretch(room.T, plan.curve.EA, law.stretch)
     else:
-        pass_holds(knots, given, start, room.was)
+        pass_holds(plan.knots, given, start, room.was)
     return largest
 
 
 @owning
-def audit(
-    curve: Curve, knots: Knots, law: Law, given: Given, scene: Scene, pace: Pace, more: Array, now: Motion,
-    room: Scratch,
-) -> None:  # fmt: skip
+def audit(plan: Plan, more: Array, now: Motion) -> None:
     """Write the energy turnover of the thread in a solved step; `more` is as for `Works`."""
-    r = room.found
-    rides = given.ride.on
-    works = Works(scene.damping, 0.0 if rides else pace.a, room.at, pace.two_step, more)
+    curve, law, given, scene, room = plan.curve, plan.law, plan.given, plan.scene, plan.room
+    r, rides = room.found, given.ride.on
+    works = Works(scene.damping, 0.0 if rides else plan.pace.a, room.at, plan.pace.two_step, more)
     holes = Holes(scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, rides)
     met = Met(room.was, Passing(r.first, r.b, r.D, room.end.drive))
     for i in range(len(room.turns)):
@@ -344,31 +357,30 @@ def audit(
         audit_ride(curve, given, works, holes, r, now, room.end, met, room.turns)
         return
     room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge))
-    audit_march(knots, given, works, holes, r, now, room.end, met, room.turns)
+    audit_march(plan.knots, given, works, holes, r, now, room.end, met, room.turns)
 
 
 @owning
-def end_step(
-    curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, organ: Organ,
-    ends: Ends, step: int, now: Motion, earlier: Motion, room: Scratch, energies: Array,
-) -> int:  # fmt: skip
+def end_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, energies: Array) -> int:
     """Check a solved step and audit it. Returns why it is not made, or MADE, or EVENT.
 
     With EVENT the step is made although something happened.
     """
-    copy_into(law.stretch, room.end.stretch)
+    pace, given, scene, room = plan.pace, plan.given, plan.scene, plan.room
+    copy_into(plan.law.stretch, room.end.stretch)
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
     happened = what_happened(scene, given, room.found.strain, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
         return happened
-    audit(curve, knots, law, given, scene, pace, ends.more[step], now, room)
+    audit(plan, ends.more[step], now)
     if not organ.still and not bear(pace, organ, now, room.end, room.going):
         return TOO_NARROW
     audit_organ(organ, pace.two_step, given.C, now, room.end, room.body)
     book(room.turns, room.body, energies, room.after)
-    return UPHILL if goes_uphill(scene.shares, bounds.rounded[0], pace.before, energies, room.after) else happened
+    rounded = plan.bounds.rounded[0]
+    return UPHILL if goes_uphill(scene.shares, rounded, pace.before, energies, room.after) else happened
 
 
 def march_of(digest: int) -> Any:
@@ -376,31 +388,28 @@ def march_of(digest: int) -> Any:
 
     @outermost
     def march(
-        curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, scene: Scene, pace: Pace, organ: Organ,
-        ends: Ends, now: Motion, earlier: Motion, room: Scratch, energies: Array, iterations: Indices, kept: Kept,
-        solver: int,
+        plan: Plan, organ: Organ, ends: Ends, now: Motion, earlier: Motion, energies: Array, iterations: Indices,
+        kept: Kept,
     ) -> tuple[int, int]:  # fmt: skip
         """Make as many steps as there are `iterations` (steps,). Returns the number of steps made
         and why there are no more.
 
         Steps change `now`, `earlier` and `energies` (10,), which are those of
-        `coupling.reports.audit.Energies` in their order. `solver` is the address of
-        `coupling.kernels.iteration.solve`.
+        `coupling.reports.audit.Energies` in their order.
         """
         assert digest
+        curve, knots, law, given, bounds, room = plan.curve, plan.knots, plan.law, plan.given, plan.bounds, plan.room
         span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
         for step in range(len(iterations)):
-            largest = begin_step(curve, knots, law, given, scene, pace, organ, ends, step, now, earlier, room)
-            if given.ride.on and not fits(scene.fit, now.q, room.T, now.s, scene.present):
+            largest = begin_step(plan, organ, ends, step, now, earlier)
+            if given.ride.on and not fits(plan.scene.fit, now.q, room.T, now.s, plan.scene.present):
                 return step, REFIT
-            bounds.rounded[0] = rounded_force(curve.EA, scene.by_place, span, largest)
-            predict(pace, given, ends, step, now, room.z)
-            found = solve_at(solver, (curve, knots, law, given, bounds, room.z, room.found))
+            bounds.rounded[0] = rounded_force(curve.EA, plan.scene.by_place, span, largest)
+            predict(plan.pace, given, ends, step, now, room.z)
+            found = solve_at(plan.solver, (curve, knots, law, given, bounds, room.z, room.found))
             if found < 0:
                 return step, NOT_SOLVED
-            why = end_step(
-                curve, knots, law, given, bounds, scene, pace, organ, ends, step, now, earlier, room, energies
-            )
+            why = end_step(plan, organ, ends, step, now, earlier, energies)
             if why != MADE and (why != EVENT or step > 0):
                 return step, why
             copy_into(room.after, energies)
