@@ -1,9 +1,10 @@
 """A block with a wound cut down from the middle of its top.
 
-The wound is a closed slit, or an opening with an elliptical outline. gmsh meshes one quarter of the
-block, and its mirror images are the rest. The two lips therefore match node by node and facet by
-facet, and holes that are images of one another have images of the same cells. A closed slit has two
-coincident nodes at each place, one for each lip.
+The wound is a closed slit, or an opening with an elliptical outline. gmsh meshes one half of the
+block, and its mirror image is the rest, so that the two lips match node by node and facet by facet.
+If sites and planes are symmetric along the wound too, gmsh meshes one quarter. Holes that are images
+of one another then have images of the same cells. A closed slit has two coincident nodes at each
+place, one for each lip.
 """
 
 from collections.abc import Sequence
@@ -129,25 +130,28 @@ def wounded_block_gmsh(
 ) -> skfem.MeshTet:
     """Return a mesh of the wounded block by gmsh.
 
-    The mesh is graded toward the sites and their mirror images about the planes along and across the
-    wound. It has facets along the `planes` and their mirror images. Sites have shape `(p, 3)` [m].
-    Boundaries are the boundaries of the block, lip_left, lip_right and, in an open
-    wound with a floor, wound_floor. Raises `MeshError` for impossible numbers, a wound that does
-    not fit, a site outside the block, and if gmsh cannot load.
+    The mesh is graded toward the sites and their mirror images across the wound, and has facets along
+    the `planes` and their images. Sites have shape `(p, 3)` [m]. Boundaries are the boundaries of
+    the block, lip_left, lip_right and, in an open wound with a floor, wound_floor. Raises
+    `MeshError` for impossible numbers, a wound that does not fit, a site outside the block, and if
+    gmsh cannot load.
     """
     wound.check_fits(size)
     frame = _Frame(size, wound, planes)
     points = frame.local(require_sites_within(sites, *extent(size)))
-    points[:, :2] = np.abs(points[:, :2])
+    points[:, 0] = np.abs(points[:, 0])
     across, along, depths = frame.planes
-    planes = sorted({abs(x) for x in across}), sorted({abs(y) for y in along}), depths
+    planes = sorted({abs(x) for x in across}), along, depths
+    quarter = _is_symmetric(points[:, 1:], frame) and _is_symmetric(np.reshape(along, (-1, 1)), frame)
     with session() as gmsh:
-        add_box(gmsh, np.array([0.0, 0.0, frame.lower[2]]), frame.upper, planes, frame.unit)
-        (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame)
+        lower = np.array([0.0, 0.0 if quarter else frame.lower[1], frame.lower[2]])
+        add_box(gmsh, lower, frame.upper, planes, frame.unit)
+        (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame, quarter)
         gmsh.model.occ.synchronize()
-        quarter = generate(gmsh, grading, points, frame.unit)
-    half = _mirrored(quarter.p.T, quarter.t.T, 0, frame.slack)
-    whole = _mirrored(*half, 1, frame.slack)
+        part = generate(gmsh, grading, points, frame.unit)
+    whole = _mirrored(part.p.T, part.t.T, 0, frame.slack)
+    if quarter:
+        whole = _mirrored(*whole, 1, frame.slack)
     if wound.width:
         return frame.finish(*whole, np.empty((0, 2), dtype=np.int64))
     return frame.finish(*_slit(*whole, frame))
@@ -289,12 +293,19 @@ def _mirrored(points: Array, tets: Indices, axis: int, slack: float) -> tuple[Ar
     return np.vstack([points, mirrored]), np.vstack([tets, image[tets[:, [1, 0, 2, 3]]]])
 
 
-def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Cut the face x = 0 of the quarter along the slit's outline and along a line in the slit.
+def _is_symmetric(places: Array, frame: _Frame) -> bool:
+    """Return whether places `(k, …)` [m] are their own image under a change of sign of their first coordinate."""
+    image = places.copy()
+    image[:, :1] *= -1.0
+    return not len(places) or bool(np.max(cKDTree(places).query(image)[0]) <= frame.slack)
 
-    This line goes from the slit's lower corner to the top. A triangle with two sides on the outline
-    would have no inner node and could not open. With this line every triangle has at most one side
-    on the outline.
+
+def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame, quarter: bool) -> None:
+    """Cut the face x = 0 along the slit's outline and along lines in the slit.
+
+    These lines go from the slit's lower corners to the top. A triangle with two sides on the
+    outline would have no inner node and could not open. With these lines every triangle has at most
+    one side on the outline.
     """
     length, depth = wound.length / 2, wound.depth
     foot = length - depth if depth < 0.9 * length else 0.0
@@ -303,12 +314,14 @@ def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame) -> None:
     pieces = [[top, low, corner, end]]
     if not (frame.ends or frame.through):
         pieces = [[top, low, corner, inner] if foot else [top, low, corner], [corner, end, inner]]
+    if not quarter:
+        pieces += [[(x, -y, z) for x, y, z in piece] for piece in pieces]
     volumes = gmsh.model.occ.getEntities(3)
     gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece, frame.unit)) for piece in pieces])
 
 
-def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
-    """Remove the elliptical prism of the wound from the quarter of the block."""
+def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame, _: bool) -> None:
+    """Remove the elliptical prism of the wound from the part of the block."""
     along, across, depth = in_unit([wound.length / 2, wound.width / 2, wound.depth], frame.unit).tolist()
     disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))
     if along > across:

@@ -98,9 +98,9 @@ def convergence_index(h: Sequence[float], f: Sequence[float], p: float, safety: 
 def verdict(h: Sequence[float], f: Sequence[float], formal: float, estimated: bool = False) -> Verdict:
     """Return the verdict on three or more numbers; `formal` is the theoretical order.
 
-    If `estimated`, `h` are estimates of the error, which decrease to zero. Numbers that change in one
-    direction then do not diverge. If their changes do not decrease, the estimates scatter: the
-    formal order and the larger factor are used.
+    If `estimated`, `h` are estimates of the relative error. If the changes do not decrease but are
+    not larger than the estimates, the estimates scatter, and this is no divergence: the formal
+    order and the larger factor are used.
 
     If the changes do not decrease, there is no limit and no interval: the number diverges, or
     swings without end. For a decreasing swing, the interval is `UNSURE` times the range of all
@@ -123,9 +123,10 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float, estimated: bo
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h[:3], f[:3])
-    if estimated and p <= FLAT:
+    if estimated and p <= FLAT and UNRESOLVED < change <= max(h):
         index = max(convergence_index(h, f, formal, UNSURE), SAFETY * float(np.ptp(f) / abs(f[0])))
-        return Verdict("pre-asymptotic", p, richardson(h, f, formal), index)
+        if index <= 1.0:
+            return Verdict("pre-asymptotic", p, richardson(h, f, formal), index)
     index = interval_index(h, f, p, formal)
     limit = richardson(h, f, min(p, formal)) if p > FLAT else float("nan")
     return Verdict(kind_of(p, f, change, index), p, limit, index)

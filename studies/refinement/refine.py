@@ -112,14 +112,15 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
         float(value) if there and value is not None else nan
         for there, value in zip(done, column.converted, strict=True)
     )
-    pairs = [(1.0 / factor, number) for factor, number in zip(rungs.factors, values, strict=True) if not isnan(number)]
+    sizes = rungs.estimates or [1.0 / factor for factor in rungs.factors]
+    pairs = [(size, number) for size, number in zip(sizes, values, strict=True) if not isnan(number)]
     distinct = len({size for size, _ in pairs})
     if distinct < LEAST:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
         why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
         return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
-    sizes, numbers = zip(*pairs, strict=True)
-    judged = verdict(sizes, numbers, rungs.order, estimated=bool(rungs.estimates))
+    refined_by, numbers = zip(*pairs, strict=True)
+    judged = verdict(refined_by, numbers, rungs.order, estimated=bool(rungs.estimates))
     return Refined(column.name, column.unit, rungs.factors, values, rungs.order, judged, estimates=rungs.estimates)
 
 

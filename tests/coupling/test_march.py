@@ -325,13 +325,13 @@ def test_what_steps_share_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: of ten steps, each asked for by itself, with a hand that another system leads in each, the
     arrays for the first and for those after it are made once, and no other."""
     run, made = begun(figure_1('thread.knots="fixed"'), 0), list[float]()
-    make = course.make_fixture
+    make = course.make_plan
 
     def noted(system: System, scheme: Any, *others: Any) -> Any:
         made.append(scheme.a)
         return make(system, scheme, *others)
 
-    monkeypatch.setattr(course, "make_fixture", noted)
+    monkeypatch.setattr(course, "make_plan", noted)
     dt, place = 1e-3, np.array([0.03, 0.0, 0.025])
     for k in range(10):
         hand = Driven(np.array([[k * dt, *place], [(k + 1) * dt, *(place + 1e-5)]]))

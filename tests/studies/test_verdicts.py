@@ -50,6 +50,12 @@ def test_errors_that_scatter_are_no_divergence() -> None:
     found = verdict(errors * scatter, 1.0 - errors, 1.0, estimated=True)
     assert found.kind == "pre-asymptotic" and errors[0] < found.index * (1.0 - errors[0])
     assert verdict(errors * scatter, 1.0 - errors, 1.0).kind == "diverging"
+    for unlimited in (-np.log(errors), errors**-0.25):  # they change by more than their estimates
+        assert verdict(errors, unlimited, 1.0, estimated=True).kind == "diverging"
+    still = verdict(errors, 1.0 + np.array([0.0, 1e-4, 1.5e-4]), 1.0, estimated=True)
+    assert still.kind == "unresolved"
+    near = verdict([0.0300, 0.0301, 0.06], [1.02, 1.0, 0.99], 1.0, estimated=True)
+    assert np.isnan(near.limit) and np.isinf(near.index)
     same = verdict(errors, 1.0 - errors, 1.0, estimated=True)
     assert same == verdict(errors, 1.0 - errors, 1.0) and same.limit == pytest.approx(1.0, rel=TWO_SOLVERS)
 
