@@ -146,7 +146,7 @@ def wounded_block_gmsh(
     with session() as gmsh:
         lower = np.array([0.0, 0.0 if quarter else frame.lower[1], frame.lower[2]])
         add_box(gmsh, lower, frame.upper, planes, frame.unit)
-        (_cut_ellipse if wound.width else _draw_slit)(gmsh, wound, frame, quarter)
+        _cut_ellipse(gmsh, wound, frame) if wound.width else _draw_slit(gmsh, wound, frame, quarter)
         gmsh.model.occ.synchronize()
         part = generate(gmsh, grading, points, frame.unit)
     whole = _mirrored(part.p.T, part.t.T, 0, frame.slack)
@@ -320,7 +320,7 @@ def _draw_slit(gmsh: Any, wound: Wound, frame: _Frame, quarter: bool) -> None:
     gmsh.model.occ.fragment(volumes, [(2, add_polygon(gmsh, piece, frame.unit)) for piece in pieces])
 
 
-def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame, _: bool) -> None:
+def _cut_ellipse(gmsh: Any, wound: Wound, frame: _Frame) -> None:
     """Remove the elliptical prism of the wound from the part of the block."""
     along, across, depth = in_unit([wound.length / 2, wound.width / 2, wound.depth], frame.unit).tolist()
     disk = gmsh.model.occ.addDisk(0.0, 0.0, 0.0, max(along, across), min(along, across))

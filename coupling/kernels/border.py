@@ -253,10 +253,9 @@ def is_given(border: Border, r: Array, k: int, row: int) -> bool:
 def number_unknowns(border: Border, r: Array, joints: Joints) -> None:
     """Number the unknowns of the holds that are solved for, in `at`.
 
-    The unknowns that
-    are solved for are s, the active multipliers and, for a strand of a tie, its x. For another
-    number of a site the unknown is its force, if the force depends on the thread. The rest of dy
-    follows from the forces.
+    These are s, the active multipliers and, for a strand of a tie, its x. For another number of a
+    site the unknown is its force, if the force depends on the thread. The rest of dy follows from
+    the forces.
     """
     at = border.at
     for i in range(len(at)):
