@@ -5,6 +5,9 @@ RESIDUAL = 1e-10  # an equation that a solver says it solved
 TWO_SOLVERS = 1e-8  # one answer by two roads, both converged to RESIDUAL, times a condition number of 100
 AXIAL = 2e-14  # of EA: |T|² − 1 is a difference of numbers near 1, so no axial force is known better than that
 LODE = 1e-7  # of a principal value by its Lode angle: an arc cosine near ±1 knows half of the digits, 1.5e-8
+SEPARATED = (
+    1e-6  # of μ: equal eigenvalues are separated by √ε = 1.5e-8 to be differentiated, times the exponent squared
+)
 GAP = 1e-9  # a constraint at the end of an accepted step, relative to the thread's diameter
 SLOPE = 0.15  # decades: a central difference's error falls by 100 ± 40 % when its step falls by 10
 ORDER = 0.15  # of an observed order of convergence about the one of theory

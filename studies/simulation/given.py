@@ -32,7 +32,7 @@ Energy = Density | Callable[[Any], Any]
 SHOWN = 60  # letters of a given value in a refusal
 TOGETHER = 1e-9  # of the organ's size: difference of unknowns' places by two ways to map a cell
 SYMMETRIC = 1e-10  # of the largest entry: round-off of a sum over the cells of a node
-STRESSLESS = 1e-8  # of μ: round-off of a density differentiated at F = I
+STRESSLESS = 1e-6  # of μ: equal eigenvalues are separated by √ε = 1.5e-8 to be differentiated at F = I
 INDIFFERENT = 1e-9  # of W: round-off of a turned F
 SHEARED = np.array([[1.1, 0.2, 0.0], [0.0, 0.95, 0.1], [0.05, 0.0, 1.02]])  # an arbitrary F
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])  # an arbitrary rotation

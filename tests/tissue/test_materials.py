@@ -5,17 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tensortrax.math as tm
 
 import tissue
-from tests.bounds import IDENTITY, RESIDUAL, SLOPE
+from tests.bounds import IDENTITY, RESIDUAL, SEPARATED, SLOPE
 from tissue.arrays import Array
 from tissue.materials.density import Density, Sum, determinant
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential, Volumetric
-from tissue.materials.own import Own, det
+from tissue.materials.own import Own
 from tissue.materials.prestretch import Prestretched
 
 MU, KAPPA, B, K1, K2 = 2.0e4, 3.0e5, 2.0, 1.5e4, 3.0
+ALPHA = 6.0  # exponent of Ogden's solid
 STRETCHES = np.array([1.05, 1.0, 0.952])
 
 
@@ -25,9 +27,14 @@ def isotropic(b: float) -> Sum:
 
 def mooney_rivlin(F: Any) -> Any:
     C = F.T @ F
-    I1, J = np.trace(C), det(F)
-    I2 = 0.5 * (I1 * I1 - np.trace(C @ C))
-    return 3e3 * (I1 * J ** (-2 / 3) - 3.0) + 1e3 * (I2 * J ** (-4 / 3) - 3.0) + 1e5 * np.log(J) ** 2 / np.sqrt(I1)
+    I1, J = tm.trace(C), tm.linalg.det(F)
+    I2 = 0.5 * (I1 * I1 - tm.trace(C @ C))
+    return 3e3 * (I1 * J ** (-2 / 3) - 3.0) + 1e3 * (I2 * J ** (-4 / 3) - 3.0) + 1e5 * tm.log(J) ** 2 / tm.sqrt(I1)
+
+
+def ogden(F: Any) -> Any:
+    squares, J = tm.linalg.eigvalsh(F.T @ F), tm.linalg.det(F)
+    return 2.0 * MU / ALPHA**2 * (tm.sum(squares ** (ALPHA / 2)) * J ** (-ALPHA / 3) - 3.0)
 
 
 DENSITIES: dict[str, Density] = {
@@ -36,6 +43,7 @@ DENSITIES: dict[str, Density] = {
     "fibres": Fibres([1.0, 0.2, 0.1], K1, K2),
     "prestretch": Prestretched(Sum([isotropic(B), Fibres([1.0, 0.0, 0.0], K1, K2)]), STRETCHES),
     "own": Own(mooney_rivlin),
+    "ogden": Own(ogden),
 }
 
 
@@ -146,12 +154,26 @@ def test_a_rotation_stores_nothing_and_turns_the_stress(name: str) -> None:
 
 def test_ones_own_density_is_as_exact_as_ours() -> None:
     """Independent check: the neo-Hookean solid written as a function, its stress and tangent against the formulas."""
-    own = Own(lambda F: 0.5 * MU * (np.trace(F.T @ F) * det(F) ** (-2 / 3) - 3.0) + 0.5 * KAPPA * (det(F) - 1.0) ** 2)
+    J = tm.linalg.det
+    own = Own(lambda F: 0.5 * MU * (tm.trace(F.T @ F) * J(F) ** (-2 / 3) - 3.0) + 0.5 * KAPPA * (J(F) - 1.0) ** 2)
     F, ours = deformations(0.1, 7).reshape(3, 3, 7, 1), isotropic(0.0)
     for got, exact in ((own.stress(F), ours.stress(F)), (own.tangent(F), ours.tangent(F))):
         assert got.shape == exact.shape
         assert np.abs(got - exact).max() <= IDENTITY * np.abs(exact).max()
     assert np.abs(own.energy(F) - ours.energy(F)).max() <= IDENTITY * KAPPA
+
+
+def test_a_density_of_principal_stretches() -> None:
+    """Independent check: Ogden's σ₁ − σ₃ = 2μ/α (λ₁^α − λ₃^α) at constant volume, also where stretches are equal; at
+    rest no stress and the tangent of a neo-Hookean solid."""
+    density = Own(ogden)
+    for x in (0.7, 1.6):
+        sigma, exact = cauchy(density, np.diag([x, x**-0.5, x**-0.5])), 2 * MU / ALPHA * (x**ALPHA - x ** (-ALPHA / 2))
+        assert abs(sigma[0, 0] - sigma[2, 2] - exact) <= SEPARATED * abs(exact)
+    rest = np.eye(3)[:, :, None]
+    assert np.abs(density.stress(rest)).max() <= SEPARATED * MU
+    A, ours = density.tangent(rest), Exponential(MU, 0.0).tangent(rest)
+    assert np.abs(A - ours).max() <= SEPARATED * MU
 
 
 def test_small_strain_is_hookes_law() -> None:
@@ -177,6 +199,8 @@ def test_small_strain_is_hookes_law() -> None:
         lambda: Fibres([1.0, 0.0, 0.0], 1.0, 0.0),
         lambda: Prestretched(isotropic(0.0), np.array([1.0, 0.0, 1.0])),
         lambda: Own(lambda F: 1.0).energy(np.eye(3)[:, :, None]),
+        lambda: Own(lambda F: F @ F).energy(np.eye(3)[:, :, None]),
+        lambda: Own(lambda F: np.exp(F[0, 0])).energy(np.eye(3)[:, :, None]),
     ],
 )
 def test_what_cannot_be_is_refused_in_words(make: Callable[[], Any]) -> None:
