@@ -68,6 +68,10 @@ class Bends:
         inside = (self.at > low) & (self.at < high)
         return Bends(self.at[inside] - low, self.spans[inside])
 
+    def span_at(self, s: float, longest: float) -> float:
+        """Return the length of a span at `s` [m] that the bends need, at most `longest` [m]."""
+        return float((self.spans + SLOPE * np.abs(self.at - s)).min(initial=longest))
+
 
 STRAIGHT = Bends(np.zeros(0), np.zeros(0))
 

@@ -32,11 +32,12 @@ from tissue.organs.meshed import SiteAnswer
 
 log = logging.getLogger(__name__)
 
-BED_SPANS = 2.0  # spans next to a hole with another direction over which the thread departs from the path
+BED_SPANS = 1.0  # spans next to a hole with another direction over which the thread departs from the path
 # Axial stiffness EA h²/EI of the laid thread. The thread is soft on the path at first. The bed is then moved to the
-# thread and the thread is made stiffer: the strain from the corners of the path goes into its bends.
+# thread and the thread is made stiffer: the strain from the corners of the path goes into its bends. Each stage also
+# takes the thread further from its path, so they are few.
 ON_PATH = 1e2
-SETTLING = (1e3,) * 2 + (1e4,) * 12 + (1e6,) * 3 + (1e8,) * 3
+SETTLING = (1e3,) * 2 + (1e4,) * 4 + (1e6,) * 3 + (1e8,) * 3
 UNSTRAINED = 1e-6  # a thread with a smaller strain counts as unstrained
 # First stiffness of each attempt, and the stages after it. If the path bends back within a few spans, a thread that
 # is softer at first follows the bend.
@@ -185,13 +186,14 @@ def bed_problem(
     held except the `loose` ones.
 
     Springs resist the motion of loose abscissae. They move in the direction of the thread's pull
-    and not to a distant balance. The bed gives way over BED_SPANS mean spans h: (4 EI/k)^¼ =
-    BED_SPANS h with the bed's stiffness k and EI = 1.
+    and not to a distant balance. The bed gives way over BED_SPANS spans h: (4 EI/k)^¼ = BED_SPANS h
+    with the bed's stiffness k and EI = 1. Where spans are unequal, h⁻⁴ is its mean along the thread:
+    short spans are there for bends of the path, which a bed of mean spans would smooth away.
     """
     thread, m = system.thread, system.holds
-    span = (thread.spline.end - thread.spline.start) / (len(thread.spline.breaks) - 1)
-    bed = 4.0 / (BED_SPANS * span) ** 4
-    law = law_of(system, s, ~system.of_ties, thread.EA / (FEED_SPANS * span), s)
+    spans = np.diff(thread.spline.breaks)
+    bed = 4.0 / BED_SPANS**4 * float((spans**-3).sum() / spans.sum())
+    law = law_of(system, s, ~system.of_ties, thread.EA / (FEED_SPANS * float(spans.mean())), s)
     return Problem(
         system=system,
         time=0.0,

@@ -260,22 +260,21 @@ def travelling_spline(scenario: Scenario, holes: Sequence[model.Piercing], lengt
     table = scenario.thread
     check_stubs(table.cuts, (0.0, length), section_of(table).diameter, "thread.cuts")
     longest = length / (table.control_points - DEGREE)
-    holds = [
-        Hold(k, at, hole.direction != "free", longest)
-        for k, (hole, at) in enumerate(zip(holes, s, strict=True))
-        if hole.from_ == 0.0
-    ]
-    places = [at for at, end in zip((0.0, length), table.ends, strict=True) if end.kind == "clamped"]
-    holds += [Hold(len(holes) + k, at, True, longest) for k, at in enumerate(places)]
-    total = len(holes) + len(places) + 2 * len(scenario.tie)
-    bent = [any(hold.directed and hold.s == at for hold in holds) for at in (0.0, length)]
-    ends = longest if bent[0] else None, longest if bent[1] else None
     scale = float(np.sqrt(table.tolerance / TOLERANCE))
     path = rounded_path(table.path)
     at = path.starts[:, None] + path.lengths[:, None] * ALONG_ARC
     curvature = np.broadcast_to(path.curvatures[:, None], at.shape) * (path.length / length)
     bends = bends_of(at.ravel() * (length / path.length), curvature.ravel(), scale)
-    travel = travelling(length, holds, total, longest, ends, scale, table.cuts, bends)
+    holds = [
+        Hold(k, at, hole.direction != "free", bends.span_at(at, longest))
+        for k, (hole, at) in enumerate(zip(holes, s, strict=True))
+        if hole.from_ == 0.0
+    ]
+    places = [at for at, end in zip((0.0, length), table.ends, strict=True) if end.kind == "clamped"]
+    holds += [Hold(len(holes) + k, at, True, bends.span_at(at, longest)) for k, at in enumerate(places)]
+    total = len(holes) + len(places) + 2 * len(scenario.tie)
+    firsts = {hold.s: hold.first for hold in holds if hold.directed}
+    travel = travelling(length, holds, total, longest, (firsts.get(0.0), firsts.get(length)), scale, table.cuts, bends)
     at = np.zeros(total)
     at[[hold.number for hold in holds]] = [hold.s for hold in holds]
     return Placed(travel.knots, travel.places(at), travel)

@@ -310,7 +310,7 @@ def test_ties_are_drawn_in_any_order() -> None:
     know which of them was drawn first; each hole bears both of its strands. With friction it hardly does."""
     ways = [two_drawn(first, 0.0) for first in (0, 1)]
     assert [tie.state for tie in ways[0][1].ties] == ["drawn", "drawn"]  # the second is about to be
-    assert max(abs(hole.force[0]) for hole in ways[0][1].piercings[2:]) < 0.1 * FORCE
+    assert max(abs(hole.force[0]) for hole in ways[0][1].piercings[2:]) < 0.1 * 2.0 * FORCE  # its bends alone
     assert differences(ways[0][-1], ways[1][-1]).max() <= IN_SPITE_OF_ORDER
     for record in (way[-1] for way in ways):
         assert [tie.state for tie in record.ties] == ["tied", "tied"]

@@ -286,7 +286,7 @@ def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:
     find; those remark on nothing, and have what a pull through one hole begins with."""
     (case,) = cases(1, 1, 22)
     said, told = [], []
-    for dt in (2.5e-4, 6.25e-5):
+    for dt in (2.5e-4, 1.5625e-5):
         simulation = prepare(parse(case.tables | {"solve": {"dt": dt, "duration": 0.012}}))
         records = [record for record, _ in simulation.advance()]
         extremes = nothing_met(1, 0)
@@ -583,7 +583,8 @@ def test_the_bend_that_a_thread_is_laid_in_is_found_where_it_is() -> None:
         assert ("kinked" in {each.code for each in simulation.foreseen}) == said
         radius, at = judging.sharpest_bend(simulation.assembly.system.thread, simulation.start.q)
         assert at == pytest.approx(0.04, abs=0.01)
-        assert said or 0.25 * width <= radius <= 0.5 * width  # of its corners, and of the half circle between them
+        # of its corners, less a fifth by which a spline overshoots a jump of curvature; of the half circle between
+        assert said or 0.8 * 0.25 * width <= radius <= 0.5 * width
 
 
 @pytest.mark.parametrize(("size", "asked"), [(50.0, "in mm?"), (5e-5, "in another unit than SI?"), (0.05, None)])

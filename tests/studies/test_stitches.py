@@ -332,14 +332,12 @@ def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> Non
 def test_stitches_close_a_laceration_from_a_surface_file() -> None:
     """Independent check: the faces of the wound come together and press on one another, none goes through the other,
     and each stitch draws its two sides towards one another with the same force."""
-    few = [
-        "tract=[]",
-        "thread.control_points=240",
-        "tissue.mesh.h=8e-3",
-        "tissue.mesh.accuracy=given",
-        "tissue.mesh.h_site=2.5e-3",
+    few = ["tissue.mesh.h=8e-3", "tissue.mesh.accuracy=given", "tissue.mesh.h_site=2.5e-3"]
+    few += [
+        f"stitch.{name}.{key}"
+        for name in ("first", "second", "third")
+        for key in ("tract=false", "friction={static=0,kinetic=0}")
     ]
-    few += [f"piercing.{hole}.friction={{static=0,kinetic=0}}" for hole in HOLES[:6]]
     records = [record for record, _ in prepare(load("laceration", few)).advance()]
     open_, closed = (record.contact[0] for record in (records[0], records[-1]))
     width = open_.largest_gap
@@ -347,5 +345,5 @@ def test_stitches_close_a_laceration_from_a_surface_file() -> None:
     assert closed.pressed > 0 and closed.largest_gap < 0.7 * width and closed.smallest_gap >= -IDENTITY * width
     assert [tie.state for tie in records[-1].ties] == ["tied"] * 3
     holes = records[-1].piercings
-    for right, left in zip(holes[::2], holes[1::2], strict=True):
+    for left, right in zip(holes[::2], holes[1::2], strict=True):
         assert right.force[0] > 0.2 and right.force[0] == pytest.approx(-left.force[0], rel=0.1)
