@@ -32,7 +32,7 @@ MODULES = ("studies/arrays.py", "studies/extras.py", "studies/lists.py", "studie
 # of the names, words and bounds of a summary
 LISTS = ("studies/output/columns.toml", "studies/output/remarks.toml", "studies/simulation/plausible.toml")
 PACKAGES = (  # packages that influence numbers
-    "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl",
+    "numpy", "scipy", "numba", "scikit-fem", "gmsh", "meshio", "pyamg", "cvxopt", "pypardiso", "mkl", "tensortrax",
 )  # fmt: skip
 
 KEPT = Shared()  # cache of this process for all its cases
