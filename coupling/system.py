@@ -157,10 +157,6 @@ class Piercing:
         """Return whether a hand draws the thread with a force in a step from `time` [s] on."""
         return any(not self.slides or is_within(rows, time) for rows in self.pulling)
 
-    def was_in_hand(self, time: float) -> bool:
-        """Return whether a hand drew the thread in a step to `time` [s]."""
-        return any(not self.slides or is_within(rows, time, ended=True) for rows in (*self.drawing, *self.pulling))
-
     def drawn_length(self, time: float) -> float:
         """Return the length drawn through until `time` [s], summed over the grips, each from its
         first row on [m].
@@ -186,15 +182,11 @@ def grips(rows: Array) -> tuple[Array, ...]:
     return tuple(np.column_stack([part[:, 0], value]) for part, value in zip(parts, values, strict=True))
 
 
-def is_within(rows: Array, time: float, ended: bool = False) -> bool:
-    """Return whether a step from `time` [s] on is within the times of the `rows` (k, 2) of a hand.
-
-    If `ended`, the step ends at `time`.
-    """
+def is_within(rows: Array, time: float) -> bool:
+    """Return whether a step from `time` [s] on is within the times of the `rows` (k, 2) of a hand."""
     (first, _), (last, _) = rows[0], rows[-1]
-    slack = ON_TIME * (last - first) * (-1.0 if ended else 1.0)
-    after = first - slack
-    return bool((after < time <= last - slack) if ended else (after <= time < last - slack))
+    slack = ON_TIME * (last - first)
+    return bool(first - slack <= time < last - slack)
 
 
 def is_overlapping(one: Array, other: Array) -> bool:
@@ -569,6 +561,8 @@ class State(Generic[Body]):
     - `frame`: reference of the twist; None without twist.
     - `stretch` (holds,) [-]: 1 + T/EA of the strands at the holes if knots travel, otherwise 1;
       None if the state is not the end of a step.
+    - `by_hand` (holds,): holds at which hands drew in the step that ended here; None if there was
+      no step.
     - `spline`, `drive` (holds,) [N], `solved`: if knots travel (`thread.packets`), the spline of q
       and v, −∂Π/∂s that the holes bear, and the solved curve if q and v have been put on other
       knots since.
@@ -595,6 +589,7 @@ class State(Generic[Body]):
     y_dot: Array | None = None
     frame: Frame | None = None
     stretch: Array | None = None
+    by_hand: Flags | None = None
     spline: Spline | None = None
     drive: Array | None = None
     solved: "Solved | None" = None

@@ -84,19 +84,20 @@ class PiercingObservation:
 class Seen:
     """A thread and its holes in `k` states with the same present holds, one after the other.
 
-    - `present` (m,), `times` (k,) [s].
+    - `present` (m,).
     - `q` (k, n, c), and the `elastic` forces (k, n, 3) [N] on it.
-    - `s`, `sigma` and `stretch` (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a `State`.
+    - `s`, `sigma`, `stretch` and `by_hand` (k, m), `lam` (k, m, 5) and `y` (k, m, 9) as in a
+      `State`.
     - `at`: the passage through the m holds of the first state, then of the second, and so on.
     """
 
     present: Flags
-    times: Array
     q: Array
     elastic: Array
     s: Array
     sigma: Array
     stretch: Array
+    by_hand: Flags
     lam: Array
     y: Array
     at: Passage
@@ -119,8 +120,10 @@ class Seen:
 def seen_at(state: State[Body], now: Configuration) -> Seen:
     """Return the data of one state for observations, with its configuration."""
     q, elastic, s, sigma = (x[None] for x in (state.q, now.elastic[:, :3], state.s, state.sigma))
-    time, stretch = np.array([state.time]), np.ones_like(state.s) if state.stretch is None else state.stretch
-    return Seen(state.present, time, q, elastic, s, sigma, stretch[None], state.lam[None], state.y[None], now.at)
+    stretch = np.ones_like(state.s) if state.stretch is None else state.stretch
+    by_hand = np.zeros_like(state.present) if state.by_hand is None else state.by_hand
+    holds = s, sigma, stretch[None], by_hand[None], state.lam[None], state.y[None]
+    return Seen(state.present, q, elastic, *holds, now.at)
 
 
 def observe(
@@ -243,17 +246,14 @@ def site_compliance(system: System[Body], state: State[Body]) -> Array:
 
 def broken_cones(system: System[Body], seen: Seen) -> Array:
     """Return the violation of Coulomb's law by the force along the thread at every hold of every
-    state, shape `(k, m)` [N].
+    state, shape `(k, m)` [N]. It is zero where hands draw.
     """
     if not system.rough.any():
         return np.zeros_like(seen.s)
     law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
     law = replace(law, stretch=seen.stretch.ravel())
     broken = seen.by_state(cone_residual(law, seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y))
-    if system.by_hand.any():
-        in_hand = [[piercing.was_in_hand(time) for piercing in system.piercings] for time in seen.times.tolist()]
-        broken[:, : len(system.piercings)][np.array(in_hand)] = 0.0
-    return broken
+    return np.where(seen.by_hand, 0.0, broken)
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:

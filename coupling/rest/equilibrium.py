@@ -391,6 +391,7 @@ def equilibrium_state(old: State[Body], solution: Solution[Body]) -> State[Body]
         s_dot=np.zeros_like(solution.iterate.s),
         reaction=reactions(problem, residual.thread),
         stretch=problem.law.stretch,
+        by_hand=problem.law.by_hand,
     )
     return with_sense(problem.system, old, new, residual.passage)
 

@@ -211,9 +211,9 @@ class Course:
         first = at.first[: self.made].ravel()
         b, D = (x[: self.made].reshape(-1, *x.shape[2:]) for x in (at.b, at.D))
         drive = ends.drive.ravel() if self._plan.given.ride.on else None
-        holes = ends.s, ends.sigma, ends.stretch, ends.lam, ends.y, Passage(first, b, D, drive)
-        elastic = self._kept.elastic[: self.made]
-        return Seen(self._like.present, np.array(self._times), ends.q, elastic, *holes)
+        elastic, by_hand = self._kept.elastic[: self.made], np.zeros_like(ends.sigma, dtype=bool)
+        holds = ends.s, ends.sigma, ends.stretch, by_hand, ends.lam, ends.y
+        return Seen(self._like.present, ends.q, elastic, *holds, Passage(first, b, D, drive))
 
 
 @cache

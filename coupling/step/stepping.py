@@ -290,6 +290,7 @@ def conclude(state: State[Body], scheme: Scheme, solution: Solution[Body]) -> St
         reaction=reactions(problem, residual.thread),
         frame=system.thread.transport_frame(state.frame, z.q),
         stretch=problem.law.stretch,
+        by_hand=problem.law.by_hand,
         **riding(residual),
     )
     new = with_sense(system, state, new, residual.passage)

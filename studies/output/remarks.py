@@ -32,6 +32,7 @@ FALLEN = 1e-6  # of the loads: round-off is smaller
 CROSSED = 0.01  # of the lips' extent: a smaller overlap counts as closed
 SWUNG = 0.01  # of the largest force
 SLID = 1.0  # diameters: a thread at rest slides less than this in another run of the same duration
+OFF_LAW = 0.01  # of the largest tension: allowed error of friction
 LOCKED = 0.9  # of the hands' force on a tie: below this, the hands still drew at more than a tenth of their speed
 STEEP = 1.0  # coefficient of friction
 BARE = 4.0  # radii: at an angle of 30° or more this length of a tract's path is near the surface, at both ends together

@@ -142,6 +142,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
+    yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=False)), extremes.tension)
     if dynamic:
         yield from locked_slack(scenario.tie, extremes.locked)
         yield from swinging(extremes.swing)
@@ -318,6 +319,17 @@ def undone(scenario: model.Scenario, step: records.StepRecord) -> Iterator[Remar
         first, last = sorted(at[name] for name in tie.between)
         is_open = found.state == "open" and tie.from_ < step.time and not any(first <= s <= last for s in cuts)
         yield from judged(is_open, "tie-undone", tie.name, time=step.time)
+
+
+def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension: float) -> Iterator[Remark]:
+    """Yield remarks on ties whose hands kept the knot between its holes by a force along the thread.
+
+    `off_law` are the violations of Coulomb's law [N] by holes, and `tension` [N] is the largest of the run.
+    """
+    for tie in ties:
+        for name in tie.between:
+            kept = off_law[name] > bounds.OFF_LAW * tension
+            yield from judged(kept, "knot-kept", name, tie=tie.name, force=off_law[name])
 
 
 def locked_slack(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:

@@ -269,6 +269,21 @@ def test_a_hand_has_the_thread_to_the_end_of_its_load_step(monkeypatch: pytest.M
     assert again.new.lam[1, :3] == pytest.approx(held.new.lam[1, :3], rel=RESIDUAL, abs=RESIDUAL)
 
 
+@pytest.mark.parametrize("solve", [{"kind": "static", "load_steps": 3, "duration": 1.0}, {"dt": 6e-3, "duration": 0.2}])
+def test_a_hand_has_the_thread_to_the_end_of_the_step_in_which_it_lets_go(solve: dict[str, Any]) -> None:
+    """Independent check: the hand lets go within a step. It had the thread to the end of that step, so that its force
+    does not count against the law of friction."""
+    table = scheduled(**solve)
+    ring = table["piercing"][1]
+    del ring["draw"]
+    records = run(table)[1]
+    end = ring["pull"][-1][0]
+    let_go = next(record for record in records if record.time > end)
+    assert let_go.time - records[let_go.step - 1].time > let_go.time - end > 0.0
+    assert let_go.piercings[1].tangential_force == pytest.approx(6 * FORCE, rel=STRAIN)
+    assert max(record.piercings[1].cone_residual for record in records) <= LEFT_OPEN
+
+
 def test_no_thread_is_drawn_by_a_hand_that_does_not_have_it_yet() -> None:
     """Independent check: a hand that takes the thread within a load step has it from the next one on; until then it
     stays where it sticks by friction."""

@@ -24,7 +24,8 @@ from coupling.step.sliding import ruled
 from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
-from studies.output.records import StepRecord
+from studies.output.records import Ending, StepRecord, nothing_met
+from studies.output.remarks import OFF_LAW
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
@@ -352,6 +353,27 @@ def test_a_loop_that_slides_is_at_the_edge_of_sticking() -> None:
     for factor, slides in ((1.0 + 1e-9, False), (1.0 - 1e-9, True)):
         known = replace(law, static=factor * law.static, kinetic=factor * law.kinetic), stuck, solution.residual.passage
         assert ruled(*known, z.s, z.lam, z.y).fits[pair].all() == slides
+
+
+@pytest.mark.parametrize(("mu", "kept"), [(0.3, False), (0.1, True)])
+def test_a_knot_that_hands_keep_between_unequal_holes_is_remarked(mu: float, kept: bool) -> None:
+    """Independent check: with μ = 0.3 in one hole the hands give half of the difference to each hole, and none if
+    both are alike; once the tie is locked, each hole obeys Coulomb's law by itself."""
+    table = stitch(load_steps=4)
+    table["tie"][0]["until"] = 0.75
+    for hole, own in zip(table["piercing"], (0.3, mu), strict=True):
+        hole["friction"] = {"static": own, "kinetic": own}
+    simulation, records = records_of(table)
+    extremes = nothing_met(2, 1)
+    for record in records:
+        extremes = extremes.after_step(record)
+    remarks = simulation.remarks(Ending(records[-1], extremes))
+    drawn = records[2].piercings
+    assert {each.where for each in remarks if each.code == "knot-kept"} == {hole.name for hole in drawn if kept}
+    force = 0.5 * abs(0.3 * drawn[0].normal_force - mu * drawn[1].normal_force)
+    assert [hole.cone_residual for hole in drawn] == pytest.approx([force] * 2, abs=0.1 * OFF_LAW * FORCE)
+    assert records[-1].ties[0].state == "tied"
+    assert max(hole.cone_residual for hole in records[-1].piercings) <= RESIDUAL * FORCE
 
 
 @cache

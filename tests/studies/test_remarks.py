@@ -45,6 +45,7 @@ from studies.output.remarks import (
     LOCKED,
     MOVED,
     NEAR,
+    OFF_LAW,
     OFF_PATH,
     OUTDONE,
     REDUCED,
@@ -92,7 +93,7 @@ def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, nu
     return EnergyRecord(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
 
 
-TIE = SimpleNamespace(name="knot", force=0.5, until=0.2, speed=0.05)
+TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, speed=0.05)
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
 JUDGED: dict[str, tuple[float, int, Judge]] = {
@@ -129,6 +130,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "limit-point": (FALLEN, 1, lambda x: judging.along_branch(0.0, x)),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
     "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_slack([TIE], np.array([x]))),
+    "knot-kept": (OFF_LAW * 0.5, 1, lambda x: judging.kept_knots([TIE], {"a": x, "b": 0.0}, 0.5)),
     "forces-swing": (SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
