@@ -432,7 +432,9 @@ def begin(
     for k in [k for k, tie in enumerate(system.ties) if tie.begins == 0.0]:
         state, event = begin_tie(system, state, k)
         closed.append(event)
-    run = Run(
+    if closed:
+        system, state = fitted(system, state)
+    return Run(
         system=system,
         state=state,
         energies=initial_energies(system, state),
@@ -447,7 +449,6 @@ def begin(
         cuts=cuts,
         events=tuple(closed),
     )
-    return run._fitted() if closed else run
 
 
 def schedule_piercings(
