@@ -200,8 +200,20 @@ class Stitch(ScenarioTable):
         """Return the tables of the stitch's tracts."""
         if self.tract is False:
             return []
-        own = {"radius": self.tract or self.footprint} | self.friction_key("grip")
-        return [{"between": [f"{self.name}.{name}" for name in bite.names]} | own for bite in self.bites]
+        return [
+            {"between": [f"{self.name}.{name}" for name in bite.names], "radius": self.tract or self.bearing(bite)}
+            | self.friction_key("grip")
+            for bite in self.bites
+        ]
+
+    def bearing(self, bite: Bite) -> float:
+        """Return the default radius of the tissue along a bite on which the thread bears [m].
+
+        A quarter of an ellipse between surface and lip is deeper in the tissue than 0.7 of its
+        smaller half axis.
+        """
+        width = float(np.hypot(*np.subtract(bite.last, bite.first)))
+        return min(self.footprint, 0.5 * bite.depth, 0.25 * width)
 
     def ties(self, solve: Solve) -> list[dict[str, Any]]:
         """Return the table of the stitch's tie in a list, empty for a running stitch."""

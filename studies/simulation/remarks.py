@@ -327,9 +327,8 @@ def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension:
     `off_law` are the violations of Coulomb's law [N] by holes, and `tension` [N] is the largest of the run.
     """
     for tie in ties:
-        for name in tie.between:
-            kept = off_law[name] > bounds.OFF_LAW * tension
-            yield from judged(kept, "knot-kept", name, tie=tie.name, force=off_law[name])
+        force = max(off_law[name] for name in tie.between)
+        yield from judged(force > bounds.OFF_LAW * tension, "knot-kept", tie.name, holes=tie.between, force=force)
 
 
 def locked_slack(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:

@@ -79,6 +79,22 @@ def test_each_kind_leads_its_thread_through_its_holes(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_tract_fits_into_its_bite(kind: str) -> None:
+    """Independent check: somewhere between the surface z = 0 and the lip x = 0 the path of each bite is deeper than
+    the default radius, which is the footprint if half of that depth is larger."""
+    for depth in (2.5 * DEPTH, DEPTH, 1.5e-3, 0.4e-3):
+        scenario = parse(wound(of_kind(kind) | {"depth": depth}))
+        path, holes = rounded_path(scenario.thread.path), {hole.name: hole for hole in scenario.piercing}
+        for tract in scenario.tract:
+            ends = [path.nearest(holes[name].place)[0] for name in tract.between]
+            inside, footprint = path.position(np.linspace(*ends, 1001)), holes[tract.between[0]].footprint
+            to_lip = np.inf if kind == "purse-string" else np.abs(inside[:, 0])
+            deepest = np.minimum(-inside[:, 2], to_lip).max()
+            assert tract.radius is not None
+            assert min(footprint, 0.5 * deepest) <= tract.radius <= min(footprint, 0.9 * deepest)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_holes_are_where_surgeons_make_them(kind: str) -> None:
     """Independent check: distances of the holes from the line, along it, and of a purse-string from its middle."""
     bites = bites_of(Stitch.model_validate(STITCH | of_kind(kind)))
