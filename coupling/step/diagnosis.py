@@ -245,8 +245,9 @@ def refuse_held_end(system: System[Body], old: State[Body], new: State[Body], go
 
     The thread cannot leave a hole over an end that is held.
     """
-    spline = system.thread.spline
-    beyond = gone & (new.s <= spline.start + system.width), gone & (new.s >= spline.end - system.width)
+    spline, piece = system.thread.spline, system.thread.spline.piece_of(old.s)
+    at_start, at_end = new.s <= spline.start + system.width, new.s >= spline.end - system.width
+    beyond = gone & at_start & (piece == 0), gone & at_end & (piece == spline.pieces - 1)
     for name, end, left in zip(("start", "end"), system.ends, beyond, strict=True):
         if left.any() and end.position(new.time) is not None:
             k, holes = int(np.argmax(left)), len(system.piercings)

@@ -459,6 +459,19 @@ def test_a_tie_that_runs_over_a_held_end_is_refused_in_words() -> None:
         refuse_held_end(system, state, new, tied)
 
 
+def test_a_cut_piece_may_run_out_past_the_place_of_a_held_end() -> None:
+    """Independent check: the thread is cut before its holes. Their piece can leave them in one step that is longer
+    than the rest of the thread, whose start is held, and the rest cannot."""
+    system, state = ring(6, 1e-9)
+    system = replace(system, ends=(Fixed(state.q[0]), Free()))
+    holes = np.arange(system.holds) < len(system.piercings)
+    other, cut, _ = cut_thread(system, state, 0.5 * state.s[0])
+    refuse_held_end(other, cut, replace(cut, s=np.where(holes, -1e-4, cut.s)), holes)
+    other, cut, _ = cut_thread(system, state, 0.5 * (state.s[2] + state.s[3]))
+    with pytest.raises(StepError, match="its start is held"):
+        refuse_held_end(other, cut, replace(cut, s=np.where(holes, -1e-4, cut.s)), holes)
+
+
 def test_strands_that_parted_are_refused_in_words() -> None:
     """Independent check: it is a tie that cannot begin, and by then a path that crosses itself does not help."""
     system, state = ring(6, 1e-9)
