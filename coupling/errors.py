@@ -26,7 +26,8 @@ class StepError(CouplingError):
 
     def __str__(self) -> str:
         place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
-        return f"the step from t = {self.time:.6g} s with dt = {self.dt:.3g} s failed: {self.cause}{place}"
+        length = f" with dt = {self.dt:.3g} s" if self.dt else ""  # none at rest under the loads of one time
+        return f"the step from t = {self.time:.6g} s{length} failed: {self.cause}{place}"
 
 
 @dataclass

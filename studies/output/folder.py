@@ -94,7 +94,7 @@ class Recorder:
         if error is None:
             self.finish("completed")
         elif isinstance(error, KeyboardInterrupt | GeneratorExit):
-            self.finish("interrupted", "interrupted by the user")
+            self.finish("interrupted", "interrupted by the user or the system")
         else:
             self.finish("failed", str(error) or type(error).__name__)
 
