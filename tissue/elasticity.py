@@ -214,9 +214,9 @@ def elasticity(
     """Assemble stiffness and consistent mass on `mesh`, clamped at the boundaries named in `clamp`.
 
     The boundaries named in `roller`, each a plane normal to an axis, are held only along this axis.
-    `dilatation` is "cell", "nodal" (averaged at the vertices above ν = 0.3), or "auto": nodal if ν
-    > 0.45. Raises `TissueError` for an unknown element, dilatation or boundary, and for a material
-    whose arrays do not have one value per cell.
+    `dilatation` is "cell", "nodal" (averaged at the vertices above ν = 0.3), or "auto": nodal if
+    ν > 0.45. Raises `TissueError` for an unknown element, dilatation or boundary, and for a
+    material whose arrays do not have one value per cell.
     """
     if element not in ELEMENTS:
         raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")

@@ -15,8 +15,8 @@ class Material:
     """Young's modulus E [Pa], Poisson ratio ν [-] and density ρ [kg/m³], each one number or one per
     cell, `(cells,)`.
 
-    Raises `TissueError` unless E > 0, −1 < ν < 0.5 (ν = 0.5 is incompressible: λ is infinite) and ρ
-    > 0.
+    Raises `TissueError` unless E > 0, −1 < ν < 0.5 (ν = 0.5 is incompressible: λ is infinite) and
+    ρ > 0.
     """
 
     youngs_modulus: PerCell

@@ -33,8 +33,8 @@ from tissue.materials.density import Density
 class Prony:
     """Shares g [-] of the distortional stress that relax, and their relaxation times τ [s], `(b,)`.
 
-    A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and τ
-    > 0.
+    A share is one number or one per cell, `(c,)`. Raises `TissueError` unless g ≥ 0, Σ g < 1 and
+    τ > 0.
     """
 
     shares: Sequence[PerCell]

@@ -22,8 +22,8 @@ class Exponential:
     """μ/(2b) (exp(b (Ī₁ − 3)) − 1): shear modulus `mu` [Pa] and stiffening `b` [-], 0 for a
     neo-Hookean solid.
 
-    Each is a number, or an array that broadcasts against the points. Raises `TissueError` unless μ
-    > 0 and b ≥ 0.
+    Each is a number, or an array that broadcasts against the points. Raises `TissueError` unless
+    μ > 0 and b ≥ 0.
     """
 
     mu: PerCell
