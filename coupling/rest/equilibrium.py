@@ -34,6 +34,7 @@ from coupling.errors import (
     OutError,
     SpentError,
     StepError,
+    TogetherError,
     UnbalancedError,
 )
 from coupling.integrators import Equilibrium
@@ -560,7 +561,7 @@ def go_on(
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
-    except (StepError, InversionError) as error:
+    except (StepError, InversionError, TogetherError) as error:
         if depth == DEEPEST or share <= begun:  # after a cut the loads do not change
             raise without_equilibrium(error, share) from error
         for part in (0.5 * (begun + share), share):
@@ -624,9 +625,9 @@ def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
     return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
-def without_equilibrium(error: StepError | InversionError, share: float) -> CouplingError:
+def without_equilibrium(error: StepError | InversionError | TogetherError, share: float) -> CouplingError:
     """Return the error of a load step, with the `share` of the loads instead of a length in time."""
-    if isinstance(error, InversionError | EquilibriumError):
+    if isinstance(error, InversionError | EquilibriumError | TogetherError):
         return error
     return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
 

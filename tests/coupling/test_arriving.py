@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from coupling.errors import EquilibriumError, InversionError, SpentError, StepError
+from coupling.errors import EquilibriumError, InversionError, SpentError, StepError, TogetherError
 from coupling.integrators import BackwardEuler
 from coupling.rest import branch, equilibrium
 from coupling.run.run import begin
@@ -224,15 +224,21 @@ def test_what_two_rough_holes_bear_is_told_before_the_first_step(force: float, r
         equilibrium.refuse_unbalanced(system, state, 1.0)
 
 
-def test_a_static_load_step_that_flips_is_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Independent check: an equilibrium behind a flip is looked for again in halves of the load step."""
+@pytest.mark.parametrize(
+    "failed",
+    [InversionError(0.0, "hole"), TogetherError(0.0, "drawn to nothing")],
+    ids=lambda error: type(error).__name__,
+)
+def test_a_static_load_step_that_fails_is_halved(failed: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: an equilibrium behind a flip, or behind corrections that drew two holes together, is looked
+    for again in halves of the load step."""
     system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
     settle, shares = equilibrium.settle, []
 
     def flipping(system: System, state: State, share: float, duration: float, **ways: bool) -> Step:
         shares.append(share)
         if share - state.time / duration > 0.6:
-            raise InversionError(state.time, "hole")
+            raise failed
         return settle(system, state, share, duration)
 
     monkeypatch.setattr(equilibrium, "settle", flipping)
