@@ -385,14 +385,19 @@ def moved_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
 
 
 def near_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
-    """Yield remarks on neighbouring holes.
+    """Yield a remark on neighbouring holes, with the pair that is nearest for its footprints.
 
     Two holes at the same place are one hole at two times.
     """
+    near = []
     for one, other in combinations(holes, 2):
         distance, reach = dist(one.place, other.place), bounds.NEAR * (one.footprint + other.footprint)
-        ways = {"apart": distance / MILLI, "reach": reach / MILLI}
-        yield from judged(0.0 < distance < reach, "holes-near", one.name, other=other.name, **ways)
+        if 0.0 < distance < reach:
+            near.append((distance / reach, one.name, other.name, distance / MILLI, reach / MILLI))
+    if near:
+        (_, first, second, apart, reach), others = min(near), len(near) - 1
+        also = f"; so are {others} other pair{'s' * (others > 1)}" if others else ""
+        yield remark("holes-near", first, other=second, apart=apart, reach=reach, also=also)
 
 
 def steep_friction(contacts: Sequence[model.Contact]) -> Iterator[Remark]:

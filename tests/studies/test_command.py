@@ -373,7 +373,7 @@ TOOK = [  # scene, nodes and unknowns of the organ, balls, ways of solving, and 
     ("million", 357075, 1047438, 0, "whole", "compiled", 88.5),
     ("paper_figure_1", 0, 0, 0, None, "compiled", 0.8),
     ("pulley", 12180, 35667, 22, "whole", "numpy", 1.3),
-    ("running_anastomosis", 1990, 5952, 0, "whole", "numpy", 13.4),
+    ("running_anastomosis", 14174, 41940, 0, "whole", "numpy", 13.0),
     ("running_stitch", 2502, 6846, 0, "whole", "compiled", 7.9),
     ("skin", 10729, 29412, 0, "whole", "numpy", 17.2),
     ("stitch_by_stitch", 12620, 36999, 30, "whole", "numpy", 5.2),

@@ -303,7 +303,6 @@ def test_a_running_suture_draws_two_stumps_together_through_their_walls() -> Non
     holes = through_the_wall(6)
     few = [
         "thread.suture='5-0 polypropylene'",
-        "thread.control_points=360",
         "tissue.mesh.h=3e-3",
         "tissue.mesh.h_site=2e-3",
         "tissue.mesh.accuracy=given",
