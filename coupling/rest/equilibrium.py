@@ -44,6 +44,7 @@ from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
     FARTHEST_TURN,
+    hold_names,
     refuse_held_end,
     refuse_together,
     refuse_turning,
@@ -319,7 +320,8 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
     except StepError:
         return
     if gone.any():
-        raise LeavingError(old.time, new.time - old.time, "the thread runs out of a hole", gone=gone)
+        places = dict.fromkeys(np.array(hold_names(system))[gone].tolist())
+        raise LeavingError(old.time, new.time - old.time, f"the thread runs out at {', '.join(places)}", gone=gone)
 
 
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
