@@ -26,7 +26,7 @@ class StepError(CouplingError):
 
     def __str__(self) -> str:
         place = f", worst at piercing {self.piercing!r}" if self.piercing else ""
-        length = f" with dt = {self.dt:.3g} s" if self.dt else ""  # none at rest under the loads of one time
+        length = f" with dt = {self.dt:.3g} s" if self.dt else ""  # zero: equilibrium under unchanged loads
         return f"the step from t = {self.time:.6g} s{length} failed: {self.cause}{place}"
 
 

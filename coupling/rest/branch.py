@@ -29,6 +29,7 @@ from coupling.errors import (
     OutError,
     SpentError,
     StepError,
+    TogetherError,
 )
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Creeping, Floats
@@ -279,7 +280,7 @@ def further(branch: Branch[Body], way: Way, length: float, share: float) -> tupl
                 step = near(branch, branch.arrived(step, share), length)
             few = step.solution.iterations <= FEW
             return step, min(LONGEST, LONGER * length) if few else length
-        except (StepError, InversionError) as error:
+        except (StepError, InversionError, TogetherError) as error:
             log.debug("a step of %.3g along the branch fails: %s", length, error)
             length *= SHORTER
     raise StepError(branch.state.time, 0.0, "has no equilibrium close to the last one")

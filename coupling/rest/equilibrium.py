@@ -556,7 +556,8 @@ def go_on(
 
     The increment is halved if it fails, if the thread flips through a hole or folds within a span,
     or if tissue at finite strain has jumped to another branch. Raises `StepError`,
-    `InversionError`, and `ConstraintError` if a hand has drawn the thread out.
+    `InversionError`, `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
+    the thread out.
     """
     try:
         step = settle_or_snap(system, state, share, duration, depth >= SNAPS)

@@ -231,7 +231,7 @@ class Extremes:
     way: Array  # (p,) displacement of each hole from the reference shape [m]
     difference: Array  # (p,) distance from the place with one block more of a small basis [m]
     bound: Array  # (p,) bound of the distance from the place in the whole organ [m]
-    off_law: Array  # (p,) violation of Coulomb's law at each hole [N]
+    off_law: Array  # (p,) violation of Coulomb's law at each hole while hands draw a tie [N]
     cell_strain: Array  # (p,) strain of the cells on which each hole bears [-]
     cell_energy: Array  # (p,) strain energy per volume of these cells [Pa]
     forces: Array  # (SEEN + 1, p, 3) force of each hole on the thread at the last steps, NaN before the start [N]
@@ -255,6 +255,7 @@ class Extremes:
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes including one more step."""
         holes, energy, small = step.piercings, step.energy, step.reduction
+        drawn = any(tie.state == "drawn" for tie in step.ties)
         now = np.array([tie.force if tie.state in ("tied", "slips") else np.nan for tie in step.ties])
         pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
         return replace(
@@ -263,7 +264,7 @@ class Extremes:
             turn=np.maximum(self.turn, [hole.turn for hole in holes]),
             bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
             way=np.maximum(self.way, [float(norm(hole.displacement)) for hole in holes]),
-            off_law=np.maximum(self.off_law, [hole.cone_residual for hole in holes]),
+            off_law=np.maximum(self.off_law, [drawn * hole.cone_residual for hole in holes]),
             forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
             difference=self.difference if small is None else np.maximum(self.difference, small.difference),
             bound=self.bound if small is None else np.maximum(self.bound, small.bound),

@@ -210,7 +210,7 @@ class Stitch(ScenarioTable):
         """Return the default radius of the tissue along a bite on which the thread bears [m].
 
         A quarter of an ellipse between surface and lip is deeper in the tissue than 0.7 of its
-        smaller half axis.
+        smaller half axis; the balls of half of that axis fit.
         """
         width = float(np.hypot(*np.subtract(bite.last, bite.first)))
         return min(self.footprint, 0.5 * bite.depth, 0.25 * width)

@@ -324,7 +324,8 @@ def undone(scenario: model.Scenario, step: records.StepRecord) -> Iterator[Remar
 def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension: float) -> Iterator[Remark]:
     """Yield remarks on ties whose hands kept the knot between its holes by a force along the thread.
 
-    `off_law` are the violations of Coulomb's law [N] by holes, and `tension` [N] is the largest of the run.
+    `off_law` are the violations of Coulomb's law [N] by holes while hands drew, and `tension` [N] is the largest
+    of the run.
     """
     for tie in ties:
         force = max(off_law[name] for name in tie.between)
@@ -396,7 +397,9 @@ def near_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
             near.append((distance / reach, one.name, other.name, distance / MILLI, reach / MILLI))
     if near:
         (_, first, second, apart, reach), others = min(near), len(near) - 1
-        also = f"; so are {others} other pair{'s' * (others > 1)}" if others else ""
+        also = (
+            f"; {others} more pair{'s' * (others > 1)} of holes {'are' if others > 1 else 'is'} near" if others else ""
+        )
         yield remark("holes-near", first, other=second, apart=apart, reach=reach, also=also)
 
 

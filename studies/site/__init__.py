@@ -1,1 +1,1 @@
-"""Pages of the project: an offline site made from the READMEs of the packages and from the code."""
+"""The site of the project by MkDocs: its pages, a gallery, and the code."""

@@ -35,7 +35,7 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
         if not name.endswith(".md"):
             files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
             continue
-        text = with_links(made.get(name) or page(ROOT / name))
+        text = with_links(made[name]) if name in made else page(ROOT / name)
         files.append(File.generated(config, name, content=text))
         linked = (posixpath.normpath(posixpath.join(posixpath.dirname(name), link)) for link in LINK.findall(text))
         names += [new for new in dict.fromkeys(linked) if new not in names and exists(new)]
@@ -79,10 +79,10 @@ def exists(name: str) -> bool:
 def page(path: Path) -> str:
     """Return the text of a page: a Markdown file, or a notebook or listing whose name has `.md` appended."""
     if path.is_file():
-        return path.read_text(encoding="utf-8")
+        return with_links(path.read_text(encoding="utf-8"))
     source = path.with_suffix("")
     if source.suffix == ".ipynb":
-        return notebook(source)
+        return with_links(notebook(source))
     listing = source.read_text(encoding="utf-8")
     return f"---\nsearch: {{exclude: true}}\n---\n# {source.name}\n\n````{source.suffix[1:]}\n{listing}````\n"
 

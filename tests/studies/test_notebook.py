@@ -1,4 +1,4 @@
-"""The notebook: executed to its end, with the words and numbers that it is kept with."""
+"""The notebook: executed, its output agrees with the stored output."""
 
 import math
 import re

@@ -472,7 +472,11 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert list(judging.overloaded(met(tension=1e9), None)) == []
     assert list(judging.near_holes([hole(), hole(name="b")])) == []  # one place at two times
     (near,) = judging.near_holes([hole(), hole(name="b", at=[3e-3, 0, 0]), hole(name="c", at=[4.5e-3, 0, 0])])
-    assert near.where == "b" and "'b' and 'c' are 1.5 mm apart" in near.message and "1 other pair" in near.message
+    assert (
+        near.where == "b"
+        and "'b' and 'c' are 1.5 mm apart" in near.message
+        and near.message.endswith("moves the other; 1 more pair of holes is near")
+    )
 
 
 def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
