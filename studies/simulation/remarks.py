@@ -142,7 +142,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
-    yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=False)), extremes.tension)
+    yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
     if dynamic:
         yield from locked_slack(scenario.tie, extremes.locked)
         yield from swinging(extremes.swing)

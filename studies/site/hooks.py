@@ -3,7 +3,6 @@
 import html
 import posixpath
 import re
-import tomllib
 from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,11 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
+
+from studies.lists import study_list
+from studies.scenario import scenes
+from studies.scenario.reference import title_of
+from studies.study import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("studies/api", "meshes", "thread", "tissue", "coupling", "studies")
@@ -104,13 +108,12 @@ def with_links(text: str) -> str:
 def gallery() -> Iterator[str]:
     """Yield the lines of the gallery: picture, title and file of each scene, then figure and question of each study."""
     yield '# Gallery\n\n## Scenes\n\n<div class="grid cards" markdown>\n'
-    for scene in sorted((ROOT / "studies/scenario/scenes").glob("*.toml")):
-        title = tomllib.loads(scene.read_text(encoding="utf-8"))["title"]
-        yield f"- ![{title}]({scene.stem}.png)\n\n    [{scene.stem}]({scene.relative_to(ROOT)}): {title}\n"
+    for scene in scenes():
+        title = title_of(scene)
+        yield f"- ![{title}]({scene}.png)\n\n    [{scene}](studies/scenario/scenes/{scene}.toml): {title}\n"
     yield '</div>\n\n## Studies\n\n<div class="grid cards" markdown>\n'
-    for study in sorted((ROOT / "studies").glob("*/study.toml")):
-        name, figure = study.parent.name, study.parent / "results/figure.png"
-        question = tomllib.loads(study.read_text(encoding="utf-8"))["question"]
-        drawn = f"![{name}]({figure.relative_to(ROOT)})\n\n    " if figure.is_file() else ""
+    for name in NAMES:
+        figure, question = f"studies/{name}/results/figure.png", study_list(name)["question"]
+        drawn = f"![{name}]({figure})\n\n    " if exists(figure) else ""
         yield f"- {drawn}[{name}](studies/README.md#{name.replace('_', '-')}): {question}\n"
     yield "</div>\n"
