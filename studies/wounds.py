@@ -208,7 +208,7 @@ class Hands:
             lip = FacetBasis(body.mesh, ElementVector(ELEMENTS[body.element]()), facets=body.mesh.boundaries[name])
             load += inward * LinearForm(lambda v, w: abs(w.n[0]) * v[0]).assemble(lip)
         U = organ.operator(0.0, 0.0).factor.solve(load[body.free])
-        traction = self.case.width / -float(np.interp(0.0, at, (organ.G @ U)[order]))
+        traction = self.case.width / -float(np.interp(0.0, at, (organ.pairing(None).G @ U)[order]))
         return traction / (E * self.case.width / (2.0 * self.case.length))
 
     def draw(self, state: State, lengths: Array) -> State:

@@ -145,7 +145,7 @@ def test_without_contact_the_same_lips_cross() -> None:
     for _ in range(STEPS):
         state = try_step(free, state, DT).new
     U = free.organ.field(state.organ)
-    assert (organ.g0 + organ.G @ U).min() < -0.1 * scale_of(scene(name)[0], state)
+    assert (organ.g0 + organ.pairing(None).G @ U).min() < -0.1 * scale_of(scene(name)[0], state)
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "slit dynamic P2"])

@@ -156,18 +156,18 @@ def test_a_correction_takes_one_back_substitution(monkeypatch: pytest.MonkeyPatc
     """Consistency check: of every residual of the organ once, also where the answer goes ahead of its tangent."""
     points: list[int] = []
     solves: list[int] = []
-    point, solved = tissue.FiniteOrgan.point, finite.solved
+    point, solve = tissue.FiniteOrgan.point, finite.TangentSolver.solve
 
     def met(*given: Any) -> Any:
         points.append(1)
         return point(*given)
 
-    def counted(factor: Any, b: Array) -> Array:
+    def counted(factor: Any, b: Array, *given: Any, **options: Any) -> Array:
         solves.append(b.ndim)
-        return solved(factor, b)
+        return solve(factor, b, *given, **options)
 
     monkeypatch.setattr(tissue.FiniteOrgan, "point", met)
-    monkeypatch.setattr(finite, "solved", counted)
+    monkeypatch.setattr(finite.TangentSolver, "solve", counted)
     taken(*scene("P1 dynamic normal", keep=10**9), DT, STEPS)
     assert len(points) > 4 * STEPS and solves.count(1) <= len(points)
 

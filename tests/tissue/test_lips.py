@@ -199,7 +199,7 @@ def test_the_answer_is_the_least_energy_without_crossing() -> None:
     nothing of compliance or active sets. Its own precision is the bound."""
     organ = bent_open(1e-2)
     U, unit = organ.field(at_rest(organ)), 1e-4
-    K, f, G = (unit * organ.K).toarray(), organ.load, organ.G.toarray()
+    K, f, G = (unit * organ.K).toarray(), organ.load, organ.pairing(None).G.toarray()
     scale = np.abs(f @ U)
 
     found = minimize(

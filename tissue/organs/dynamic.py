@@ -16,9 +16,8 @@ from tissue.errors import TissueError
 from tissue.organs.meshed import (
     KEPT_OPERATORS,
     LinearAnswer,
-    LipCompliance,
-    Lips,
     MeshedOrgan,
+    Operator,
     OrganEnergies,
     OrganState,
     Pairing,
@@ -26,7 +25,7 @@ from tissue.organs.meshed import (
     TimeScheme,
     compliance,
 )
-from tissue.solvers.choice import MULTIGRID, Solver, mass_solver
+from tissue.solvers.choice import MULTIGRID, mass_solver
 
 DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; with a larger error K U is recomputed
 # Number of fields with a cached elastic force: a step uses the forces at its start and at its end again.
@@ -69,16 +68,12 @@ def combination(weights: Sequence[float], fields: Sequence[Array]) -> Array:
 
 
 @dataclass(frozen=True)
-class DynamicOperator(LipCompliance):
-    """The factorised A = a M + d C + K, with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites."""
+class DynamicOperator(Operator):
+    """The factorised A = a M + d C + K."""
 
     organ: "DynamicOrgan"
     a: float
     d: float
-    A: csr_matrix
-    factor: Solver
-    W: Array
-    C: Array
 
     def predict(self, state: OrganState, history: History, load: Array) -> Array:
         """Return U⁺ under a load (N,) without site forces, by one solve.
@@ -93,11 +88,6 @@ class DynamicOperator(LipCompliance):
             return history.inertia + state.A / self.a - state.U - self.W @ state.f_y
 
         return state.U + self.factor.solve(self.residual(history, self.organ.products(state), load), guess)
-
-    def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
-        """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
-        U = U + self.W @ f_y
-        return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def residual(self, history: History, now: Products, load: Array) -> Array:
         """Return b − A U under a load (N,).
@@ -235,7 +225,7 @@ class DynamicOrgan(MeshedOrgan):
             A = csr_matrix(A - soft)
         factor = self.solver_of(A)
         W, C = compliance(factor, self.Y)
-        return DynamicOperator(self, a, d, A, factor, W, C)
+        return DynamicOperator(self, A, factor, W, C, a, d)
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
@@ -244,7 +234,7 @@ class DynamicOrgan(MeshedOrgan):
 
         The answer takes one solve. The part `share` of the loads acts at `time` [s].
         """
-        return self.answer_paired(scheme, past, self.paired_anew(past[0].U, past[0].ahead), time, share)
+        return self.answer_paired(scheme, past, self.paired_after(past, scheme), time, share)
 
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
@@ -337,23 +327,6 @@ class DynamicOrgan(MeshedOrgan):
         """Return y = y0 + Y U, shape `(9p,)`."""
         return np.asarray(self.y0 + self.Y @ state.U)
 
-    def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, slides and friction of the pairs."""
-        p = self.contact_forces(state)[: self.pairs]
-        return Lips(self.gap(state), p, self.slides(state.U), *self.rubbing(state))
-
-    def gap(self, state: OrganState) -> Array:
-        """Return g = g0 + G U, shape `(pairs,)` [m]."""
-        return self.gaps_of(state)[: self.pairs]
-
-    def displacement(self, state: OrganState) -> Array:
-        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
-        return self.whole(state.U)
-
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
-        return self.whole(state.V)
-
     def impulse(self, state: OrganState) -> SiteAnswer:
         """Return the answer of the sites' velocity to an impulse on the sites.
 
@@ -369,24 +342,8 @@ class DynamicOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which the sites stay at `y` (9p,) while the forces are
         constant.
-
-        The forces are the site forces `f_y` (9p,) and the contact forces of `state`. V does not
-        change.
         """
-        operator, p = self.operator_of(scheme), self.contact_forces(state)
-        pairing = self.pairing_of(state)
-        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
-
-        def displaced(f_new: Array, p_new: Array) -> OrganState:
-            # Only the change is used, because the forces of the state can include holes that ended at this time.
-            df, held = f_new - f_y, self.contact_or_none(p_new)
-            U = operator.add_forces(state.U, df, p_new - p, pairing)
-            return replace(state, U=U, f_y=state.f_y + df, p=held, MU=None, MV=None, KU=None)
-
-        def right_hand_side() -> Array:
-            return np.asarray(operator.A @ state.U - self.Y.T @ f_y - pairing.G.T @ p)
-
-        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
+        return self.displaced(self.operator_of(scheme), state, y, f_y, self.Y)
 
     @cached_property
     def mobility(self) -> tuple[Array, Array]:

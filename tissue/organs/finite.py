@@ -22,7 +22,7 @@ corrections are left with it; the converged answer does not depend on the factor
 """
 
 from collections import OrderedDict, deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -35,14 +35,12 @@ from tissue.hyperelasticity import Hyperelasticity
 from tissue.materials.density import Density
 from tissue.organs.meshed import (
     EMPTY,
-    NO_LIPS,
     NO_POINTS,
     Columns,
     Equation,
     LinearAnswer,
-    LipCompliance,
-    Lips,
     MeshedOrgan,
+    Operator,
     OrganEnergies,
     OrganState,
     Pairing,
@@ -138,10 +136,7 @@ class Tangent:
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
         """W and C_z, computed when first needed; without site forces they are not needed."""
-        try:
-            return compliance(self.factor, self.Z)
-        except FactorError as error:
-            raise unsolved(error) from error
+        return compliance(self.factor, self.Z)
 
     @property
     def W(self) -> Array:
@@ -161,7 +156,7 @@ class Tangent:
         for known, way in self._let_go:
             if known is r:
                 return way
-        self._let_go.append((r, -solved(self.factor, r)))
+        self._let_go.append((r, -self.factor.solve(r)))
         return self._let_go[-1][1]
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
@@ -171,21 +166,7 @@ class Tangent:
         """
         if not any(known is pairing.G for known, _ in self._recalled):
             self._recalled.append((pairing.G, gap_compliance(self.factor, pairing.G)))
-        try:
-            return self._recalled[-1][1].of(some)
-        except FactorError as error:
-            raise unsolved(error) from error
-
-
-@dataclass(frozen=True)
-class Displaced(LipCompliance):
-    """A tangent in the form of a linear answer: W = A⁻¹ Zᵀ Jᵀ `(N, 9p)` and C `(9p, 9p)`."""
-
-    organ: MeshedOrgan
-    A: csr_matrix
-    factor: Solver
-    W: Array
-    C: Array
+        return self._recalled[-1][1].of(some)
 
 
 def unsolved(error: FactorError) -> OrganError:
@@ -196,12 +177,23 @@ def unsolved(error: FactorError) -> OrganError:
     return OrganError(f"the tissue's tangent cannot be solved ({error})")
 
 
-def solved(factor: Solver, b: Array) -> Array:
-    """Return A⁻¹ b for a tangent. Raises `OrganError` if it cannot be solved."""
-    try:
-        return np.asarray(factor.solve(b))
-    except FactorError as error:
-        raise unsolved(error) from error
+@dataclass(frozen=True)
+class TangentSolver:
+    """A solver of a tangent. Raises `OrganError` if the tangent cannot be solved."""
+
+    own: Solver
+
+    @property
+    def A(self) -> csr_matrix:
+        """The tangent, shape `(N, N)`."""
+        return self.own.A
+
+    def solve(self, b: Array, guess: Callable[[], Array] | None = None, rough: bool = False) -> Array:
+        """Return A⁻¹ b; arguments as of `Solver.solve`."""
+        try:
+            return self.own.solve(b, guess, rough)
+        except FactorError as error:
+            raise unsolved(error) from error
 
 
 def corrections_left(before: float, after: float, tolerance: float) -> float:
@@ -342,7 +334,7 @@ class FiniteAnswer:
         """Return U_k + dU under forces, shape `(N,)` [m]."""
         g, U_p = self.J.T @ forces.f_y, self._U_r
         if forces.push.any():
-            U_p = U_p + solved(self.tangent.factor, forces.push)
+            U_p = U_p + self.tangent.factor.solve(forces.push)
         if self._S.nnz:
             g = g + self._S @ (self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ U_p))
         return np.asarray(self.point.U + (self.tangent.W @ g if g.any() else 0.0) + U_p)
@@ -364,7 +356,7 @@ class FiniteAnswer:
         organ, forces = self.organ, self._forces(f_y, p)
         point, share = organ.go(self.motion, self.point, self.moved(forces), forces)
         if share < 1.0:  # far from a solution: one correction without the columns of the sites
-            way = solved(organ.tangent(self.motion, point.U, point.F).factor, organ.residual(point, forces))
+            way = organ.tangent(self.motion, point.U, point.F).factor.solve(organ.residual(point, forces))
             point = organ.go(self.motion, point, point.U + way, forces)[0]
         before, after = (organ.off_balance(at, forces) for at in (self.point, point))
         tolerance = organ.tolerance(self.motion, point)
@@ -586,7 +578,7 @@ class FiniteOrgan(MeshedOrgan):
         if motion.a:
             A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
         factor, definite = self._factor(A, motion.creeps)
-        self._tangents[key] = Tangent(U, A, factor, self.map.Z, definite)
+        self._tangents[key] = Tangent(U, A, TangentSolver(factor), self.map.Z, definite)
         return self._tangents[key]
 
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
@@ -663,7 +655,7 @@ class FiniteOrgan(MeshedOrgan):
                 f"the organ has no equilibrium under gravity and prestretch ({error}); take less of them, or firmer "
                 "tissue"
             ) from error
-        crosses = self.gaps is not None and (self.g0 + self.G[: self.pairs] @ sagged.U).min() < 0.0
+        crosses = self.gaps is not None and self.gap(sagged).min() < 0.0
         return undeformed if crosses else sagged
 
     def _sagged(self, state: OrganState) -> OrganState:
@@ -696,8 +688,7 @@ class FiniteOrgan(MeshedOrgan):
         point = self.point(motion, state.U)
         known = state.linearised if self.keep and state.linearised is not None else state.U
         tangent = self.tangent(motion, known, point.F if known is state.U else None)
-        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(state.U, state.ahead))
-        return FiniteAnswer(self, motion, point, tangent, state.f_y, pairing)
+        return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_after(past, scheme))
 
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
         """Return the answer of an organ that creeps from a state towards its equilibrium.
@@ -748,7 +739,7 @@ class FiniteOrgan(MeshedOrgan):
         """
         way, density = new.U - old.U, answer.motion.density
         last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
-        straight = solved(answer.tangent.factor, last - first)
+        straight = answer.tangent.factor.solve(last - first)
         if np.linalg.norm(way) <= FARTHEST * np.linalg.norm(straight):
             return False
         forces = [first, *(self._force_or_none(old.U + part * way, density) for part in PARTS), last]
@@ -801,13 +792,6 @@ class FiniteOrgan(MeshedOrgan):
         """Return the site variables y(Z U), shape `(9p,)`."""
         return np.asarray(self.map.y(np.asarray(self.map.Z @ state.U)))
 
-    def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, sliding distances and friction of the pairs."""
-        if self.gaps is None:
-            return NO_LIPS
-        p = self.contact_forces(state)[: self.pairs]
-        return Lips(self.gaps_of(state)[: self.pairs], p, self.slides(state.U), *self.rubbing(state))
-
     def impulse(self, state: OrganState) -> SiteAnswer | None:
         """Return the answer to an impulse on the sites; None without inertia.
 
@@ -830,34 +814,12 @@ class FiniteOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step without motion from `y` (9p,) while the forces are constant.
 
-        These forces are the site forces `f_y` (9p,) and the contact forces of `state`. The answer
-        is linear in their change; the next step removes the remaining error.
+        The next step removes the remaining error of the linear answer.
         """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
-        tangent, p, pairing = self.tangent(motion, state.U), self.contact_forces(state), self.pairing_of(state)
-        J = self.map.slope(np.asarray(self.map.Z @ state.U))
-        C = J @ tangent.C_z @ J.T
-        operator = Displaced(self, tangent.A, tangent.factor, tangent.W @ J.T, C)
-        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
-
-        def displaced(f_new: Array, p_new: Array) -> OrganState:
-            df, dp = f_new - f_y, p_new - p
-            U = state.U + operator.W @ df
-            U = U + solved(tangent.factor, pairing.G.T @ dp) if dp.any() else U
-            return replace(state, U=U, f_y=state.f_y + df, p=self.contact_or_none(p_new))
-
-        def right_hand_side() -> Array:
-            return np.asarray(tangent.A @ state.U - self.map.Z_T @ (J.T @ f_y) - pairing.G.T @ p)
-
-        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
-
-    def displacement(self, state: OrganState) -> Array:
-        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
-        return self.whole(state.U)
-
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
-        return self.whole(state.V)
+        tangent, J = self.tangent(motion, state.U), self.map.slope(np.asarray(self.map.Z @ state.U))
+        operator = Operator(self, tangent.A, tangent.factor, tangent.W @ J.T, J @ tangent.C_z @ J.T)
+        return self.displaced(operator, state, y, f_y, csr_matrix(J @ self.map.Z))
 
     def _stored(self, U: Array) -> tuple[float, Array]:
         """Return the energy without relaxing stress [J] and its force (N,) [N].

@@ -66,7 +66,7 @@ class FloatingOrgan(DynamicOrgan):
         `share` of the loads acts at `time` [s]. If `past` has several states, the last of them is
         the one at which the load step began.
         """
-        pairing = self.slipping_from(past[-1].U, self.paired_anew(past[0].U, past[0].ahead))
+        pairing = self.paired_after(past, scheme)
         return self.answer_paired(self.drag(len(past) == 1), past[:1], pairing, time, share)
 
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:

@@ -255,7 +255,7 @@ class LinearAnswer:
     the organ's equation. `pairing` is the pairing of the lips during the step.
     """
 
-    operator: "LipCompliance"
+    operator: "Operator"
     y_free: Array
     g_free: Array
     accepted: Callable[[Array, Array], OrganState]
@@ -331,7 +331,6 @@ class MeshedOrgan:
     load: Array = field(init=False, repr=False)
     surface_load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
-    G: csr_matrix = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         gravity = np.asarray(self.gravity, dtype=float)
@@ -352,30 +351,22 @@ class MeshedOrgan:
         object.__setattr__(self, "surface_load", self.surface.columns[free])
         object.__setattr__(self, "places", places)
         object.__setattr__(self, "choice", choose_solver(self.solver, K, places, self.solved_once))
-        object.__setattr__(self, "G", self._gap_rows())
+        if self.gaps is not None:
+            self._check_gaps(self.gaps.rows.shape[1])
 
-    def _gap_rows(self) -> csr_matrix:
-        """Return G, shape `(k, N)`.
-
-        Raises `TissueError` if the compliance of the gaps does not fit into memory, or if the gaps
-        have another number of unknowns.
+    def _check_gaps(self, unknowns: int) -> None:
+        """Raise `TissueError` if the compliance of the gaps does not fit into memory, or if the
+        gaps have another number of `unknowns`.
         """
-        N = self.elasticity.free.size
-        if self.gaps is None:
-            return csr_matrix((0, N))
-        k, room = self.contacts, SHARE * free_memory()
-        need = 8.0 * ((KEPT_OPERATORS + 2) * k**2 + COLUMNS * N)
-        if self.gaps.G.shape[1] != N:
-            raise TissueError(f"gaps over {self.gaps.G.shape[1]} unknowns on an organ of {N}; build them on it")
+        N, room = self.elasticity.free.size, SHARE * free_memory()
+        need = 8.0 * ((KEPT_OPERATORS + 2) * self.contacts**2 + COLUMNS * N)
+        if unknowns != N:
+            raise TissueError(f"gaps over {unknowns} unknowns on an organ of {N}; build them on it")
         if need > room:
             raise TissueError(
                 f"contact: the {self.pairs} pairs of nodes on the lips take about {need / GIGA:.2g} GB and "
                 f"{room / GIGA:.2g} GB are available; take a coarser mesh at the lips, or leave out contact"
             )
-        G = self.gaps.G
-        if k > self.pairs:
-            G = vstack([G, self.gaps.slip_sums(self.gaps.start) @ self.gaps.rows])
-        return G
 
     @property
     def pairs(self) -> int:
@@ -420,21 +411,17 @@ class MeshedOrgan:
     def _matched(self) -> Pairing:
         """The pairs of the reference."""
         if self.gaps is None:
-            return Pairing(self.G, self.g0, csr_matrix((0, self.lip_rows.shape[0])), None)
-        return Pairing(self.G, self.with_slips(self.g0), self._sums(self.gaps, self.gaps.start), None)
+            return Pairing(csr_matrix((0, self.size)), EMPTY, csr_matrix((0, self.lip_rows.shape[0])), None)
+        return replace(self._facing(self.gaps, self.gaps.start), facing=None)
 
-    def _sums(self, gaps: Gaps, facing: Array) -> csr_matrix:
-        """Return the matrix from the displacement of the nodes of `lip_rows` to gaps and slips.
-
-        Its shape is `(k, 3r)`.
-        """
-        sums = gaps.sums(facing)
-        sums = csr_matrix(vstack([sums, gaps.slip_sums(facing)])) if gaps.rough.size else sums
-        return hstack([sums, csr_matrix((sums.shape[0], self.lip_rows.shape[0] - sums.shape[1]))], format="csr")
-
-    def with_slips(self, g: Array) -> Array:
-        """Return gaps `(pairs,)` followed by slips of zero, shape `(k,)` [m]."""
-        return np.append(g, np.zeros(self.contacts - self.pairs)) if self.contacts > self.pairs else g
+    def _facing(self, gaps: Gaps, facing: Array) -> Pairing:
+        """Return the pairing of the pairs with a given `facing` `(pairs, 7)`."""
+        sums, g0 = gaps.sums(facing), gaps.rest(facing)
+        if gaps.rough.size:
+            sums = csr_matrix(vstack([sums, gaps.slip_sums(facing)]))
+            g0 = np.append(g0, np.zeros(self.contacts - self.pairs))
+        sums = hstack([sums, csr_matrix((sums.shape[0], self.lip_rows.shape[0] - sums.shape[1]))], format="csr")
+        return Pairing(csr_matrix(sums @ self.lip_rows), g0, sums, facing)
 
     def pairing(self, facing: Array | None, points: Array | None = None) -> Pairing:
         """Return the pairing of the pairs and of outside `points`.
@@ -443,8 +430,7 @@ class MeshedOrgan:
         """
         pairing = self._matched
         if self.gaps is not None and facing is not None:
-            sums = self._sums(self.gaps, facing)
-            pairing = Pairing(csr_matrix(sums @ self.lip_rows), self.with_slips(self.gaps.rest(facing)), sums, facing)
+            pairing = self._facing(self.gaps, facing)
         if self.skin is None or points is None or not len(points):
             return pairing
         own = self.skin.sums(points)
@@ -463,6 +449,17 @@ class MeshedOrgan:
         if self.gaps is not None:
             facing = self.gaps.facing(body.points, body.nodal(self.whole(U)))
         return self.slipping_from(U, self.pairing(facing, points))
+
+    def paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
+        """Return the pairing of a step from the states `past`, newest first.
+
+        In equilibrium, slips are counted from the last state of `past`.
+        """
+        now, first = past[0], slips_since(past, scheme)
+        pairing = self.paired_anew(self.field(now), now.ahead)
+        if first is now or not self.slips(pairing).size:
+            return pairing
+        return self.slipping_from(self.field(first), pairing)
 
     @property
     def finest(self) -> float:
@@ -485,6 +482,25 @@ class MeshedOrgan:
     def field(self, state: OrganState) -> Array:
         """Return the displacement over the free unknowns, shape `(N,)` [m]."""
         return state.U
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
+        return self.whole(self.field(state))
+
+    def velocity(self, state: OrganState) -> Array:
+        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
+        return self.whole(state.V)
+
+    def lips(self, state: OrganState) -> Lips:
+        """Return the gaps, forces, slides and friction of the pairs."""
+        if not self.pairs:
+            return NO_LIPS
+        p, slides = self.contact_forces(state)[: self.pairs], self.slides(self.field(state))
+        return Lips(self.gap(state), p, slides, *self.rubbing(state))
+
+    def gap(self, state: OrganState) -> Array:
+        """Return g = g0 + G U, shape `(pairs,)` [m]."""
+        return self.gaps_of(state)[: self.pairs]
 
     def gaps_of(self, state: OrganState) -> Array:
         """Return the gaps and slips of all pairs and outside points in a state, `(k,)` [m].
@@ -567,6 +583,28 @@ class MeshedOrgan:
         points = (len(p) - self.contacts) // (3 if self.skin is not None and self.skin.friction else 1)
         rubs[self.pairs : self.contacts] = rubs[self.contacts + points :] = True
         return float(works[~rubs].sum()), float(works[rubs].sum())
+
+    def displaced(self, operator: "Operator", state: OrganState, y: Array, f_y: Array, Y: csr_matrix) -> LinearAnswer:
+        """Return the answer of a step without motion, with the rows `Y` (9p, N) of the sites.
+
+        The sites stay at `y` (9p,) while the site forces `f_y` (9p,) and the contact forces of
+        `state` are constant. The answer is linear in their change. V does not change.
+        """
+        p, pairing = self.contact_forces(state), self.pairing_of(state)
+        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
+
+        def complete(f_new: Array, p_new: Array) -> OrganState:
+            # Only the change is used, because the forces of the state can include holes that ended at this time.
+            df, U = f_new - f_y, state.U
+            if U.size:  # the state of an organ without inertia has only forces
+                U = operator.add_forces(U, df, p_new - p, pairing)
+            held = self.contact_or_none(p_new)
+            return replace(state, U=U, f_y=state.f_y + df, p=held, MU=None, MV=None, KU=None)
+
+        def right_hand_side() -> Array:
+            return np.asarray(operator.A @ self.field(state) - Y.T @ f_y - pairing.G.T @ p)
+
+        return LinearAnswer(operator, y_free, g_free, complete, right_hand_side, pairing)
 
     def shares_at(self, time: float, share: float) -> Array | None:
         """Return the parts of the loads that act, `(l,)`; None without loads.
@@ -654,8 +692,8 @@ def refuse_loose(body: Elasticity) -> None:
     if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
         known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
         raise TissueError(
-            f"clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary (the mesh "
-            f"names {known}) or give it inertia"
+            "clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary, put rollers on "
+            f"more of them (the mesh names {known}) or give it inertia"
         )
 
 
@@ -683,14 +721,23 @@ class Columns:
         return np.asarray(self.of(acts) @ p[acts])
 
 
-class LipCompliance:
-    """The compliance of the gaps, computed when first needed."""
+@dataclass(frozen=True)
+class Operator:
+    """A factorised matrix A with W = A⁻¹ Yᵀ and the compliance C = Y W of the sites.
+
+    The compliance of the gaps is computed when first needed.
+    """
 
     organ: MeshedOrgan
     A: csr_matrix
     factor: Solver
     W: Array
     C: Array
+
+    def add_forces(self, U: Array, f_y: Array, p: Array, pairing: Pairing) -> Array:
+        """Return U + W f_y + A⁻¹Gᵀ p, shape `(N,)` [m]."""
+        U = U + self.W @ f_y
+        return U + self.factor.solve(pairing.G.T @ p) if p.any() else U
 
     def free_values(self, y: Array, g: Array, f_y: Array, p: Array, pairing: Pairing) -> tuple[Array, Array]:
         """Return `y_free` and `g_free` of an answer with y and g under the forces `f_y` and `p`."""
@@ -721,7 +768,7 @@ class LipCompliance:
     @cached_property
     def C_cc(self) -> Columns:
         """G A⁻¹ Gᵀ of the pairs of the reference, `(k, k)` [m/N]."""
-        return gap_compliance(self.factor, self.organ.G)
+        return gap_compliance(self.factor, self.organ.pairing(None).G)
 
     @cached_property
     def C_ry(self) -> Array:

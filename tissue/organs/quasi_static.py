@@ -2,39 +2,36 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array
-from tissue.errors import TissueError
 from tissue.organs.meshed import (
     EMPTY,
-    NO_LIPS,
     LinearAnswer,
-    LipCompliance,
-    Lips,
     MeshedOrgan,
+    Operator,
     OrganEnergies,
     OrganState,
     Pairing,
     Remade,
     TimeScheme,
     compliance,
+    refuse_loose,
     slips_since,
 )
-from tissue.solvers.choice import MULTIGRID, Solver
+from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.ranks import Ranks, SharedColumns
-from tissue.supports import holds_still
 
 CROSSED = 1e-9  # of the surfaces' extent: round-off of closed gaps
 ALL = np.ones(1)  # the part of gravity, which has no ramp
 
 
 @dataclass(frozen=True)
-class QuasiStaticOperator(LipCompliance):
+class QuasiStaticOperator(Operator):
     """The factorised A = K with known answers to gravity and to each load.
 
     The work in a step therefore does not grow with the mesh.
@@ -45,10 +42,6 @@ class QuasiStaticOperator(LipCompliance):
     """
 
     organ: "QuasiStaticOrgan"
-    A: csr_matrix
-    factor: Solver
-    W: Array
-    C: Array
     U_loads: Array
     y_loads: Array
     loads_work: Array
@@ -80,18 +73,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        body = self.elasticity
-        known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
-        if body.clamped.size == 0:
-            raise TissueError(
-                "clamp = []: a quasi-static organ that is not held is singular; clamp a boundary (the mesh names "
-                f"{known}) or give it inertia"
-            )
-        if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
-            raise TissueError(
-                "roller: a quasi-static organ that can still move as a rigid body is singular; clamp a boundary, or "
-                f"put rollers on more of them (the mesh names {known})"
-            )
+        refuse_loose(self.elasticity)
 
     @cached_property
     def _recalled(self) -> deque[tuple[OrganState, Array]]:
@@ -140,7 +122,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         is found in the field of the last state, which takes one back-substitution.
         """
         operator, shares = self._operator, self.shares_at(time, share)
-        pairing = self._paired_after(past, scheme) if self.touches and past else self.pairing(None)
+        pairing = self.paired_after(past, scheme) if self.touches and past else self.pairing(None)
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ in equilibrium with its forces."""
@@ -151,20 +133,18 @@ class QuasiStaticOrgan(MeshedOrgan):
         y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
         return LinearAnswer(operator, y_free, g_free, complete, lambda: self.load_under(shares), pairing)
 
-    def _paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
+    def paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
         """Return the pairing after the states `past`.
 
         At a start under gravity, surfaces can cross, because no contact force acts yet. Their slips
         are then counted from the reference shape.
         """
-        pairing, first = self.paired_anew(self.field(past[0]), past[0].ahead), slips_since(past, scheme)
-        if not self.slips(pairing).size:
+        pairing, first = super().paired_after(past, scheme), slips_since(past, scheme)
+        if self.gaps is None or not self.gaps.rough.size:
             return pairing
-        crosses = self.gaps is not None and self.gap(first).min() < -CROSSED * self.gaps.extent
-        slipping = self.slipping_from(self.field(first), pairing)
-        if crosses:
-            slipping.g0[self.pairs : self.contacts] = 0.0
-        return slipping
+        if self.gap(first).min() < -CROSSED * self.gaps.extent:
+            pairing.g0[self.pairs : self.contacts] = 0.0
+        return pairing
 
     def is_unloaded(self, state: OrganState) -> bool:
         """Return whether no force acts on the organ, so that its displacement is zero."""
@@ -179,13 +159,6 @@ class QuasiStaticOrgan(MeshedOrgan):
         y = self._operator.y_load(self.parts(state)) + self._operator.C @ state.f_y
         return y + p @ self._operator.gaps_by_sites(self.pairing_of(state)) if p.any() else y
 
-    def lips(self, state: OrganState) -> Lips:
-        """Return the gaps, forces, slides and friction of the pairs."""
-        if not self.pairs:
-            return NO_LIPS
-        p, slides = self.contact_forces(state)[: self.pairs], self.slides(self.field(state))
-        return Lips(self.gap(state), p, slides, *self.rubbing(state))
-
     def gap(self, state: OrganState) -> Array:
         """Return g = g0 + G U = g_load + C_cy f_y + C_cc p, shape `(pairs,)` [m]."""
         return self.g0 if not self.pairs or self.is_unloaded(state) else self.gaps_of(state)[: self.pairs]
@@ -197,10 +170,6 @@ class QuasiStaticOrgan(MeshedOrgan):
         pairing = self.pairing_of(state)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
         return g + self._operator.by_pairs(pairing).times(self.contact_forces(state))
-
-    def displacement(self, state: OrganState) -> Array:
-        """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
-        return self.whole(self.field(state))
 
     def field(self, state: OrganState) -> Array:
         """Return the displacement over the free unknowns, shape `(N,)` [m].
@@ -227,20 +196,8 @@ class QuasiStaticOrgan(MeshedOrgan):
     def displace(self, scheme: TimeScheme, state: OrganState, y: Array, f_y: Array) -> LinearAnswer:
         """Return the answer of a step in which the sites stay at `y` (9p,) while the forces are
         constant.
-
-        The forces are the site forces `f_y` (9p,) and the contact forces of `state`.
         """
-        operator, p, pairing = self._operator, self.contact_forces(state), self.pairing_of(state)
-        y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
-
-        def displaced(f_new: Array, p_new: Array) -> OrganState:
-            # Only the change is used, because the forces of the state can include holes that ended at this time.
-            return replace(state, f_y=state.f_y + (f_new - f_y), p=self.contact_or_none(p_new))
-
-        def right_hand_side() -> Array:
-            return operator.A @ self.field(state) - self.Y.T @ f_y - pairing.G.T @ p
-
-        return LinearAnswer(operator, y_free, g_free, displaced, right_hand_side, pairing)
+        return self.displaced(self._operator, state, y, f_y, self.Y)
 
     def steady_loads(self, state: OrganState, times: Sequence[float]) -> tuple[float, Array, Array] | None:
         """Return the elastic energy under gravity and loads alone [J], the displacement of the

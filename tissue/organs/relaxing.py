@@ -107,20 +107,13 @@ class RelaxingOrgan(DynamicOrgan):
         left = zip(self._stresses, self.strains(state), strict=True)
         return np.asarray(sum(each.stress(self.whole(state.U - e)) for each, e in left))
 
-    def answer(
-        self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
-    ) -> LinearAnswer:
-        """Return the answer of a step, as `DynamicOrgan.answer` does.
-
-        In equilibrium, slips and relaxation are counted from the last state of `past`.
-        """
-        pairing = self.slipping_from(slips_since(past, scheme).U, self.paired_anew(past[0].U, past[0].ahead))
-        return self.answer_paired(scheme, past, pairing, time, share)
-
     def answer_paired(
         self, scheme: TimeScheme, past: Sequence[OrganState], pairing: Pairing, time: float, share: float
     ) -> LinearAnswer:
-        """Return the answer of a step with a given pairing."""
+        """Return the answer of a step with a given pairing.
+
+        In equilibrium, relaxation is counted from the last state of `past`.
+        """
         first, scheme = slips_since(past, scheme), self.scheme_of(scheme)
         e, decays, means = self.strains(first), self.relaxation.decays(scheme.dt), self.relaxation.means(scheme.dt)
         shares = self.shares_at(time, share)
