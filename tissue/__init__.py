@@ -12,11 +12,11 @@ from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
 from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.floating import FloatingOrgan
-from tissue.organs.krylov import KrylovOrgan, KrylovState, has_space
+from tissue.organs.krylov import KrylovOrgan, has_space
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
 from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.quasi_static import QuasiStaticOrgan
-from tissue.organs.reduced import ReducedOrgan, ReducedState, Reduction, check_reducible, reduce_organ
+from tissue.organs.reduced import ReducedOrgan, Reduction, check_reducible, reduce_organ
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
 from tissue.organs.skin import Skin, skin_of
@@ -49,7 +49,6 @@ __all__ = [
     "Gaps",
     "Hyperelasticity",
     "KrylovOrgan",
-    "KrylovState",
     "LinearAnswer",
     "Lips",
     "Loads",
@@ -62,7 +61,6 @@ __all__ = [
     "QuasiStaticOrgan",
     "Ranks",
     "ReducedOrgan",
-    "ReducedState",
     "Reduction",
     "RelaxingOrgan",
     "Rim",

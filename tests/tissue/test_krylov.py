@@ -16,7 +16,7 @@ from tests.tissue.pulled import PULL, SITES, SOFT, organ_of, schemes
 from tests.tissue.wounds import cut_block, gaps_on
 from tissue.arrays import Array
 from tissue.organs import krylov
-from tissue.organs.krylov import KrylovAnswer, work_of
+from tissue.organs.krylov import KrylovAnswer
 from tissue.solvers.factor import RESIDUAL as OF_SOLVERS
 
 SLOW = 2.0e-3  # s, a few steps a period of the slowest motion of the block
@@ -72,7 +72,7 @@ def test_what_is_left_is_that_of_all_unknowns(scheme: type[Scheme], kind: str) -
     factor = full.solver_of(full.K)
     for state in states(organ, scheme, 12, smooth, 0.1 * SLOW, certified=False)[1:]:
         r, _ = left_of(full, organ.whole(state))
-        norm, scale = np.sqrt(r @ factor.solve(r)), work_of(state)
+        norm, scale = np.sqrt(r @ factor.solve(r)), state.tally
         assert norm >= 1e-6 * scale  # there is something to be seen
         assert abs(organ.residual(state) * scale - norm) <= TWO_SOLVERS * scale
 

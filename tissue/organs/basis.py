@@ -12,7 +12,8 @@ orthogonal to V. F and K V lie in the space of K V, and M V does except for its 
 
     K⁻¹ r = −(I − V VᵀK) K⁻¹M V (η̈ + α η̇),   ‖r‖ in K⁻¹ = ‖R (η̈ + α η̇)‖
 
-with one small matrix R: the dual norm of the residual needs no solve.
+with one small matrix R: the dual norm of the residual needs no solve. K⁻¹ r lies in the next block
+alone, so that R is the part of the mass that couples the two.
 """
 
 from collections.abc import Callable
@@ -23,69 +24,113 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from tissue.arrays import Array
+from tissue.errors import TissueError
+from tissue.organs.dynamic import DynamicOrgan
+from tissue.organs.meshed import OrganState, TimeScheme
+from tissue.organs.modal import Modes
 
 DEPENDENT = 1e-8  # of a vector's length in K: a smaller new direction is round-off
 MODES = 1e-10  # relative residual of the modes: the basis need not contain them exactly
 MASSLESS = 1e-14  # of the largest 1/ω² of a basis: a smaller value is round-off, and the mode has no mass
 
 
-@dataclass(frozen=True)
-class ModalBasis:
-    """A basis in which stiffness is the identity and mass is diagonal.
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The organ in a number of `blocks` of its Krylov space.
 
-    `vectors` has shape `(N, r)`, and `mu` (r,) = 1/ω² [s²]. `missed` is the matrix R of the module,
-    shape `(m, r)`.
+    `modes` are its modes. `turn` (n, n) is the matrix from the modes to the vectors of the space.
+    `missed` (m, n) is R of the module.
     """
 
-    vectors: Array
-    mu: Array
+    blocks: int
+    modes: Modes
+    turn: Array
     missed: Array
 
+    def left(self, state: OrganState) -> float:
+        """Return the norm in K⁻¹ of the residual of the equations of motion for all unknowns [√J]."""
+        return float(np.linalg.norm(self.missed @ self.modes.rates(state)))
 
-@dataclass(frozen=True)
-class Krylov:
-    """Vectors V `(N, r)`, orthonormal in K; the first `inner` of them exclude the last block.
+    def forces(self, state: OrganState) -> float:
+        """Return the norm of the forces of inertia, stiffness and damping in a state [√J]."""
+        inertia = self.modes.mu * self.modes.rates(state)
+        return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
 
-    `M` is VᵀMV. `missed` has two matrices R: of the vectors without the last block, and of all
-    vectors.
+    def shortfall(self, scheme: TimeScheme) -> float:
+        """Return the largest relative deficit of a site's compliance in a step [-].
+
+        As in every Galerkin solution, it is the square of the residual of the response to a unit
+        force.
+        """
+        operator = self.modes.operator(scheme.a, scheme.d)
+        left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
+        own = operator.C.diagonal()
+        return float(((left**2).sum(axis=0)[own > 0.0] / own[own > 0.0]).max(initial=0.0))
+
+
+class Space:
+    """The Krylov space of an organ; each block is computed when it is first needed.
+
+    The first block has the static answers to all forces, and before them a number of vibration
+    `modes`. Memory is allocated for a number of further `blocks`; more is allocated when needed.
     """
 
-    vectors: Array
-    inner: int
-    M: Array
-    missed: tuple[Array, Array]
+    def __init__(self, organ: DynamicOrgan, blocks: int, modes: int = 0) -> None:
+        self._organ, self._factor = organ, organ.solver_of(organ.K)
+        forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
+        forces = forces[:, forces.any(axis=0)]
+        self._basis = Orthonormal(organ.K, modes + forces.shape[1] * (blocks + 2))
+        self._ends, self._M = list[int](), np.zeros((0, 0))
+        self._levels: dict[int, Level] = {}
+        if modes:
+            self._add(vibration_modes(organ.K, organ.M, self._factor.solve, modes))
+        self._next = forces
 
-    def modal(self, inner: bool) -> ModalBasis:
-        """Return the modes in the space of all vectors, or without the last block if `inner`."""
-        r = self.inner if inner else self.M.shape[0]
-        mu, Q = np.linalg.eigh(self.M[:r, :r])
-        mu = np.where(mu > MASSLESS * mu[-1], mu, 0.0)
-        return ModalBasis(self.vectors[:, :r] @ Q, mu, self.missed[0 if inner else 1] @ Q)
+    @property
+    def vectors(self) -> Array:
+        """The vectors of the basis so far, shape `(N, r)`."""
+        return self._basis.V
 
+    def level(self, blocks: int) -> Level:
+        """Return the organ in the space of the static answers and `blocks` further blocks."""
+        if blocks not in self._levels:
+            while len(self._ends) < blocks + 2:  # the next block gives their residual
+                self._extend()
+            self._levels[blocks] = self._make(blocks)
+        return self._levels[blocks]
 
-def build_krylov(
-    K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array], forces: Array, blocks: int, modes: Array
-) -> Krylov:
-    """Return the basis of `modes` (N, m), of the static answers to `forces` (N, f) and of `blocks`
-    + 1 further blocks.
+    def level_of(self, vectors: int, most: int) -> Level:
+        """Return the organ in the space of the first `vectors` vectors.
 
-    `solve` returns K⁻¹ b.
-    """
-    inner_products = Orthonormal(K)
-    inner_products.extend(modes)
-    last = inner_products.extend(solve(forces))
-    for _ in range(blocks):
-        last = inner_products.extend(solve(np.asarray(M @ last)))
-    r = inner_products.V.shape[1]
-    outer = inner_products.extend(solve(np.asarray(M @ last)))
-    V = inner_products.V
-    rest = inner_products.without(solve(np.asarray(M @ outer)))
-    reduced = V.T @ np.asarray(M @ V)
-    missed = np.zeros((outer.shape[1], V.shape[1]))
-    missed[:, r:] = _root(rest.T @ np.asarray(K @ rest))
-    # Without the last block, the residual of K⁻¹M V lies in that block alone. R is then the block of VᵀM V that
-    # couples the two.
-    return Krylov(V, r, 0.5 * (reduced + reduced.T), (reduced[r:, :r], missed))
+        Raises `TissueError` if no number of blocks up to `most` has this number of vectors.
+        """
+        while vectors not in self._ends and len(self._ends) <= most:
+            self._extend()
+        if vectors not in self._ends:
+            raise TissueError(
+                f"no number of blocks of the organ's Krylov space has {vectors} vectors; start the run again"
+            )
+        return self.level(self._ends.index(vectors))
+
+    def _extend(self) -> None:
+        """Add a block."""
+        self._add(self._factor.solve(self._next))
+        self._ends.append(self.vectors.shape[1])
+
+    def _add(self, X: Array) -> None:
+        """Add vectors `(N, k)` to the basis."""
+        self._next = np.asarray(self._organ.M @ self._basis.extend(X))
+        before, beside = self._M.shape[0], self.vectors.T @ self._next
+        corner = 0.5 * (beside[before:] + beside[before:].T)
+        self._M = np.block([[self._M, beside[:before]], [beside[:before].T, corner]])
+
+    def _make(self, blocks: int) -> Level:
+        organ, r, behind = self._organ, self._ends[blocks], self._ends[blocks + 1]
+        mu, turn = np.linalg.eigh(self._M[:r, :r])
+        mu, V = np.where(mu > MASSLESS * mu[-1], mu, 0.0), self._basis.V[:, :r]
+        Y, load, surface_load = (np.asarray(F) @ turn for F in (organ.Y @ V, organ.load @ V, organ.surface_load.T @ V))
+        modes = Modes(mu, Y, load, surface_load.T, organ.rayleigh, r)
+        return Level(blocks, modes, turn, self._M[r:behind, :r] @ turn)
 
 
 def vibration_modes(K: csr_matrix, M: csr_matrix, solve: Callable[[Array], Array], count: int) -> Array:
@@ -140,9 +185,3 @@ class Orthonormal:
 
     def _lengths(self, X: Array) -> Array:
         return np.sqrt(np.einsum("ij,ij->j", X, np.asarray(self.K @ X)))
-
-
-def _root(gram: Array) -> Array:
-    """Return R with RᵀR = `gram`, a symmetric matrix that is positive semidefinite up to round-off."""
-    w, Q = np.linalg.eigh(gram)
-    return np.asarray(np.sqrt(np.maximum(w, 0.0))[:, None] * Q.T)

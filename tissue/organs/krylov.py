@@ -34,10 +34,10 @@ import numpy as np
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
-from tissue.organs.basis import MASSLESS, Orthonormal
+from tissue.organs.basis import Level, Space
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import Modes, OrganOfModes
+from tissue.organs.modal import OrganOfModes
 from tissue.organs.reduced import check_held, check_memory
 
 log = logging.getLogger(__name__)
@@ -52,106 +52,6 @@ MOST = 16  # blocks: a motion that needs more is not smooth; with two holes, 16 
 SHORT = 1e-8  # of a compliance: largest deficit accepted after a failed step; Newton does not notice a smaller one
 AT_ONCE = 4  # further blocks that one step can add: a smooth start needs one or two, and more later
 ROUNDED = 1e-13  # of the body's size: a smaller error of a site is round-off of the constraints
-
-
-@dataclass(frozen=True)
-class KrylovState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ [√J, …], or the fields of the whole organ.
-
-    The length of η is the number of vectors. `work` is the largest norm of the forces so far [√J].
-    """
-
-    work: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """The organ in a number of `blocks` of its Krylov space.
-
-    `modes` are its modes. `turn` (n, n) is the matrix from the modes to the vectors of the space.
-    `missed` (m, n) is R of the module.
-    """
-
-    blocks: int
-    modes: Modes
-    turn: Array
-    missed: Array
-
-    def left(self, state: OrganState) -> float:
-        """Return the norm in K⁻¹ of the residual of the equations of motion for all unknowns [√J]."""
-        return float(np.linalg.norm(self.missed @ self.modes.rates(state)))
-
-    def forces(self, state: OrganState) -> float:
-        """Return the norm of the forces of inertia, stiffness and damping in a state [√J]."""
-        inertia = self.modes.mu * self.modes.rates(state)
-        return float(np.linalg.norm(inertia) + np.linalg.norm(state.U + self.modes.rayleigh[1] * state.V))
-
-    def shortfall(self, scheme: TimeScheme) -> float:
-        """Return the largest relative deficit of a site's compliance in a step [-].
-
-        As in every Galerkin solution, it is the square of the residual of the response to a unit
-        force.
-        """
-        operator = self.modes.operator(scheme.a, scheme.d)
-        left = (scheme.a + self.modes.rayleigh[0] * scheme.d) * (self.missed @ operator.W)
-        own = operator.C.diagonal()
-        return float(((left**2).sum(axis=0)[own > 0.0] / own[own > 0.0]).max(initial=0.0))
-
-
-class Space:
-    """The Krylov space of an organ; each block is computed when it is first needed."""
-
-    def __init__(self, organ: DynamicOrgan) -> None:
-        self._organ, self._factor = organ, organ.solver_of(organ.K)
-        forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
-        self._next = forces[:, forces.any(axis=0)]
-        self._basis = Orthonormal(organ.K, self._next.shape[1] * (FIRST + 2))
-        self._ends, self._M = list[int](), np.zeros((0, 0))
-        self._levels: dict[int, Level] = {}
-
-    @property
-    def vectors(self) -> Array:
-        """The vectors of the basis so far, shape `(N, r)`."""
-        return self._basis.V
-
-    def level(self, blocks: int) -> Level:
-        """Return the organ in the space of the static answers and `blocks` further blocks."""
-        if blocks not in self._levels:
-            while len(self._ends) < blocks + 2:  # the next block gives their residual
-                self._extend()
-            self._levels[blocks] = self._make(blocks)
-        return self._levels[blocks]
-
-    def level_of(self, vectors: int) -> Level:
-        """Return the organ in the space of the first `vectors` vectors.
-
-        Raises `TissueError` if no number of blocks has this number of vectors.
-        """
-        while vectors not in self._ends and len(self._ends) <= MOST:
-            self._extend()
-        if vectors not in self._ends:
-            raise TissueError(
-                f"no number of blocks of the organ's Krylov space has {vectors} vectors; start the run again"
-            )
-        return self.level(self._ends.index(vectors))
-
-    def _extend(self) -> None:
-        """Add a block."""
-        block = self._basis.extend(self._factor.solve(self._next))
-        self._next = np.asarray(self._organ.M @ block)
-        V, before = self._basis.V, self._M.shape[0]
-        beside = V.T @ self._next
-        corner = 0.5 * (beside[before:] + beside[before:].T)
-        self._M = np.block([[self._M, beside[:before]], [beside[:before].T, corner]])
-        self._ends.append(V.shape[1])
-
-    def _make(self, blocks: int) -> Level:
-        organ, r, behind = self._organ, self._ends[blocks], self._ends[blocks + 1]
-        mu, turn = np.linalg.eigh(self._M[:r, :r])
-        mu, V = np.where(mu > MASSLESS * mu[-1], mu, 0.0), self._basis.V[:, :r]
-        Y, load, surface_load = (np.asarray(F) @ turn for F in (organ.Y @ V, organ.load @ V, organ.surface_load.T @ V))
-        modes = Modes(mu, Y, load, surface_load.T, organ.rayleigh, r)
-        return Level(blocks, modes, turn, self._M[r:behind, :r] @ turn)
 
 
 @dataclass(frozen=True)
@@ -178,7 +78,8 @@ class KrylovAnswer(SiteAnswer[OrganState]):
 class KrylovOrgan(OrganOfModes):
     """A linear organ with inertia, solved in its Krylov space.
 
-    If the space is not accurate enough, `full` solves instead.
+    If the space is not accurate enough, `full` solves instead. U, V, A of its states are η, η̇, η̈
+    [√J, …], as many as the vectors, or the fields of the whole organ.
 
     Raises `TissueError` for an organ with contact, for an organ that is not held, and if the memory
     is too small.
@@ -191,16 +92,16 @@ class KrylovOrgan(OrganOfModes):
     @cached_property
     def space(self) -> Space:
         """The space with all blocks that were needed so far."""
-        return Space(self.full)
+        return Space(self.full, FIRST)
 
     def level(self, state: OrganState) -> Level | None:
         """Return the level of a state, or None for a state of the whole organ."""
-        return None if state.U.size == self.full.size else self.space.level_of(state.U.size)
+        return None if state.U.size == self.full.size else self.space.level_of(state.U.size, MOST)
 
-    def start(self) -> KrylovState:
+    def start(self) -> OrganState:
         """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.space.level(START).modes.size)
-        return KrylovState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
@@ -220,10 +121,10 @@ class KrylovOrgan(OrganOfModes):
         """Return the answer at a level."""
         shares, past = self.full.shares_at(time, share), [self._at(level, state) for state in past]
 
-        def accept(U: Array, V: Array, A: Array, f_y: Array) -> KrylovState:
+        def accept(U: Array, V: Array, A: Array, f_y: Array) -> OrganState:
             """Return the state of a motion."""
-            new = KrylovState(U, V, A, f_y, shares=shares)
-            return replace(new, work=max(work_of(past[0]), level.forces(new)))
+            new = OrganState(U, V, A, f_y, shares=shares)
+            return replace(new, tally=max(past[0].tally, level.forces(new)))
 
         def checked(answer: KrylovAnswer, f_y: Array | None) -> SiteAnswer[OrganState] | LinearAnswer:
             """Return the answer at a level that is wide enough, or the answer of the whole organ."""
@@ -268,7 +169,7 @@ class KrylovOrgan(OrganOfModes):
 
     def _allowed(self, state: OrganState) -> float:
         """Return the bound of the residual of the equations of motion [√J]."""
-        return ACCURACY * work_of(state) + self._rounded
+        return ACCURACY * state.tally + self._rounded
 
     @cached_property
     def _rounded(self) -> float:
@@ -281,8 +182,8 @@ class KrylovOrgan(OrganOfModes):
 
     def _whole_answer(self, scheme: TimeScheme, past: Sequence[OrganState], time: float, share: float) -> LinearAnswer:
         """Return the answer of the whole organ."""
-        found, work = self.full.answer(scheme, [self.whole(s) for s in past], time, share), work_of(past[0])
-        return replace(found, accepted=lambda f_y, p: KrylovState(**vars(found.accepted(f_y, p)), work=work))
+        found, work = self.full.answer(scheme, [self.whole(s) for s in past], time, share), past[0].tally
+        return replace(found, accepted=lambda f_y, p: replace(found.accepted(f_y, p), tally=work))
 
     def _at(self, level: Level, state: OrganState) -> OrganState:
         """Return a state at its own level or a higher one.
@@ -299,10 +200,10 @@ class KrylovOrgan(OrganOfModes):
         """Return the state as a state of the full organ, with fields over the free unknowns."""
         if self.level(state) is None:
             return state
-        U, V, A = (self._spread(state, x) for x in (state.U, state.V, state.A))
+        U, V, A = (self.spread(state, x) for x in (state.U, state.V, state.A))
         return replace(state, U=U, V=V, A=A)
 
-    def _spread(self, state: OrganState, x: Array) -> Array:
+    def spread(self, state: OrganState, x: Array) -> Array:
         """Return the field over the free unknowns (N,) of U, V or A of a state."""
         level = self.level(state)
         return x if level is None else np.asarray(self.space.vectors[:, : level.modes.size] @ (level.turn @ x))
@@ -311,18 +212,6 @@ class KrylovOrgan(OrganOfModes):
         """Return y, shape `(9p,)`."""
         level = self.level(state)
         return self.full.site_variables(state) if level is None else level.modes.site_variables(self.y0, state.U)
-
-    def displacement(self, state: OrganState) -> Array:
-        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
-        return self.full.whole(self.field(state))
-
-    def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
-        return self._spread(state, state.U)
-
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
-        return self.full.whole(self._spread(state, state.V))
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step."""
@@ -355,12 +244,7 @@ class KrylovOrgan(OrganOfModes):
         """
         level = self.level(like)
         at = state if level is None else self._at(level, state)
-        return at.U, at.V, at.A, at.f_y, work_of(at)
-
-    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> KrylovState:
-        """Return the state of a `motion` under the loads of another state."""
-        U, V, A, f_y, work = motion
-        return KrylovState(U, V, A, f_y, shares=state.shares, work=work)
+        return at.U, at.V, at.A, at.f_y, at.tally
 
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer of the whole organ to an impulse on the sites."""
@@ -381,7 +265,7 @@ class KrylovOrgan(OrganOfModes):
 
         It is 0 for a state of the whole organ.
         """
-        level, work = self.level(state), work_of(state)
+        level, work = self.level(state), state.tally
         return 0.0 if level is None or not work else level.left(state) / work
 
 
@@ -396,8 +280,3 @@ def has_space(organ: DynamicOrgan) -> bool:
     except TissueError:
         return False
     return True
-
-
-def work_of(state: OrganState) -> float:
-    """Return the largest norm of the forces so far [√J]."""
-    return state.work if isinstance(state, KrylovState) else 0.0

@@ -152,6 +152,27 @@ class OrganOfModes:
 
     full: DynamicOrgan
 
+    def spread(self, state: OrganState, x: Array) -> Array:
+        """Return the field over the free unknowns (N,) of U, V or A of a state."""
+        raise NotImplementedError
+
+    def field(self, state: OrganState) -> Array:
+        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
+        return self.spread(state, state.U)
+
+    def displacement(self, state: OrganState) -> Array:
+        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
+        return self.full.whole(self.field(state))
+
+    def velocity(self, state: OrganState) -> Array:
+        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
+        return self.full.whole(self.spread(state, state.V))
+
+    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> OrganState:
+        """Return the state of a `motion` under the loads of another state."""
+        U, V, A, f_y, tally = motion
+        return OrganState(U, V, A, f_y, shares=state.shares, tally=tally)
+
     @property
     def y0(self) -> Array:
         """Reference site variables, shape `(9p,)` [m, -, -]."""

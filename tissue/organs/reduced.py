@@ -24,7 +24,7 @@ import numpy as np
 
 from tissue.arrays import Array
 from tissue.errors import TissueError
-from tissue.organs.basis import Krylov, build_krylov, vibration_modes
+from tissue.organs.basis import Space
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
 from tissue.organs.modal import Modes, OrganOfModes
@@ -34,17 +34,6 @@ from tissue.supports import holds_still
 
 ALSO_MADE = 3  # blocks beyond the requested ones: static answers, the check's block, the block for its residual
 TIMES_HELD = 4  # vectors, K times the vectors, and products and copies of a block during its construction
-
-
-@dataclass(frozen=True)
-class ReducedState(OrganState):
-    """A state whose U, V, A are η, η̇, η̈ of the model, followed by η, η̇, η̈ of its check, `(r +
-    c,)` [√J, …].
-
-    `drift` is Σ‖Δr‖ of the check so far [√J].
-    """
-
-    drift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +82,16 @@ def reduce_organ(organ: DynamicOrgan, blocks: int, modes: int = 0) -> Reduction:
     impossible numbers.
     """
     check_reducible(organ, blocks, modes)
-    return _reduction(organ, _krylov_of(organ, blocks, modes))
+    space = Space(organ, blocks + 1, modes)
+    model, check = levels = space.level(blocks), space.level(blocks + 1)
+    return Reduction(
+        vectors=space.vectors[:, : len(model.turn)] @ model.turn,
+        mu=np.concatenate([level.modes.mu for level in levels]),
+        Y=np.hstack([level.modes.Y for level in levels]),
+        load=np.concatenate([level.modes.load for level in levels]),
+        surface_load=np.vstack([level.modes.surface_load for level in levels]),
+        missed=check.missed,
+    )
 
 
 def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
@@ -132,30 +130,12 @@ def check_memory(organ: DynamicOrgan, blocks: int, modes: int, remedy: str) -> N
         )
 
 
-def _krylov_of(organ: DynamicOrgan, blocks: int, modes: int) -> Krylov:
-    """Return the vectors of model and check."""
-    factor = organ.solver_of(organ.K)
-    forces = np.column_stack([organ.Y.T.toarray(), organ.load, organ.surface_load])
-    own = vibration_modes(organ.K, organ.M, factor.solve, modes) if modes else np.zeros((organ.size, 0))
-    return build_krylov(organ.K, organ.M, factor.solve, forces, blocks, own)
-
-
-def _reduction(organ: DynamicOrgan, made: Krylov) -> Reduction:
-    """Return the model and the check, each in its own modes, in common arrays."""
-    two = made.modal(inner=True), made.modal(inner=False)
-    return Reduction(
-        vectors=two[0].vectors,
-        mu=np.concatenate([basis.mu for basis in two]),
-        Y=np.hstack([np.asarray(organ.Y @ basis.vectors) for basis in two]),
-        load=np.concatenate([basis.vectors.T @ organ.load for basis in two]),
-        surface_load=np.vstack([basis.vectors.T @ organ.surface_load for basis in two]),
-        missed=two[1].missed,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class ReducedOrgan(OrganOfModes):
-    """A linear organ with inertia in a reduced basis; `full` has the mesh, the sites and the loads."""
+    """A linear organ with inertia in a reduced basis; `full` has the mesh, the sites and the loads.
+
+    U, V, A of its states are η, η̇, η̈ of the model, followed by those of its check, `(n,)` [√J, …].
+    """
 
     reduction: Reduction
 
@@ -165,10 +145,10 @@ class ReducedOrgan(OrganOfModes):
         given = self.reduction
         return Modes(given.mu, given.Y, given.load, given.surface_load, self.full.rayleigh, given.size)
 
-    def start(self) -> ReducedState:
+    def start(self) -> OrganState:
         """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.reduction.mu.size)
-        return ReducedState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), shares=self.full.no_shares)
 
     def answer(
         self, scheme: TimeScheme, past: Sequence[OrganState], time: float = np.inf, share: float = 1.0
@@ -179,10 +159,10 @@ class ReducedOrgan(OrganOfModes):
         """
         shares = self.full.shares_at(time, share)
 
-        def accept(U: Array, V: Array, A: Array, f_y: Array) -> ReducedState:
+        def accept(U: Array, V: Array, A: Array, f_y: Array) -> OrganState:
             """Return the state of a motion, with the error estimates so far."""
-            new = ReducedState(U, V, A, f_y, shares=shares)
-            return replace(new, drift=drift_of(past[0]) + self._left_open(new, past[0]))
+            new = OrganState(U, V, A, f_y, shares=shares)
+            return replace(new, tally=past[0].tally + self._left_open(new, past[0]))
 
         return self.both.answer(self.y0, scheme, past, shares, accept)
 
@@ -190,17 +170,9 @@ class ReducedOrgan(OrganOfModes):
         """Return y, shape `(9p,)`."""
         return self.both.site_variables(self.y0, state.U)
 
-    def displacement(self, state: OrganState) -> Array:
-        """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
-        return self.full.whole(self.field(state))
-
-    def field(self, state: OrganState) -> Array:
-        """Return the displacement over the free unknowns, shape `(N,)` [m]."""
-        return np.asarray(self.reduction.vectors @ state.U[: self.reduction.size])
-
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
-        return self.full.whole(self.reduction.vectors @ state.V[: self.reduction.size])
+    def spread(self, state: OrganState, x: Array) -> Array:
+        """Return the field over the free unknowns (N,) of U, V or A of a state."""
+        return np.asarray(self.reduction.vectors @ x[: self.reduction.size])
 
     def energies(self, old: OrganState, new: OrganState) -> OrganEnergies:
         """Return the energies at `new` and the works of the step, exact for the model."""
@@ -227,12 +199,7 @@ class ReducedOrgan(OrganOfModes):
         """Return η, η̇, η̈ (n,) of model and check, the site forces (9p,), and Σ‖Δr‖ of the check
         so far [√J].
         """
-        return state.U, state.V, state.A, state.f_y, drift_of(state)
-
-    def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> ReducedState:
-        """Return the state of a `motion` under the loads of another state."""
-        U, V, A, f_y, drift = motion
-        return ReducedState(U, V, A, f_y, shares=state.shares, drift=drift)
+        return state.U, state.V, state.A, state.f_y, state.tally
 
     def impulse(self, state: OrganState) -> SiteAnswer[OrganState]:
         """Return the answer to an impulse on the sites, dy/dt = Y η̇, with the masses of the basis.
@@ -241,11 +208,10 @@ class ReducedOrgan(OrganOfModes):
         """
         own = self.reduction.size
 
-        def struck(j: Array, p: Array) -> ReducedState:
+        def struck(j: Array, p: Array) -> OrganState:
             V = state.V + self._mobility @ j
             left = float(j @ (self.full.mobility[1] - self.reduction.Y[:, own:] @ self._mobility[own:]) @ j)
-            drift = drift_of(state) + float(np.sqrt(max(left, 0.0)))
-            return ReducedState(state.U, V, state.A, state.f_y, shares=state.shares, drift=drift)
+            return replace(state, V=V, tally=state.tally + float(np.sqrt(max(left, 0.0))))
 
         C = self.reduction.Y[:, :own] @ self._mobility[:own]
         return SiteAnswer(self.reduction.Y[:, :own] @ state.V[:own], lambda: C, struck)
@@ -265,13 +231,10 @@ class ReducedOrgan(OrganOfModes):
         """
         operator = self.both.operator(scheme.a, scheme.d)
 
-        def displaced(f_new: Array, p: Array) -> ReducedState:
+        def displaced(f_new: Array, p: Array) -> OrganState:
             way = operator.W @ (f_new - f_y)
             left = self._dual_norm((scheme.a + self.full.rayleigh[0] * scheme.d) * way)
-            forces = state.f_y + f_new - f_y
-            return ReducedState(
-                state.U + way, state.V, state.A, forces, shares=state.shares, drift=drift_of(state) + left
-            )
+            return replace(state, U=state.U + way, f_y=state.f_y + f_new - f_y, tally=state.tally + left)
 
         return SiteAnswer(y - operator.C @ f_y, lambda: operator.C, displaced)
 
@@ -288,7 +251,7 @@ class ReducedOrgan(OrganOfModes):
 
         The errors are the differences from the whole organ under the same forces.
         """
-        left = self._dual_norm(self.both.rates(state)) + drift_of(state)
+        left = self._dual_norm(self.both.rates(state)) + state.tally
         return np.asarray(self.difference(state) + self.reduction.reach * left)
 
     def _left_open(self, new: OrganState, old: OrganState) -> float:
@@ -298,8 +261,3 @@ class ReducedOrgan(OrganOfModes):
     def _dual_norm(self, rates: Array) -> float:
         """Return the norm in K⁻¹ of the check's residual at these rates `(n,)` [√J]."""
         return float(np.linalg.norm(self.reduction.missed @ rates[self.reduction.size :]))
-
-
-def drift_of(state: OrganState) -> float:
-    """Return Σ‖Δr‖ so far [√J]."""
-    return state.drift if isinstance(state, ReducedState) else 0.0
