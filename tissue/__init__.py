@@ -29,7 +29,7 @@ from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import Factor, factorize
 from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
 from tissue.solvers.ranks import Ranks
-from tissue.strain import cell_strain, energy_density, energy_share, nodal_volume_ratio, strains, volume_ratio
+from tissue.strain import energy_share, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
 
@@ -78,7 +78,6 @@ __all__ = [
     "cauchy_stress",
     "cell_deformation",
     "cell_energy",
-    "cell_strain",
     "cell_stretch",
     "cells_at",
     "check_reducible",
@@ -86,7 +85,6 @@ __all__ = [
     "depths",
     "distances",
     "elasticity",
-    "energy_density",
     "energy_share",
     "factorize",
     "fitted",

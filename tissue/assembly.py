@@ -18,6 +18,7 @@ from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array
 from tissue.loops import compiled
+from tissue.shapes import shapes
 
 Whole = NDArray[Any]  # integers of 4 or 8 bytes
 
@@ -52,21 +53,13 @@ class ReferenceMeans:
 def reference_means(element: Element) -> ReferenceMeans:
     """Return the means of a scalar Lagrange element of the tetrahedron."""
     X, W = get_quadrature(element, 2 * element.maxdeg)
-    (phi, slope), (psi, _) = _shapes(element, X), _shapes(ElementTetP1(), X)
-    mean = W / W.sum()
+    (phi, slopes), (psi, _) = shapes(element, X.T), shapes(ElementTetP1(), X.T)
+    slope, mean = np.array([_shortest(each) for each in slopes]), W / W.sum()
     return ReferenceMeans(
         np.einsum("icx,jdx,x->ijcd", slope, slope, mean, optimize=True),
         np.einsum("ix,jx,x->ij", phi, phi, mean),
         np.einsum("ax,jcx,x->ajc", psi, slope, mean),
     )
-
-
-def _shapes(element: Element, X: Array) -> tuple[Array, Array]:
-    """Return the shape functions `(n, x)` at points of the reference cell, and their slopes `(n, 4,
-    x)`.
-    """
-    values = [element.lbasis(X, i) for i in range(len(element.doflocs))]
-    return np.array([phi for phi, _ in values]), np.array([_shortest(slope) for _, slope in values])
 
 
 def _shortest(slope: Array) -> Array:

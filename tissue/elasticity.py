@@ -21,13 +21,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags_array, kron
-from skfem import Basis, BilinearForm, ElementTetP1, ElementTetP2, ElementVector, LinearForm, MeshTet
+from skfem import Basis, BilinearForm, Element, ElementTetP1, ElementTetP2, ElementVector, LinearForm, MeshTet
 from skfem.helpers import ddot, div, sym_grad
 from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
+from tissue.shapes import shapes
 from tissue.supports import clamped_unknowns, rolling_unknowns
 
 log = logging.getLogger(__name__)
@@ -70,6 +71,19 @@ class Elasticity:
     def N(self) -> int:
         """Number of displacement unknowns, clamped ones included."""
         return int(self.K.shape[0])
+
+    @cached_property
+    def cell(self) -> Element:
+        """The element of one component of the displacement."""
+        return ELEMENTS[self.element]()
+
+    @cached_property
+    def rule(self) -> tuple[Array, Array]:
+        """Quadrature points `(a, 3)` and weights `(a,)` in the reference cell, exact for the square of
+        a strain.
+        """
+        places, weights = get_quadrature(self.cell, max(1, 2 * self.cell.maxdeg - 2))
+        return np.ascontiguousarray(places.T), weights
 
     @cached_property
     def nodes(self) -> Indices:
@@ -117,21 +131,17 @@ class Elasticity:
         P1 there is only one corner, because the gradient is constant. Every frame of the output
         uses this matrix.
         """
-        corners = np.asarray(ELEMENTS[self.element]().doflocs)[:VERTICES]
+        corners = np.asarray(self.cell.doflocs)[:VERTICES]
         return slope_matrix(self, corners if self.element == "P2" else corners[:1])
 
     @cached_property
     def mean_slopes(self) -> tuple[csr_matrix, Array, Array]:
-        """Matrix as `corner_slopes` for quadrature points, these points `(a, 3)` and their weights
-        `(a,)`.
-
-        The rule is exact for the square of a strain. Its points are in the reference cell, and its
-        weights sum to 1.
+        """Matrix as `corner_slopes` for the quadrature points of `rule`, these points `(a, 3)` and their
+        weights `(a,)`, which sum to 1.
         """
-        element = ELEMENTS[self.element]()
-        places, weights = get_quadrature(element, max(1, 2 * element.maxdeg - 2))
-        slopes = self.corner_slopes if self.element == "P1" else slope_matrix(self, places.T)
-        return slopes, places.T, weights / weights.sum()
+        places, weights = self.rule
+        slopes = self.corner_slopes if self.element == "P1" else slope_matrix(self, places)
+        return slopes, places, weights / weights.sum()
 
     @cached_property
     def signed_six_volumes(self) -> Array:
@@ -160,12 +170,6 @@ class Elasticity:
             return triangles
         edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
         return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
-
-    def connectivity(self) -> tuple[Array, Indices, Indices]:
-        """Return `points`, `cells` and `nodes`: the mesh for a file of the organ, and the unknowns
-        of its nodes.
-        """
-        return self.points, self.cells, self.nodes
 
     def nodal(self, field: Array) -> Array:
         """Return a field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
@@ -318,18 +322,8 @@ def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
     """Return ∂φ_n/∂x_j at places of the reference cell `(a, 3)`, in each cell, shape `(c, a, n, 3)`
     [1/m].
     """
-    _, slopes = shapes(elasticity.element, places)
+    _, slopes = shapes(elasticity.cell, places)
     return np.einsum("nka,ckj->canj", slopes, elasticity.inverse_edges, optimize=True)
-
-
-def shapes(name: str, places: Array) -> tuple[Array, Array]:
-    """Return an element's shape functions φ_n `(n, a)` and ∂φ_n/∂ξ_k `(n, 3, a)` at `places` `(a, 3)`
-    of the reference cell.
-    """
-    element, count = ELEMENTS[name](), len(places)
-    values, slopes = zip(*(element.lbasis(places.T, n) for n in range(len(element.doflocs))), strict=True)
-    whole = [np.broadcast_to(np.reshape(slope, (3, -1)), (3, count)) for slope in slopes]
-    return np.array([np.broadcast_to(value, count) for value in values]), np.array(whole)
 
 
 def cellwise_lambda(material: Material) -> PerCell:

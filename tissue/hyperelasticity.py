@@ -14,11 +14,10 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags_array
-from skfem.quadrature import get_quadrature
-from skfem.refdom import RefTet
+from skfem import ElementTetP1
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shape_gradients
+from tissue.elasticity import Elasticity, cellwise_lambda, shape_gradients
 from tissue.errors import TissueError
 from tissue.loops import compiled
 from tissue.material import PerCell
@@ -26,6 +25,7 @@ from tissue.materials.density import Density, Sum, cofactor, determinant, determ
 from tissue.materials.isotropic import Exponential, Volumetric
 from tissue.materials.prestretch import Prestretched
 from tissue.relaxation import Held, Part
+from tissue.shapes import shapes
 
 I3 = np.eye(3)
 NONE = (1.0, 1.0, 1.0)  # stretches without prestretch
@@ -117,24 +117,15 @@ class Hyperelasticity:
             raise TissueError(f"prestretch: shape {given.shape}; allowed is (3,), or one column per cell")
 
     @cached_property
-    def _rule(self) -> tuple[Array, Array]:
-        """Points `(q, 3)` and weights `(q,)` in the reference cell, exact for the linear organ's
-        energy.
-        """
-        degree = max(1, 2 * (ELEMENTS[self.body.element]().maxdeg - 1))
-        places, weights = get_quadrature(RefTet, degree)
-        return np.ascontiguousarray(places.T), weights
-
-    @cached_property
     def slopes(self) -> Array:
         """∂φ_n/∂X_j, shape `(n, 3, q, c)` [1/m]."""
-        found = shape_gradients(self.body, self._rule[0])
+        found = shape_gradients(self.body, self.body.rule[0])
         return np.ascontiguousarray(np.moveaxis(found, (2, 3, 1, 0), (0, 1, 2, 3)))
 
     @cached_property
     def weights(self) -> Array:
         """Volume of each quadrature point, shape `(q, c)` [m³]."""
-        return np.asarray(np.outer(self._rule[1], self.body.six_volumes))
+        return np.asarray(np.outer(self.body.rule[1], self.body.six_volumes))
 
     @cached_property
     def kappa(self) -> PerCell:
@@ -183,8 +174,7 @@ class Hyperelasticity:
     @cached_property
     def _hats(self) -> Array:
         """ψ_a dX of the cells' vertices, shape `(4, q, c)` [m³]; zero in cells with λ̄ = 0."""
-        places = self._rule[0]
-        psi = np.vstack([1.0 - places.sum(axis=1), places.T])
+        psi, _ = shapes(ElementTetP1(), self.body.rule[0])
         return np.asarray(psi[:, :, None] * self.weights * (self._excess > 0.0))
 
     @cached_property

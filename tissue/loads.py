@@ -24,6 +24,7 @@ from skfem.quadrature import get_quadrature
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.shapes import shapes
 from tissue.supports import facets_of
 
 TRIANGLES = {"P1": ElementTriP1, "P2": ElementTriP2}
@@ -92,10 +93,8 @@ class Facets:
         """
         triangle = TRIANGLES[self.element]()
         at, weights = get_quadrature(triangle, DEGREE[self.element])
-        each = [triangle.lbasis(at, n) for n in range(self.nodes.shape[1])]
-        shapes = np.array([np.broadcast_to(value, weights.shape) for value, _ in each])
-        slopes = np.array([np.broadcast_to(np.reshape(slope, (2, -1)), (2, weights.size)) for _, slope in each])
-        return shapes, slopes.swapaxes(0, 1), np.asarray(weights)
+        phi, slopes = shapes(triangle, at.T)
+        return phi, slopes.swapaxes(0, 1), np.asarray(weights)
 
     def area_vectors(self, x: Array) -> Array:
         """Return x_ξ × x_η at the Gauss points of the facets, `(f, g, 3)` [m²].
@@ -115,17 +114,17 @@ class Facets:
 
         The integrand changes by φ_b,ξ e_j × x_η − φ_b,η e_j × x_ξ.
         """
-        (shapes, slopes, weights), (x_xi, x_eta) = self.rule, self._along(x)
+        (phi, slopes, weights), (x_xi, x_eta) = self.rule, self._along(x)
         sides = np.einsum("bg,jki,fgk->fgbij", slopes[0], PERMUTATION, x_eta)
         sides -= np.einsum("bg,jki,fgk->fgbij", slopes[1], PERMUTATION, x_xi)
-        return np.asarray(np.einsum("g,ag,fgbij->faibj", weights, shapes, sides))
+        return np.asarray(np.einsum("g,ag,fgbij->faibj", weights, phi, sides))
 
     def nodal_forces(self, density: Array, count: int) -> Array:
         """Return ∫ φ_a t dξ dη for `density` t `(f, g, 3)` [N] at the `count` nodes of the body,
         `(count, 3)` [N].
         """
-        shapes, _, weights = self.rule
-        each = np.einsum("ng,g,fgi->fni", shapes, weights, density).reshape(-1, 3)
+        phi, _, weights = self.rule
+        each = np.einsum("ng,g,fgi->fni", phi, weights, density).reshape(-1, 3)
         spread = [np.bincount(self.nodes.ravel(), component, minlength=count) for component in each.T]
         return np.column_stack(spread)
 

@@ -16,8 +16,9 @@ from scipy.sparse import csr_matrix
 from skfem import ElementTetP1
 
 from tissue.arrays import Array
-from tissue.elasticity import ELEMENTS, VERTICES, Elasticity, cellwise_lambda
+from tissue.elasticity import Elasticity, cellwise_lambda
 from tissue.materials.density import determinant
+from tissue.shapes import shapes
 
 Flags = NDArray[np.bool_]
 
@@ -25,8 +26,13 @@ PAIRS = ((0, 1), (1, 2), (0, 2))  # of axes, in VTK's order of a symmetric tenso
 
 
 class Strains(NamedTuple):
-    """Strain measures of cells: the results of `cell_strain`, `energy_density` and
-    `nodal_volume_ratio`.
+    """Strain measures of a field.
+
+    - `strain` `(c,)` [-]: the largest principal strain of each cell in magnitude.
+    - `rotation` `(c,)` [rad]: its largest rotation |½ curl U|.
+    - `energy_density` `(c,)` [J/m³]: its mean strain energy per volume, λ/2 (div U)² + μ ε : ε. Terms
+      averaged at the vertices add half of pressure times dilatation.
+    - `nodal_volume_ratio` `(nodes,)` [-]: the result of the function of this name.
     """
 
     strain: Array
@@ -46,15 +52,6 @@ def strains(elasticity: Elasticity, U: Array) -> Strains:
     return Strains(
         *_strain_of(elasticity, at_corners), _energy_of(elasticity, U, slope), _nodal_ratio_of(elasticity, slope)
     )
-
-
-def cell_strain(elasticity: Elasticity, U: Array) -> tuple[Array, Array]:
-    """Return the largest principal strain in magnitude [-] and the largest rotation |½ curl U|
-    [rad] of each cell.
-
-    Both have shape `(c,)`. `U` [m] is a field over all unknowns `(N,)`.
-    """
-    return _strain_of(elasticity, gradient(elasticity, elasticity.corner_slopes, U))
 
 
 def _strain_of(elasticity: Elasticity, slope: Array) -> tuple[Array, Array]:
@@ -129,28 +126,19 @@ def nodal_volume_ratio(elasticity: Elasticity, U: Array) -> Array:
 
 
 def _nodal_ratio_of(elasticity: Elasticity, slope: Array) -> Array:
-    element, corners, mesh = ELEMENTS[elasticity.element](), ElementTetP1(), elasticity.mesh
+    corners, mesh = ElementTetP1(), elasticity.mesh
     _, places, weights = elasticity.mean_slopes
     J = determinant(slope + np.eye(3)[:, :, None]).reshape(len(weights), -1)
-    hats = weights * np.array([corners.lbasis(places.T, n)[0] for n in range(VERTICES)])
+    hats = weights * shapes(corners, places)[0]
     volume = elasticity.six_volumes
     shares = volume * (hats @ J), volume * hats.sum(axis=1)[:, None]
     now, before = (np.bincount(mesh.t.ravel(), each.ravel(), mesh.nvertices) for each in shares)
     if elasticity.element == "P1":
         return np.asarray(now / before)
-    between = np.array([corners.lbasis(np.asarray(element.doflocs).T, n)[0] for n in range(VERTICES)])
+    between, _ = shapes(corners, np.asarray(elasticity.cell.doflocs))
     out = np.ones(len(elasticity.points))
     out[elasticity.cells] = (now / before)[mesh.t.T] @ between
     return out
-
-
-def energy_density(elasticity: Elasticity, U: Array) -> Array:
-    """Return the mean strain energy per volume of each cell, shape `(c,)` [J/m³].
-
-    The energy is λ/2 (div U)² + μ ε : ε. Terms averaged at the vertices add half of pressure times
-    dilatation. `U` [m] is a field over all unknowns `(N,)`.
-    """
-    return _energy_of(elasticity, U, gradient(elasticity, elasticity.mean_slopes[0], U))
 
 
 def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
@@ -162,9 +150,8 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
     spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
     density = 0.5 * spread * dilatation**2 + material.lame_mu * squares
     if elasticity.pressure is not None:
-        corners = ElementTetP1()
-        shapes = np.array([corners.lbasis(places.T, n)[0] for n in range(VERTICES)])
-        pressure = shapes.T @ (elasticity.pressure @ U)[elasticity.mesh.t]
+        hats, _ = shapes(ElementTetP1(), places)
+        pressure = hats.T @ (elasticity.pressure @ U)[elasticity.mesh.t]
         density += 0.5 * pressure * dilatation * (material.lame_lambda > spread)
     return np.asarray(weights @ density)
 

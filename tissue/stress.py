@@ -10,9 +10,10 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags_array, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, slope_matrix
+from tissue.elasticity import Elasticity, cellwise_lambda, slope_matrix
 from tissue.errors import TissueError
 from tissue.material import PerCell
+from tissue.shapes import shapes
 from tissue.sites.surface import outer_surface
 from tissue.strain import symmetric
 
@@ -75,7 +76,7 @@ def _nodal_slopes(elasticity: Elasticity) -> csr_matrix:
     """
     if elasticity.element == "P1":
         return elasticity.corner_slopes
-    return slope_matrix(elasticity, np.asarray(ELEMENTS[elasticity.element]().doflocs))
+    return slope_matrix(elasticity, np.asarray(elasticity.cell.doflocs))
 
 
 def _averages(elasticity: Elasticity) -> csr_matrix:
@@ -96,16 +97,15 @@ def interpolation(elasticity: Elasticity, points: Array) -> csr_matrix:
 
     Raises `TissueError` for a point outside the body.
     """
-    surface, element = outer_surface(elasticity.mesh), ELEMENTS[elasticity.element]()
+    surface = outer_surface(elasticity.mesh)
     cells = surface.containing(points)
     if np.any(cells < 0):
         outside = [float(x) for x in points[np.argmin(cells)]]
         raise TissueError(f"the point {outside} [m] is outside the organ; give points inside it")
-    reference = surface.reference(points, cells).T
-    shapes = [np.broadcast_to(element.lbasis(reference, n)[0], len(points)) for n in range(len(element.doflocs))]
-    rows = np.broadcast_to(np.arange(len(points)), (len(shapes), len(points)))
+    phi, _ = shapes(elasticity.cell, surface.reference(points, cells))
+    rows = np.broadcast_to(np.arange(len(points)), phi.shape)
     shape = (len(points), len(elasticity.nodes))
-    return csr_matrix((np.ravel(shapes), (rows.ravel(), elasticity.cells[cells].T.ravel())), shape=shape)
+    return csr_matrix((phi.ravel(), (rows.ravel(), elasticity.cells[cells].T.ravel())), shape=shape)
 
 
 def von_mises(stress: Array) -> Array:

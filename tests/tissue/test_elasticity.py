@@ -199,9 +199,9 @@ def test_bar_rings_with_the_period_of_its_length(element: str) -> None:
 
 
 @pytest.mark.parametrize("element", ["P1", "P2"])
-def test_connectivity_places_every_node_where_vtk_expects_it(element: str) -> None:
+def test_every_node_is_placed_where_vtk_expects_it(element: str) -> None:
     body = tissue.elasticity(box((2, 2, 2), (0.06, 0.04, 0.02), 0.2), TISSUE, element)
-    points, cells, nodes = body.connectivity()
+    points, cells, nodes = body.points, body.cells, body.nodes
     corners = points[cells[:, :4]]
     assert np.array_equal(corners, body.mesh.p.T[body.mesh.t.T])
     assert np.array_equal(np.sort(nodes.ravel()), np.arange(body.N))

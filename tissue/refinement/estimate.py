@@ -24,7 +24,8 @@ from scipy.sparse.csgraph import connected_components
 
 from tissue.arrays import Array, Indices
 from tissue.assembly import reference_means
-from tissue.elasticity import ELEMENTS, Elasticity, cellwise_lambda, shapes
+from tissue.elasticity import Elasticity, cellwise_lambda
+from tissue.shapes import shapes
 from tissue.sites.footprint import density
 from tissue.sites.site import Site, Sites
 from tissue.sites.surface import outer_surface
@@ -235,12 +236,12 @@ class Recovery:
     @cached_property
     def _products(self) -> Array:
         """Lᵀ `(n, n)` with L Lᵀ = ∫ φ_m φ_n over the reference cell, so that ∫ σ² is the sum of (Lᵀσ)²."""
-        return np.asarray(np.linalg.cholesky(reference_means(ELEMENTS[self.body.element]()).shapes / 6.0).T)
+        return np.asarray(np.linalg.cholesky(reference_means(self.body.cell).shapes / 6.0).T)
 
     def _stress(self, cells: Indices, W: Array) -> Array:
         """Return the stress at the nodes of `cells` `(c,)`, shape `(c, n, 27)`; it is linear in each cell."""
-        nodes = np.asarray(ELEMENTS[self.body.element]().doflocs)
-        (_, slopes), own = shapes(self.body.element, nodes[:4]), W[self.body.nodes[self.body.cells[cells]]]
+        nodes = np.asarray(self.body.cell.doflocs)
+        (_, slopes), own = shapes(self.body.cell, nodes[:4]), W[self.body.nodes[self.body.cells[cells]]]
         inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, reference axis, corner
         H = np.einsum("cikla,clj->caijk", inner, self.body.inverse_edges[cells], optimize=True)
         lam, mu = (m[cells, None, None] for m in self.material)

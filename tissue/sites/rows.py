@@ -6,7 +6,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye_array, kron
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import Elasticity, shapes
+from tissue.elasticity import Elasticity
+from tissue.shapes import shapes
 from tissue.sites.surface import Surface
 
 
@@ -49,7 +50,7 @@ def fibre_rows(gradient: csr_matrix, u0: Array) -> csr_matrix:
 
 def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
     """Return the rows ⟨N⟩ of the averaged displacement, shape `(3, N)`."""
-    phi, _ = shapes(elasticity.element, average.reference)
+    phi, _ = shapes(elasticity.cell, average.reference)
     unknowns, weights = _by_node(elasticity, average.cells, (phi * average.weights)[:, None])
     rows = np.tile(np.arange(3), len(unknowns))
     return csr_matrix((weights[0].repeat(3), (rows, unknowns.ravel())), shape=(3, elasticity.N))
@@ -57,9 +58,9 @@ def value_rows(elasticity: Elasticity, average: Average) -> csr_matrix:
 
 def gradient_rows(elasticity: Elasticity, surface: Surface, average: Average, slope: AverageSlope) -> csr_matrix:
     """Return the rows of ⟨∂U_i/∂x_j⟩, row 3i + j, shape `(9, N)` [1/m]."""
-    phi, _ = shapes(elasticity.element, surface.reference(slope.points, slope.cells))
+    phi, _ = shapes(elasticity.cell, surface.reference(slope.points, slope.cells))
     by_parts = _slope_rows(elasticity, slope.cells, phi[:, None] * slope.vectors.T)
-    _, dphi = shapes(elasticity.element, average.reference)
+    _, dphi = shapes(elasticity.cell, average.reference)
     local = np.einsum("nak,kaj->njk", dphi, surface.to_reference[average.cells]) * average.weights
     missing = (
         np.eye(3) - (slope.points - slope.points.mean(axis=0)).T @ slope.vectors if slope.cells.size else np.eye(3)

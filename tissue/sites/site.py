@@ -27,8 +27,9 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix, vstack
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import Elasticity, shapes
+from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
+from tissue.shapes import shapes
 from tissue.sites import footprint
 from tissue.sites.rows import (
     NO_SLOPE,
@@ -445,7 +446,7 @@ def _check_free(elasticity: Elasticity, site: Site, average: Average) -> None:
     At a point on a clamped boundary, or in a cell with all nodes clamped, every unknown along an
     axis is clamped.
     """
-    phi, _ = shapes(elasticity.element, average.reference)
+    phi, _ = shapes(elasticity.cell, average.reference)
     held = np.isin(elasticity.basis.element_dofs[:, average.cells], elasticity.clamped).reshape(len(phi), 3, -1)
     if np.any(np.einsum("nk,nak->ak", phi, held.astype(float)) >= 1.0 - INSIDE):
         raise TissueError(
