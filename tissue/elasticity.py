@@ -29,7 +29,7 @@ from tissue.arrays import Array, Indices
 from tissue.errors import TissueError
 from tissue.material import Material, PerCell
 from tissue.shapes import shapes
-from tissue.supports import clamped_unknowns, rolling_unknowns
+from tissue.supports import held_unknowns
 
 log = logging.getLogger(__name__)
 
@@ -94,6 +94,11 @@ class Elasticity:
         if self.element == "P2":
             blocks.append(self.basis.edge_dofs.T)
         return np.vstack(blocks).astype(np.intp)
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """Which components of each node are clamped, shape `(m, 3)`."""
+        return np.isin(self.nodes, self.clamped)
 
     @cached_property
     def points(self) -> Array:
@@ -171,6 +176,16 @@ class Elasticity:
         edges = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
         return np.hstack([triangles, self.mesh.nvertices + self.edge_numbers(edges).reshape(-1, 3)])
 
+    def surface_nodes(self, facets: Indices, inwards: bool) -> Indices:
+        """Return the nodes of `facets` `(f,)` of the surface, as `facet_nodes` does.
+
+        In their order the normals of the facets point into the body if `inwards`, else out of it.
+        """
+        mesh = self.mesh
+        triangles = mesh.facets[:, facets].T.astype(np.intp)
+        inside = self.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - self.points[triangles].mean(axis=1)
+        return self.facet_nodes(with_normals_along(self.points, triangles, inside if inwards else -inside))
+
     def nodal(self, field: Array) -> Array:
         """Return a field over all unknowns `(N,)` as one vector per node, shape `(m, 3)`."""
         return field[self.nodes]
@@ -231,7 +246,7 @@ def elasticity(
     log.info("assembling the organ: %d cells", mesh.nelements)
     basis = numbering(mesh, element)
     held = np.zeros(basis.N, dtype=bool)
-    held[clamped_unknowns(basis, clamp)] = held[rolling_unknowns(basis, roller)] = True
+    held[held_unknowns(basis, clamp, roller)] = True
     average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > NU_LOCKING)
     cellwise = cellwise_lambda(material) if average else material.lame_lambda
     excess = material.lame_lambda - cellwise if average else None
@@ -251,6 +266,16 @@ def distortion(body: Elasticity, share: PerCell) -> csr_matrix:
     mu = share * np.asarray(body.material.lame_mu)
     assembled = assembled_by_loops if is_compiled(body.basis) else assembled_by_scikit_fem
     return assembled(body.basis, -2.0 / 3.0 * mu, mu, body.material.density, None).K
+
+
+def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
+    """Return triangles `(m, 3)` in the vertex order in which their normals point `towards`.
+
+    `towards` `(m, 3)` is a direction for each triangle.
+    """
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
+    return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 def numbering(mesh: MeshTet, element: str) -> Basis:

@@ -25,7 +25,7 @@ from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.errors import TissueError
 from tissue.shapes import shapes
-from tissue.supports import facets_of
+from tissue.supports import outer_facets_of
 
 TRIANGLES = {"P1": ElementTriP1, "P2": ElementTriP2}
 DEGREE = {"P1": 1, "P2": 4}  # degree of φ_a (x_ξ × x_η) on a facet
@@ -135,15 +135,7 @@ def build_facets(body: Elasticity, name: str) -> Facets:
     Raises `TissueError` if the mesh has no boundary of this name, or if the boundary lies inside
     the body.
     """
-    mesh, facets = body.mesh, facets_of(body.mesh, "load", name)
-    if np.any(mesh.f2t[1, facets] >= 0):
-        raise TissueError(f"load: the boundary {name!r} lies inside the organ in part; name one on its surface")
-    corners = mesh.facets[:, facets].T.astype(np.intp)
-    opposite = mesh.t[:, mesh.f2t[0, facets]].sum(axis=0) - corners.sum(axis=1)
-    a, b, c, d = (mesh.p.T[node] for node in (*corners.T, opposite))
-    inward = np.sum(np.cross(b - a, c - a) * (d - a), axis=1) > 0.0
-    corners[inward] = corners[inward][:, [0, 2, 1]]
-    return Facets(body.element, body.facet_nodes(corners))
+    return Facets(body.element, body.surface_nodes(outer_facets_of(body.mesh, "load", name), inwards=False))
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,24 @@ ROUND = 1e-6  # of a unit vector: smaller components are round-off
 FIRM = 1e-8  # a rigid motion with a smaller relative stiffness is not held
 
 
-def clamped_unknowns(basis: Basis, clamp: Sequence[str]) -> Indices:
-    """Return the sorted unknowns on the boundaries named in `clamp`.
+def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which components of each facet `clamp` and `roller` hold, shape `(facets, 3)`.
 
-    Raises `TissueError` with the names of the boundaries of the mesh if a name is not among them.
+    Raises `TissueError` for a boundary that the mesh does not name, and for a roller that is not a
+    plane normal to an axis.
     """
-    held = [unknowns_on(basis, facets_of(basis.mesh, "clamp", name)).ravel() for name in clamp]
+    held = np.zeros((mesh.nfacets, 3), dtype=bool)
+    for name in clamp:
+        held[facets_of(mesh, "clamp", name)] = True
+    for name in roller:
+        held[facets_of(mesh, "roller", name), axis_of(mesh, name)] = True
+    return held
+
+
+def held_unknowns(basis: Basis, clamp: Sequence[str], roller: Sequence[str]) -> Indices:
+    """Return the sorted unknowns that `clamp` and `roller` hold. Raises as `held_facets`."""
+    facets = held_facets(basis.mesh, clamp, roller).T
+    held = [unknowns_on(basis, np.flatnonzero(own))[axis] for axis, own in enumerate(facets) if own.any()]
     return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
 
 
@@ -35,26 +47,14 @@ def unknowns_on(basis: Basis, facets: Indices) -> Indices:
     return np.hstack([corners, edges])
 
 
-def rolling_unknowns(basis: Basis, roller: Sequence[str]) -> Indices:
-    """Return the sorted unknowns of the normal displacement on the boundaries named in `roller`.
-
-    Raises `TissueError` for a boundary that the mesh does not name or that is not a plane normal to
-    an axis.
-    """
-    held = [unknowns_on(basis, facets_of(basis.mesh, "roller", name))[axis_of(basis.mesh, name)] for name in roller]
-    return np.unique(np.concatenate([np.empty(0, np.intp), *held])).astype(np.intp)
-
-
 def held_components(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
     """Return which components of each vertex `clamp` and `roller` hold, shape `(vertices, 3)`.
 
-    Raises `TissueError` as `clamped_unknowns` and `rolling_unknowns` do.
+    Raises `TissueError` as `held_facets` does.
     """
     held = np.zeros((mesh.nvertices, 3), dtype=bool)
-    for name in clamp:
-        held[mesh.facets[:, facets_of(mesh, "clamp", name)]] = True
-    for name in roller:
-        held[mesh.facets[:, facets_of(mesh, "roller", name)], axis_of(mesh, name)] = True
+    for axis, own in enumerate(held_facets(mesh, clamp, roller).T):
+        held[mesh.facets[:, own], axis] = True
     return held
 
 
@@ -68,6 +68,17 @@ def facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
         known = ", ".join(sorted(boundaries)) or "none"
         raise TissueError(f"{key}: no boundary is named {name!r}; the mesh names {known}")
     return np.asarray(boundaries[name], dtype=np.intp)
+
+
+def outer_facets_of(mesh: MeshTet, key: str, name: str) -> Indices:
+    """Return the facets of a boundary on the surface of the organ.
+
+    Raises `TissueError` if the boundary does not exist or if some of its facets lie inside.
+    """
+    facets = facets_of(mesh, key, name)
+    if (mesh.f2t[1, facets] >= 0).any():
+        raise TissueError(f"{key}: the boundary {name!r} has facets inside the organ; name one on its surface")
+    return facets
 
 
 def axis_of(mesh: MeshTet, name: str) -> int:

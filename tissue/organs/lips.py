@@ -38,11 +38,11 @@ from scipy.sparse import csr_array, csr_matrix
 from scipy.spatial import cKDTree
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import Elasticity
+from tissue.elasticity import Elasticity, with_normals_along
 from tissue.errors import TissueError
 from tissue.organs.facing import Mask, face, facet_normals, open_sides, triangle_sizes
 from tissue.organs.rim import Rim, rim_of
-from tissue.supports import facets_of
+from tissue.supports import outer_facets_of
 
 SLID = 0.01  # of the right side's smallest facet: after less sliding, the reference pairs are used
 TURNED = 0.01  # of a unit normal: after a smaller turn at finite strain, reference pairs are used
@@ -362,13 +362,10 @@ def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction:
 
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     """Return the pairs of two named boundaries."""
-    sides = [facets_of(body.mesh, "contact", name) for name in between]
-    for name, facets in zip(between, sides, strict=True):
-        if (body.mesh.f2t[1, facets] >= 0).any():
-            raise TissueError(f"contact: the boundary {name!r} has facets inside the organ; name one on its surface")
+    sides = [outer_facets_of(body.mesh, "contact", name) for name in between]
     first, second = sorted(sides, key=lambda facets: _rank(body, facets))
     triangles = body.mesh.facets[:, first].T.astype(np.intp)
-    right = facets_inwards(body, second)
+    right = body.surface_nodes(second, inwards=True)
     nodes, corners = _paired(body, triangles, np.arange(body.mesh.nvertices))
     start = face(body.points[nodes[:, 0]], body.points, right[:, :3], open_sides(right[:, :3]), None)
     part, sunk = _part(body, between, (triangles, nodes[:, 0], corners), right, None, start)
@@ -388,7 +385,7 @@ def _rank(body: Elasticity, facets: Indices) -> tuple[bool, float]:
     """
     corners = body.mesh.facets[:, facets].T
     size = float(triangle_sizes(body.points[corners]).mean())
-    return not _movable(body)[corners].any(), round(size, EXACT - math.floor(math.log10(size)))
+    return bool(body.held[corners].all()), round(size, EXACT - math.floor(math.log10(size)))
 
 
 def _part(
@@ -406,7 +403,7 @@ def _part(
     """
     triangles, left, corners = side
     nodes, weights = weights_on(right, start)
-    free = _movable(body)
+    free = np.asarray(~body.held.all(axis=1))
     kept = ~np.isin(left, right) & (free[left] | (free[nodes] & (weights != 0.0)).any(axis=1))
     if not kept.any():
         names = " and ".join(map(repr, between))
@@ -435,17 +432,6 @@ def sums_of(known: Indices, nodes: Indices, weights: Array, along: Array) -> csr
     return S
 
 
-def facets_inwards(body: Elasticity, facets: Indices) -> Indices:
-    """Return the nodes of `facets` `(m,)` of the surface, `(m, 3)` or `(m, 6)`.
-
-    Their order is that in which the normals of the facets point into the body.
-    """
-    mesh = body.mesh
-    triangles = mesh.facets[:, facets].T.astype(np.intp)
-    inside = body.points[mesh.t[:, mesh.f2t[0, facets]].T].mean(axis=1) - body.points[triangles].mean(axis=1)
-    return body.facet_nodes(with_normals_along(body.points, triangles, inside))
-
-
 def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:
     """Return the nodes and weights of faced points on `facets`, as `Gaps.weights` does."""
     nodes = facets[np.maximum(facing[:, 0], 0.0).astype(np.intp)]
@@ -453,21 +439,6 @@ def weights_on(facets: Indices, facing: Array) -> tuple[Indices, Array]:
     if facets.shape[1] > 3:
         w = np.hstack([w * (2.0 * w - 1.0), 4.0 * w[:, MIDDLES[:, 0]] * w[:, MIDDLES[:, 1]]])
     return nodes, w * (facing[:, :1] >= 0.0)
-
-
-def _movable(body: Elasticity) -> Mask:
-    """Return which nodes are not held in all directions, shape `(n,)`."""
-    return np.asarray(np.isin(body.nodes, body.free).any(axis=1))
-
-
-def with_normals_along(points: Array, triangles: Indices, towards: Array) -> Indices:
-    """Return triangles `(m, 3)` in the vertex order in which their normals point `towards`.
-
-    `towards` `(m, 3)` is a direction for each triangle.
-    """
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    away = np.vecdot(np.cross(b - a, c - a), towards) < 0.0
-    return np.where(away[:, None], triangles[:, [0, 2, 1]], triangles)
 
 
 def _at_partners(facets: Indices, nodes: Indices, n: Array) -> Array:

@@ -692,7 +692,7 @@ def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
 
 def refuse_loose(body: Elasticity) -> None:
     """Raise `TissueError` if a body without inertia can move as a rigid body."""
-    if not holds_still(body.points, np.isin(body.nodes, body.clamped)):
+    if not holds_still(body.points, body.held):
         known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
         raise TissueError(
             "clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary, put rollers on "

@@ -108,14 +108,12 @@ def check_reducible(organ: DynamicOrgan, blocks: int, modes: int) -> None:
 def check_held(organ: DynamicOrgan) -> None:
     """Raise `TissueError` for an organ with contact, and for an organ that is not held."""
     body = organ.elasticity
-    held = np.ones(body.N, dtype=bool)
-    held[body.free] = False
     if organ.pairs:
         raise TissueError(
             f"reduction: the organ has {organ.pairs} pairs of nodes that can touch, and a reduced organ has no "
             "contact; leave out contact, or the reduction"
         )
-    if not holds_still(body.points, body.nodal(held.astype(float)).astype(bool)):
+    if not holds_still(body.points, body.held):
         raise TissueError("reduction: the organ is not held and has no static answer; clamp a boundary")
 
 

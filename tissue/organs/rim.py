@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from skfem import MeshTet
 
 from tissue.arrays import Array, Indices
+from tissue.elasticity import with_normals_along
 from tissue.organs.facing import OPPOSITE, Mask, facet_normals, open_sides
 
 SMOOTH = 0.5  # cosine of 60°: the outer surface turns by less from edge to edge of one rim
@@ -130,10 +131,8 @@ def _outer_facets(mesh: MeshTet, inner: Indices) -> tuple[Indices, Array]:
     outer = ~np.isin(_numbered(mesh, triangles), _numbered(mesh, inner))
     triangles, points = triangles[outer], mesh.p.T
     behind = points[mesh.t[:, mesh.f2t[0, found[outer]]]].mean(axis=0)
-    normals = facet_normals(points[triangles])
-    inwards = np.vecdot(normals, points[triangles[:, 0]] - behind) < 0.0
-    turned = np.where(inwards[:, None], triangles[:, [0, 2, 1]], triangles)
-    return turned, np.where(inwards[:, None], -normals, normals)
+    turned = with_normals_along(points, triangles, points[triangles[:, 0]] - behind)
+    return turned, facet_normals(points[turned])
 
 
 def _numbered(mesh: MeshTet, corners: Indices) -> Indices:

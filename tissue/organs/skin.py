@@ -22,7 +22,7 @@ from scipy.sparse import coo_array, csr_array, csr_matrix
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity
 from tissue.organs.facing import OPPOSITE, Mask, face, facet_normals, triangle_sizes
-from tissue.organs.lips import facets_inwards, sums_of, tangents, weights_on
+from tissue.organs.lips import sums_of, tangents, weights_on
 
 # Columns of facing data: facet, barycentric coordinates, d, distance, bulge; the labels follow.
 OWN = 9
@@ -166,5 +166,5 @@ def skin_of(body: Elasticity, friction: float = 0.0) -> Skin:
 
     `friction` is the coefficient of friction of outside points on it [-].
     """
-    nodes = facets_inwards(body, body.mesh.boundary_facets())
+    nodes = body.surface_nodes(body.mesh.boundary_facets(), inwards=True)
     return Skin(body, nodes if nodes.shape[1] == 3 else nodes[:, QUARTERS].reshape(-1, 3), friction)

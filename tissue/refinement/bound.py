@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from skfem import MeshTet
 
@@ -32,7 +31,7 @@ from tissue.sites.site import Site, build_sites, load_of
 from tissue.sites.surface import outer_surface
 from tissue.solvers.choice import GIGA, SHARE, Solver, solver_of_columns
 from tissue.solvers.memory import free_memory
-from tissue.supports import axis_of, facets_of
+from tissue.supports import held_facets
 
 BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # for the stiffness of a cell, and for all other data
 ACCURACY = 0.03  # of the compliance, if none is given
@@ -127,16 +126,6 @@ def compliance(rows: csr_matrix, columns: Array) -> Array:
     `rows` `(3p, N)` are the rows of the sites, and `columns` their columns.
     """
     return np.asarray(rows.multiply(columns.T).sum(axis=1)).reshape(-1, AXES)
-
-
-def held_facets(mesh: MeshTet, clamp: Sequence[str], roller: Sequence[str]) -> NDArray[np.bool_]:
-    """Return which components of each facet are held, shape `(f, 3)`."""
-    held = np.zeros((mesh.nfacets, AXES), dtype=bool)
-    for name in clamp:
-        held[facets_of(mesh, "clamp", name)] = True
-    for name in roller:
-        held[facets_of(mesh, "roller", name), axis_of(mesh, name)] = True
-    return held
 
 
 def check_memory(cells: int) -> None:

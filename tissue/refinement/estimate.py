@@ -129,9 +129,8 @@ def is_held(body: Elasticity) -> bool:
     vertices = body.mesh.nvertices
     links = csr_matrix((np.ones(body.mesh.nedges), body.mesh.edges), shape=(vertices, vertices))
     count, label = connected_components(links, directed=False)
-    clamped = np.isin(body.nodes[:vertices], body.clamped)
     return all(
-        holds_still(body.points[own], clamped[own]) for own in (np.flatnonzero(label == k) for k in range(count))
+        holds_still(body.points[own], body.held[own]) for own in (np.flatnonzero(label == k) for k in range(count))
     )
 
 
@@ -202,7 +201,7 @@ class Recovery:
         normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
         tilt = np.ones(rim.size)
         np.minimum.at(tilt, place, np.einsum("fi,fni->fn", surface.normals, normals[place]))
-        free = (tilt >= SMOOTH) & ~np.isin(self.body.nodes[rim], self.body.clamped).any(axis=1)
+        free = (tilt >= SMOOTH) & ~self.body.held[rim].any(axis=1)
         return rim[free], normals[free]
 
     @property
