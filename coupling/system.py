@@ -12,7 +12,6 @@ from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Body, FrictionLaw, KnowsDirections, Organ
 from coupling.kernels.constraints import Passage, knot_passage, passage
-from coupling.recent import Recent
 from coupling.ties import ON_TIME, Tie
 from thread.banded import diagonal_of
 from thread.ends import Clamped, End
@@ -22,6 +21,7 @@ from thread.relaxation import Memory
 from thread.spline import Spline
 from thread.thread import Thread
 from thread.vectors import cross, unit_vector
+from tissue.recent import Recent
 
 PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a user's law is checked; the range contains that of sutures
 STEP = 1e-5  # of N: step of the difference quotient for the check of its slope, with an error of about 1e-10

@@ -18,13 +18,13 @@ from coupling.arrays import Array, Indices
 from coupling.kernels import holes
 from coupling.kernels.friction import normal_force
 from coupling.kernels.holes import AT_U, AT_V, hold_at
-from coupling.recent import Recent
 from thread.kernels.curve import FIRST, put
 from thread.kernels.loops import entry, loop, numbers
 from thread.kernels.travel import Ridden
 from thread.placed import Placed
 from thread.spline import ORDERS, Spline
 from thread.vectors import cross
+from tissue.recent import Recent
 
 C1, C2 = numbers(3, 4)  # c₁, c₂ among the five numbers of Φ
 LOCAL = np.arange(ORDERS)

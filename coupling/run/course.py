@@ -24,7 +24,6 @@ from coupling.kernels.steps.organ import Going, Organ, Pace
 from coupling.kernels.steps.tautness import Strands
 from coupling.kernels.steps.tension import Along
 from coupling.kernels.steps.watch import Shares
-from coupling.recent import Recent
 from coupling.reports.audit import NONE, PLANE
 from coupling.reports.observation import Seen
 from coupling.run.tautness import loose_ends, strands_of
@@ -42,6 +41,7 @@ from thread.placed import Placed
 from thread.riding import plain
 from thread.spline import ORDERS
 from thread.thread import Thread
+from tissue.recent import Recent
 
 KEPT = "march.march_of."  # first part of the file names of the loops on disk
 Arrays = TypeVar("Arrays", Law, Given, Strands, Field, Along)

@@ -16,7 +16,6 @@ from coupling.kernels import iteration
 from coupling.kernels.address import address_of
 from coupling.kernels.border import NINE
 from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
-from coupling.recent import Recent
 from coupling.step import newton
 from coupling.step.configuration import GAP_TOLERANCE
 from coupling.step.newton import Iterate, Problem
@@ -27,6 +26,7 @@ from thread.kernels.travel import Ridden
 from thread.riding import plain
 from thread.spline import ORDERS
 from thread.thread import Thread
+from tissue.recent import Recent
 
 log = logging.getLogger(__name__)
 

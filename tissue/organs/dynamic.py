@@ -1,7 +1,6 @@
 """An organ with inertia: its operators of time schemes, and its steps."""
 
-from collections import OrderedDict, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -25,6 +24,7 @@ from tissue.organs.meshed import (
     TimeScheme,
     compliance,
 )
+from tissue.recent import Recent
 from tissue.solvers.choice import MULTIGRID, mass_solver
 
 DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; with a larger error K U is recomputed
@@ -138,8 +138,7 @@ class DynamicOrgan(MeshedOrgan):
     M: csr_matrix = field(init=False, repr=False)
     node_mass: csr_matrix = field(init=False, repr=False)
     slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of free unknowns; None if no node is partly held
-    _recalled: deque[tuple[Array, Array]] = field(init=False, repr=False, compare=False)
-    _operators: OrderedDict[tuple[float | str, ...], DynamicOperator] = field(init=False, repr=False, compare=False)
+    _forces: Recent[Array] = field(default_factory=lambda: Recent(REMEMBERED_FORCES), init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -158,8 +157,6 @@ class DynamicOrgan(MeshedOrgan):
         object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
         if 3 * self.node_mass.nnz != nodal.nnz:
             raise TissueError("the mass matrix must couple nodes only, with the same numbers for x, y and z")
-        object.__setattr__(self, "_recalled", deque(maxlen=REMEMBERED_FORCES))
-        object.__setattr__(self, "_operators", OrderedDict())
 
     def start(self) -> OrganState:
         """Return the undeformed state at rest; gravity and loads act from the first step."""
@@ -176,18 +173,12 @@ class DynamicOrgan(MeshedOrgan):
             raise TissueError(
                 f"a = {a} 1/s², d = {d} 1/s: allowed are a > 0 and d ≥ 0, or zeros at rest; give a positive time step"
             )
-        return self._kept((a, d), lambda: self._factorized(a, d))
+        return self._operators.of((), lambda: self._factorized(a, d), (a, d))
 
-    def _kept(self, key: tuple[float | str, ...], make: Callable[[], DynamicOperator]) -> DynamicOperator:
-        """Return the operator of a `key`, made by `make` if it is not one of the last few, which
-        are cached.
-        """
-        if key not in self._operators:
-            while len(self._operators) >= min(KEPT_OPERATORS, self.choice.room):
-                self._operators.popitem(last=False)
-            self._operators[key] = make()
-        self._operators.move_to_end(key)
-        return self._operators[key]
+    @cached_property
+    def _operators(self) -> Recent[DynamicOperator]:
+        """The last operators, as many as fit into memory."""
+        return Recent(min(KEPT_OPERATORS, self.choice.room))
 
     def operator_of(self, scheme: TimeScheme) -> DynamicOperator:
         """Return the factorised operator of a step of a scheme."""
@@ -207,12 +198,7 @@ class DynamicOrgan(MeshedOrgan):
         The forces of the last fields are cached, because the step to a state and the step from it
         need the same force.
         """
-        for known, force in self._recalled:
-            if known is U:
-                return force
-        force = np.asarray(self.K @ U)
-        self._recalled.append((U, force))
-        return force
+        return self._forces.of((U,), lambda: np.asarray(self.K @ U))
 
     def _factorized(self, a: float, d: float, soft: csr_matrix | None = None) -> DynamicOperator:
         """Return the operator of a scheme.

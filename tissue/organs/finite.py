@@ -21,7 +21,7 @@ its own residual there is within RESIDUAL of the forces of the cells. A factor i
 corrections are left with it; the converged answer does not depend on the factor.
 """
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -52,6 +52,7 @@ from tissue.organs.meshed import (
     slips_since,
     touching,
 )
+from tissue.recent import Recent
 from tissue.relaxation import Prony
 from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
@@ -130,8 +131,8 @@ class Tangent:
     factor: Solver
     Z: csr_matrix
     definite: bool = True
-    _recalled: deque[tuple[csr_matrix, Columns]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
-    _let_go: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=1), repr=False)
+    _gaps: Recent[Columns] = field(default_factory=lambda: Recent(1), repr=False)
+    _ways: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
 
     @cached_property
     def _columns(self) -> tuple[Array, Array]:
@@ -153,20 +154,14 @@ class Tangent:
 
         It is cached for the last residual r `(N,)` [N]. Raises `OrganError`.
         """
-        for known, way in self._let_go:
-            if known is r:
-                return way
-        self._let_go.append((r, -self.factor.solve(r)))
-        return self._let_go[-1][1]
+        return self._ways.of((r,), lambda: -self.factor.solve(r))
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
         """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N].
 
         They are cached for the last G. Raises `OrganError` if the tangent cannot be solved.
         """
-        if not any(known is pairing.G for known, _ in self._recalled):
-            self._recalled.append((pairing.G, gap_compliance(self.factor, pairing.G)))
-        return self._recalled[-1][1].of(some)
+        return self._gaps.of((pairing.G,), lambda: gap_compliance(self.factor, pairing.G)).of(some)
 
 
 def unsolved(error: FactorError) -> OrganError:
@@ -420,10 +415,11 @@ class FiniteOrgan(MeshedOrgan):
     keep: int = KEEP
     relaxation: Prony | None = None
     M: csr_matrix = field(init=False, repr=False)
-    _tangents: OrderedDict[tuple[float, float, float | None, int, bytes], Tangent] = field(init=False, repr=False)
-    _pattern: Pattern = field(init=False, repr=False)
-    _recalled: deque[tuple[Array, float, Array]] = field(init=False, repr=False)
-    _met: deque[tuple[Array, Array, Array, Density | None]] = field(init=False, repr=False)
+    _pattern: Pattern = field(default_factory=Pattern, init=False, repr=False)
+    _energies: Recent[tuple[float, Array]] = field(default_factory=lambda: Recent(3), init=False, repr=False)
+    _met: deque[tuple[Array, Array, Array, Density | None]] = field(
+        default_factory=lambda: deque(maxlen=2), init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -440,10 +436,6 @@ class FiniteOrgan(MeshedOrgan):
         dead = np.array([load.pressure is None for load in self.loads], dtype=float)
         object.__setattr__(self, "surface_load", self.surface_load * dead)
         object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
-        object.__setattr__(self, "_tangents", OrderedDict())
-        object.__setattr__(self, "_pattern", Pattern())
-        object.__setattr__(self, "_recalled", deque(maxlen=3))
-        object.__setattr__(self, "_met", deque(maxlen=2))
 
     # --- the organ's numbers ----------------------------------------------------------------------
 
@@ -565,21 +557,24 @@ class FiniteOrgan(MeshedOrgan):
         """
         shares = motion.shares if self.surface.follows else None
         met = None if motion.course is None else motion.course.dt
-        key = motion.a, motion.d, met, id(U), b"" if shares is None else shares.tobytes()
-        known = self._tangents.get(key)
-        if known is not None and known.U is U:
-            return known
-        while self._tangents and len(self._tangents) >= min(KEPT_TANGENTS, self.choice.room):
-            self._tangents.popitem(last=False)
-        A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F, motion.density)
-        if shares is not None:
-            free = self.elasticity.free
-            A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
-        if motion.a:
-            A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
-        factor, definite = self._factor(A, motion.creeps)
-        self._tangents[key] = Tangent(U, A, TangentSolver(factor), self.map.Z, definite)
-        return self._tangents[key]
+
+        def made() -> Tangent:
+            A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F, motion.density)
+            if shares is not None:
+                free = self.elasticity.free
+                A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
+            if motion.a:
+                A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
+            factor, definite = self._factor(A, motion.creeps)
+            return Tangent(U, A, TangentSolver(factor), self.map.Z, definite)
+
+        values = motion.a, motion.d, met, b"" if shares is None else shares.tobytes()
+        return self._tangents.of((U,), made, values)
+
+    @cached_property
+    def _tangents(self) -> Recent[Tangent]:
+        """The last tangents, as many as fit into memory."""
+        return Recent(min(KEPT_TANGENTS, self.choice.room))
 
     def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
         """Return the factorised A, and whether A is positive definite.
@@ -588,7 +583,7 @@ class FiniteOrgan(MeshedOrgan):
         singular, or indefinite although it `must` be definite.
         """
         try:
-            return solver(A, self.places, self.choice.name, bool(self._tangents), self._pattern), True
+            return solver(A, self.places, self.choice.name, len(self._tangents) > 0, self._pattern), True
         except FactorError as indefinite:
             if must:
                 raise unsolved(indefinite) from indefinite
@@ -826,12 +821,12 @@ class FiniteOrgan(MeshedOrgan):
 
         They are cached for the last fields.
         """
-        for known, energy, force in self._recalled:
-            if known is U:
-                return energy, force
-        F, force = self._forces_at(U, self.lasting)
-        self._recalled.append((U, self.law.energy(F, self.lasting), force))
-        return self._recalled[-1][1:]
+
+        def stored() -> tuple[float, Array]:
+            F, force = self._forces_at(U, self.lasting)
+            return self.law.energy(F, self.lasting), force
+
+        return self._energies.of((U,), stored)
 
     def _forces_at(self, U: Array, density: Density | None) -> tuple[Array, Array]:
         """Return F at the cells and the force of a density's energy (N,) [N].

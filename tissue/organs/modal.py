@@ -8,7 +8,6 @@ as in `tissue.organs.meshed`, with numbers instead of matrices. Rayleigh damping
 mode.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -27,6 +26,7 @@ from tissue.organs.meshed import (
     SiteAnswer,
     TimeScheme,
 )
+from tissue.recent import Recent
 from tissue.sites.site import Sites
 from tissue.solvers.choice import SolverChoice
 
@@ -59,18 +59,11 @@ class Modes:
     surface_load: Array
     rayleigh: tuple[float, float]
     size: int
-    _operators: OrderedDict[tuple[float, float], ModalOperator] = field(
-        default_factory=OrderedDict, init=False, repr=False
-    )
+    _operators: Recent[ModalOperator] = field(default_factory=lambda: Recent(KEPT_OPERATORS), init=False, repr=False)
 
     def operator(self, a: float, d: float) -> ModalOperator:
         """Return the operator of a time scheme; the last few operators are cached."""
-        if (a, d) not in self._operators:
-            while len(self._operators) >= KEPT_OPERATORS:
-                self._operators.popitem(last=False)
-            self._operators[a, d] = self._operator(a, d)
-        self._operators.move_to_end((a, d))
-        return self._operators[a, d]
+        return self._operators.of((), lambda: self._operator(a, d), (a, d))
 
     def _operator(self, a: float, d: float) -> ModalOperator:
         alpha, beta = self.rayleigh

@@ -1,8 +1,7 @@
 """An organ without inertia, which is always in equilibrium with its sites."""
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +22,7 @@ from tissue.organs.meshed import (
     refuse_loose,
     slips_since,
 )
+from tissue.recent import Recent
 from tissue.solvers.choice import MULTIGRID
 from tissue.solvers.ranks import Ranks, SharedColumns
 
@@ -66,6 +66,7 @@ class QuasiStaticOrgan(MeshedOrgan):
     """
 
     ranks: Ranks | None = None
+    _fields: Recent[Array] = field(default_factory=Recent, init=False, repr=False)
 
     @property
     def solved_once(self) -> bool:
@@ -74,11 +75,6 @@ class QuasiStaticOrgan(MeshedOrgan):
     def __post_init__(self) -> None:
         super().__post_init__()
         refuse_loose(self.elasticity)
-
-    @cached_property
-    def _recalled(self) -> deque[tuple[OrganState, Array]]:
-        """The last two states with contact forces, and their fields."""
-        return deque(maxlen=2)
 
     @cached_property
     def _operator(self) -> QuasiStaticOperator:
@@ -174,17 +170,14 @@ class QuasiStaticOrgan(MeshedOrgan):
     def field(self, state: OrganState) -> Array:
         """Return the displacement over the free unknowns, shape `(N,)` [m].
 
-        The fields of the last two states with contact forces are cached.
+        The fields of the last two states are cached.
         """
-        for known, field in self._recalled:
-            if known is state:
-                return field
+        return self._fields.of((state,), lambda: self._field(state))
+
+    def _field(self, state: OrganState) -> Array:
         U_load, p = self._operator.U_loads @ self.parts(state), self.contact_forces(state)
         U = np.asarray(U_load + self._operator.W @ state.f_y)
-        if p.any():
-            U = U + self._operator.factor.solve(self.pairing_of(state).G.T @ p)
-            self._recalled.append((state, U))
-        return U
+        return U + self._operator.factor.solve(self.pairing_of(state).G.T @ p) if p.any() else U
 
     def velocity(self, state: OrganState) -> Array:
         """Return zero, shape `(N_all,)` [m/s]."""

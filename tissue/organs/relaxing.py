@@ -65,7 +65,7 @@ class RelaxingOrgan(DynamicOrgan):
         The last few operators are cached.
         """
         key = scheme.a, scheme.d, f"{scheme.dt:.{DIGITS}g}"
-        return self._kept(key, lambda: self._factorized(scheme.a, scheme.d, self._soft(scheme.dt)))
+        return self._operators.of((), lambda: self._factorized(scheme.a, scheme.d, self._soft(scheme.dt)), key)
 
     def _soft(self, dt: float) -> csr_matrix:
         """Return Σ (1 − φ_i) K_i of a step of `dt` [s]."""
