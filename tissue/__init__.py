@@ -2,11 +2,11 @@
 piercing.
 """
 
-from tissue.deformation import cauchy_stress, cell_deformation, cell_energy, cell_stretch, principal_stretch
+from tissue.deformation import cauchy_stress, cell_energy, principal_stretch
 from tissue.elasticity import Elasticity, elasticity
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
-from tissue.loads import Loads, SurfaceLoad
+from tissue.loads import SurfaceLoad
 from tissue.material import Material
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.finite import FiniteOrgan
@@ -14,33 +14,29 @@ from tissue.organs.fixed import FixedSites, fixed_sites
 from tissue.organs.floating import FloatingOrgan
 from tissue.organs.krylov import KrylovOrgan, has_space
 from tissue.organs.lips import Gaps, Part, build_gaps, surface_gaps
-from tissue.organs.meshed import Equation, LinearAnswer, Lips, OrganEnergies, OrganState, SiteAnswer, TimeScheme
+from tissue.organs.meshed import OrganState
 from tissue.organs.quasi_static import QuasiStaticOrgan
 from tissue.organs.reduced import ReducedOrgan, Reduction, check_reducible, reduce_organ
 from tissue.organs.relaxing import RelaxingOrgan
 from tissue.organs.rim import Rim
-from tissue.organs.skin import Skin, skin_of
-from tissue.refinement.bound import Bounds, bounds, relative_bounds
+from tissue.organs.skin import skin_of
+from tissue.refinement.bound import relative_bounds
 from tissue.refinement.estimate import Estimate
 from tissue.refinement.rounds import Fitted, fitted
 from tissue.relaxation import Prony
-from tissue.sites.site import Site, Sites, build_sites, cells_at
+from tissue.sites.site import Site, build_sites, cells_at
 from tissue.sites.surface import depths, distances, landing
-from tissue.solvers.factor import Factor, factorize
-from tissue.solvers.iterative import ConjugateGradients, conjugate_gradients
+from tissue.solvers.factor import factorize
+from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.ranks import Ranks
 from tissue.strain import energy_share, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
-from tissue.supports import held_components, holds_still, motions_in_words, rigid_motions
+from tissue.supports import held_components, motions_in_words, rigid_motions
 
 __all__ = [
-    "Bounds",
-    "ConjugateGradients",
     "DynamicOrgan",
     "Elasticity",
-    "Equation",
     "Estimate",
-    "Factor",
     "FactorError",
     "FiniteOrgan",
     "Fitted",
@@ -49,11 +45,7 @@ __all__ = [
     "Gaps",
     "Hyperelasticity",
     "KrylovOrgan",
-    "LinearAnswer",
-    "Lips",
-    "Loads",
     "Material",
-    "OrganEnergies",
     "OrganError",
     "OrganState",
     "Part",
@@ -65,20 +57,13 @@ __all__ = [
     "RelaxingOrgan",
     "Rim",
     "Site",
-    "SiteAnswer",
-    "Sites",
-    "Skin",
     "StressRecovery",
     "SurfaceLoad",
-    "TimeScheme",
     "TissueError",
-    "bounds",
     "build_gaps",
     "build_sites",
     "cauchy_stress",
-    "cell_deformation",
     "cell_energy",
-    "cell_stretch",
     "cells_at",
     "check_reducible",
     "conjugate_gradients",
@@ -91,7 +76,6 @@ __all__ = [
     "fixed_sites",
     "has_space",
     "held_components",
-    "holds_still",
     "interpolation",
     "landing",
     "motions_in_words",

@@ -7,31 +7,15 @@ from tissue.hyperelasticity import Hyperelasticity
 from tissue.materials.density import Density
 
 
-def cell_deformation(hyper: Hyperelasticity, U: Array) -> Array:
-    """Return the mean of F = I + ∂U/∂X over each cell, shape `(c, 3, 3)` [-].
-
-    `U` [m] is a field over all unknowns `(N,)`.
-    """
-    return _cell_means(hyper, hyper.gradient(U))
-
-
-def cell_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array]:
-    """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], and its
-    rotation [rad], `(c,)`.
-
-    Both are measured from the reference shape, without the prestretch.
-    """
-    return principal_stretch(hyper, U)[:2]
-
-
 def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
-    """Return stretches and rotation of each cell as `cell_stretch` does, and the directions of the
-    stretches.
+    """Return the principal stretches of each cell, the largest first, `(c, 3)` [-], its rotation
+    [rad], `(c,)`, and the directions of the stretches.
 
+    They are those of the mean of F over the cell, from the reference shape, without the prestretch.
     The directions are unit vectors in the deformed tissue, rows of `(c, 3, 3)` [-], with arbitrary
-    sign.
+    sign. `U` [m] is a field over all unknowns `(N,)`.
     """
-    left, stretch, right = np.linalg.svd(cell_deformation(hyper, U))
+    left, stretch, right = np.linalg.svd(_cell_means(hyper, hyper.gradient(U)))
     R = left @ right
     sine = np.linalg.norm(R - R.swapaxes(1, 2), axis=(1, 2)) / np.sqrt(8.0)
     return stretch, np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0)), left.swapaxes(1, 2)

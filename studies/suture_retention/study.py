@@ -204,7 +204,7 @@ def row_of(case: Case, simulation: Simulation, now: OrganRun, failed: str) -> Ro
     end = SimpleNamespace(
         drawn=DRAWN * now.state.time / simulation.scenario.solve.duration, force=force, thickness=thickness,
         uniaxial=uniaxial_stretch(case, force / (WIDTH * thickness)), body=body,
-        stretches=tissue.cell_stretch(hyper, U)[0][near], x=x[middle], along=along[middle],
+        stretches=tissue.principal_stretch(hyper, U)[0][near], x=x[middle], along=along[middle],
         energy=(tissue.strains(body, U).energy_density if linear else tissue.cell_energy(hyper, U))[near],
         forces=body.K @ U if linear else hyper.forces(hyper.gradient(U))[0],
         held=np.abs(x + 0.5 * LENGTH) < 1e-9 * LENGTH,

@@ -14,6 +14,7 @@ from meshes.grading import Grading
 from tests.bounds import RESIDUAL
 from tests.tissue.layers import layer_compliance
 from tests.tissue.test_refinement import HOLE, NU, E, R, block, compliance
+from tissue.refinement.bound import Bounds, bounds
 from tissue.refinement.refine import refine_to
 from tissue.refinement.rim import ENLARGED, conical, trace_factor
 from tissue.refinement.star import OTHERS, SIDES, condensed, quadratic
@@ -73,9 +74,9 @@ class Body:
         """Its elasticity by quadratic displacements."""
         return tissue.elasticity(mesh, self.material(mesh), "P2", self.clamp, "cell", self.roller)
 
-    def bounds(self, mesh: MeshTet) -> tissue.Bounds:
+    def bounds(self, mesh: MeshTet) -> Bounds:
         """Bounds of the compliance of its hole."""
-        return tissue.bounds(mesh, self.material(mesh), [self.hole], self.clamp, self.roller, ACCURACY)
+        return bounds(mesh, self.material(mesh), [self.hole], self.clamp, self.roller, ACCURACY)
 
 
 def cube() -> MeshTet:

@@ -10,7 +10,7 @@ import tissue
 from tests.bounds import TWO_SOLVERS
 from tissue.solvers import direct
 from tissue.solvers.direct import LIBRARIES, Pattern, is_installed, ordering
-from tissue.solvers.factor import METHODS, factorize_indefinite
+from tissue.solvers.factor import METHODS, Factor, factorize_indefinite
 from tissue.solvers.ordering import dissection, node_graph
 
 DIRECT = [
@@ -165,7 +165,7 @@ def test_unknown_method_is_refused() -> None:
 
 def test_a_solve_that_misses_its_residual_is_an_error() -> None:
     factor = tissue.factorize(csr_matrix(np.diag([1.0, 2.0])))
-    wrong = tissue.Factor(factor.A, factor.norm, lambda b: 1.0001 * factor.back_substitute(b))
+    wrong = Factor(factor.A, factor.norm, lambda b: 1.0001 * factor.back_substitute(b))
     assert factor.solve(np.ones(2)) == pytest.approx([1.0, 0.5], rel=1e-15)
     with pytest.raises(tissue.FactorError, match="allowed is 1e-10"):
         wrong.solve(np.ones(2))

@@ -11,6 +11,7 @@ from coupling.integrators import Equilibrium
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tissue.organs.meshed import compliance
 from tissue.solvers import iterative
+from tissue.solvers.iterative import ConjugateGradients
 from tissue.solvers.multigrid import Blocks, multigrid, rigid_motions
 from tissue.solvers.passes import product_by_rows
 
@@ -68,7 +69,7 @@ def test_conjugate_directions_end_with_the_eigenvalues() -> None:
     eigenvalues = np.array([1.0, 3.0, 10.0, 30.0, 100.0])
     A = csr_matrix(np.diag(np.repeat(eigenvalues, 20)))
     b = np.random.default_rng(8).standard_normal((A.shape[0], 3))
-    x, count = tissue.ConjugateGradients(A, eigenvalues[-1], lambda r: r).iterate(b)
+    x, count = ConjugateGradients(A, eigenvalues[-1], lambda r: r).iterate(b)
     assert count == eigenvalues.size
     assert np.abs(A @ x - b).max() <= RESIDUAL * np.abs(b).max()
 
@@ -205,7 +206,7 @@ def test_what_is_not_solved_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None
     b = np.random.default_rng(6).standard_normal(A.shape[0])
     solver = tissue.conjugate_gradients(A, places)
     with pytest.raises(tissue.FactorError, match="not positive definite"):
-        tissue.ConjugateGradients(csr_matrix(-A), solver.norm, solver.preconditioner).solve(b)
+        ConjugateGradients(csr_matrix(-A), solver.norm, solver.preconditioner).solve(b)
     with pytest.raises(tissue.FactorError):
         solver.solve(np.full(b.size, np.nan))
     with pytest.raises(tissue.FactorError, match="not symmetric"):
@@ -221,7 +222,7 @@ def test_a_residual_that_is_missed_is_an_error(monkeypatch: pytest.MonkeyPatch) 
     """The contract is checked on A x − b itself, not on what the iteration believes of it."""
     A, places = system_of(body_of(4))
     solver = tissue.conjugate_gradients(A, places)
-    wrong = tissue.ConjugateGradients(A, solver.norm, solver.preconditioner)
+    wrong = ConjugateGradients(A, solver.norm, solver.preconditioner)
     monkeypatch.setattr(iterative, "TOLERANCE", 1e-5)
     with pytest.raises(tissue.FactorError, match="allowed is 1e-10"):
         wrong.solve(np.random.default_rng(7).standard_normal(A.shape[0]))

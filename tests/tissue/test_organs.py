@@ -12,6 +12,7 @@ import tissue
 from coupling.integrators import BDF2, BackwardEuler, Equilibrium
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tissue.organs.dynamic import KEPT_OPERATORS
+from tissue.organs.meshed import OrganEnergies
 
 Array = NDArray[np.float64]
 DT = 1.0e-3
@@ -115,7 +116,7 @@ def test_energy_balance_closes_at_every_step(element: str) -> None:
     organ = dynamic(body_of(element), (0.0, 0.3, -9.81))
     state, scale = organ.start(), 0.0
     before = organ.energies(state, state)
-    assert before == tissue.OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert before == OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
     for step in range(20):
         f_y = site_forces(0) * np.cos(0.7 * step)
         new = euler(organ, state, f_y)
@@ -234,7 +235,7 @@ def test_sites_without_an_organ_stay_where_they_are() -> None:
     assert not answer.C.any()
     assert fixed.Y.shape == (18, 0)
     assert fixed.displacement(state).size == fixed.velocity(state).size == 0
-    assert fixed.energies(state, state) == tissue.OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert fixed.energies(state, state) == OrganEnergies(0.0, 0.0, 0.0, 0.0, 0.0)
     with pytest.raises(tissue.TissueError, match="without an organ"):
         tissue.fixed_sites([tissue.Site([0.0, 0.0, 0.0], direction="normal")])
 

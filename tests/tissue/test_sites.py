@@ -15,6 +15,7 @@ from tests.bounds import IDENTITY
 from tissue.sites import footprint
 from tissue.sites.site import frame
 from tissue.sites.surface import closest_on_triangles, outer_surface
+from tissue.solvers.factor import Factor
 
 Array = NDArray[np.float64]
 SIZE = np.array([0.06, 0.04, 0.02])
@@ -291,7 +292,7 @@ def graded_line(inner: float, outer: float, spacing: float, ratio: float) -> Arr
     return np.array(line)
 
 
-def compliance(body: tissue.Elasticity, factor: tissue.Factor, row: Array, far: Array) -> float:
+def compliance(body: tissue.Elasticity, factor: Factor, row: Array, far: Array) -> float:
     """Motion along `row` `(N,)` under a unit force along it, with the clamped unknowns moved as `far` `(N,)`."""
     U = factor.solve(row - (body.K @ far)[body.free])
     return float(row @ U)
@@ -302,7 +303,7 @@ def far_field(body: tissue.Elasticity, kernel: Array) -> Array:
     return np.where(np.isin(np.arange(body.N), body.clamped), body.flat(np.nan_to_num(kernel)), 0.0)
 
 
-def boundary_factor(body: tissue.Elasticity) -> tissue.Factor:
+def boundary_factor(body: tissue.Elasticity) -> Factor:
     return tissue.factorize(body.K[body.free][:, body.free], body.basis.doflocs[:, body.free].T)
 
 

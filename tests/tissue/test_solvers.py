@@ -19,6 +19,8 @@ from tests.bounds import TWO_SOLVERS
 from tissue.arrays import Array
 from tissue.solvers import choice, iterative
 from tissue.solvers.direct import BYTES, LIBRARIES, is_installed, ordering
+from tissue.solvers.factor import Factor
+from tissue.solvers.iterative import ConjugateGradients
 from tissue.solvers.memory import free_memory
 from tissue.solvers.multigrid import Multigrid, multigrid
 
@@ -89,7 +91,7 @@ def test_columns_are_solved_for_by_a_factor_as_long_as_there_is_memory(monkeypat
     monkeypatch.setattr(choice, "SMALL", 100)
     monkeypatch.setattr(choice, "free_memory", lambda: 1.0)
     scarce = choice.solver_of_columns(held.K, held.places)
-    assert isinstance(roomy, tissue.Factor) and isinstance(scarce, tissue.ConjugateGradients)
+    assert isinstance(roomy, Factor) and isinstance(scarce, ConjugateGradients)
     x = roomy.solve(b)
     assert np.abs(scarce.solve(b) - x).max() <= TWO_SOLVERS * np.abs(x).max()
 

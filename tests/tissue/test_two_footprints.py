@@ -16,6 +16,7 @@ from tests.tissue.quarter import NU, PLACE, RADIUS, B, E, Quarter, X, Y, Z, cut,
 from tissue.arrays import Array
 from tissue.materials.isotropic import Exponential
 from tissue.organs.finite import FiniteAnswer
+from tissue.sites.site import Sites
 
 FAR = (0.3, 1.0, 5.0)  # τ = T/(E a²)
 MODERATE = FAR[:2]  # beyond, three meshes do not say within 1 % where they tend to
@@ -44,7 +45,7 @@ def pulls() -> Array:
     return f
 
 
-def drawn(body: tissue.Elasticity, sites: tissue.Sites, scaled: Sequence[float]) -> list[float]:
+def drawn(body: tissue.Elasticity, sites: Sites, scaled: Sequence[float]) -> list[float]:
     """How far the last footprint of a body moves towards the other one, or to the plane of symmetry, under every
     tension, by the organ [m]."""
     hyper, out = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, B)), []
