@@ -89,7 +89,7 @@ def momentum(system: System, state: State) -> np.ndarray:
     organ = system.organ
     assert isinstance(organ, tissue.DynamicOrgan)
     basis = organ.elasticity.basis
-    weighed = organ.elasticity.M @ organ.velocity(state.organ)
+    weighed = organ.elasticity.M @ organ.whole(state.organ.V)
     of_organ = [weighed[basis.nodal_dofs[axis]].sum() for axis in range(3)]
     return np.asarray(np.ones(N) @ (system.thread.mass_matrix @ state.v) + of_organ)
 

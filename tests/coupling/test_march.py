@@ -141,7 +141,11 @@ def agree(found: Both, speed: float = 0.0) -> None:
     for name in ("sigma", "sense", "present"):
         assert np.array_equal(getattr(one.state, name), getattr(state, name))
     organ: Any = other.system.organ
-    for of in (organ.displacement, organ.velocity):
+
+    def velocity(at: Any) -> Any:
+        return organ.spread(at, at.V) if hasattr(organ, "spread") else at.V
+
+    for of in (organ.displacement, velocity):
         way = of(state.organ)
         assert np.abs(of(one.state.organ) - way).max(initial=0.0) <= RESIDUAL * np.abs(way).max(initial=0.0)
     if hasattr(organ, "bound"):  # among its terms is the difference of two places

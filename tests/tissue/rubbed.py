@@ -1,6 +1,7 @@
 """Cubes that rub on one another and on a slope, and what solves them without a thread, shared by the tests of contact's
 friction."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,15 @@ def cubes(h: tuple[float, float]) -> skfem.MeshTet:
     return joined(meshes, {"upper": np.array([0.0, 0.0, SIDE]), "lower": np.zeros(3)})
 
 
+def rough(gaps: tissue.Gaps, mu: float) -> tissue.Gaps:
+    """The gaps with friction."""
+    return tissue.Gaps(gaps.body, tuple(replace(part, friction=mu) for part in gaps.parts))
+
+
 def rough_cubes(h: tuple[float, float], mu: float, element: str = "P1") -> tissue.QuasiStaticOrgan:
     """A cube on a cube, both held where they are farthest from one another."""
     body = tissue.elasticity(cubes(h), SOFT, element, FAR)
-    return organ_of(body, tissue.surface_gaps(body, [MEETING], [mu]))
+    return organ_of(body, rough(tissue.surface_gaps(body, [MEETING]), mu))
 
 
 def on_slope(mu: float, slope: float, **options: Any) -> tuple[Any, float]:
@@ -35,7 +41,7 @@ def on_slope(mu: float, slope: float, **options: Any) -> tuple[Any, float]:
     mesh = joined(meshes, {"upper": np.array([0.0, 0.0, SIDE]), "lower": np.zeros(3)})
     body = tissue.elasticity(mesh, SOFT, "P1", ["lower_bottom", "lower_top"])
     along, down = np.sin(np.arctan(slope)), np.cos(np.arctan(slope))
-    gaps = tissue.surface_gaps(body, [MEETING], [mu])
+    gaps = rough(tissue.surface_gaps(body, [MEETING]), mu)
     kind = options.pop("kind", tissue.DynamicOrgan)
     gravity = GRAVITY * np.array([along, 0.0, -down])
     return kind(body, tissue.build_sites(body, []), gravity, gaps=gaps, **options), GRAVITY * (along - mu * down)

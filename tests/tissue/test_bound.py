@@ -143,7 +143,7 @@ def test_bounds_over_the_compliance_of_a_coarse_organ() -> None:
     organ = tissue.elasticity(mesh, body.material(mesh), "P1", body.clamp)
     bare, ball = replace(HOLE, radius=0.0), tissue.Site((0.0, 0.0, -4e-3), R, line="tract")
     holes = [HOLE, replace(HOLE, point=(5e-3, 0.0, 0.0))]
-    found = tissue.relative_bounds(organ, [bare, holes[0], ball, holes[1]], body.clamp, accuracy=ACCURACY)
+    found = tissue.relative_bounds(organ, [bare, holes[0], ball, holes[1]], body.clamp, (), ACCURACY)
     fine = compliance(tissue.fitted(mesh, "P2", body.on, holes, OVERKILL).body, holes)
     factors = fine / compliance(organ, holes)
     for pair, factor in zip(found[[1, 3]], factors, strict=True):

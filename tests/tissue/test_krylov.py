@@ -161,7 +161,7 @@ def test_a_state_in_a_wider_space_and_whole_is_the_same() -> None:
     old, state = states(organ, BDF2, 6, smooth)[-2:]
     whole = organ.whole(state)
     assert organ.vectors(whole) == 0 and whole.U.size == full.size
-    for of_one in (organ.field, organ.velocity, organ.site_variables):
+    for of_one in (organ.field, lambda at: organ.spread(at, at.V), organ.site_variables):
         a, b = of_one(state), of_one(whole)
         assert np.abs(a - b).max() <= IDENTITY * np.abs(a).max() * full.size
     energies = [np.array(organ.energies(*pair)) for pair in ((old, state), (old, whole))]

@@ -135,7 +135,6 @@ class DynamicOrgan(MeshedOrgan):
     """
 
     rayleigh: tuple[float, float] = (0.0, 0.0)
-    M: csr_matrix = field(init=False, repr=False)
     node_mass: csr_matrix = field(init=False, repr=False)
     slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of free unknowns; None if no node is partly held
     _forces: Recent[Array] = field(default_factory=lambda: Recent(REMEMBERED_FORCES), init=False, repr=False)
@@ -148,11 +147,9 @@ class DynamicOrgan(MeshedOrgan):
                 f"rayleigh = {self.rayleigh}: allowed are α ≥ 0 [1/s] and β ≥ 0 [s]; damping takes energy"
             )
         free = self.elasticity.free
-        M = csr_matrix(self.elasticity.M[free][:, free])
-        object.__setattr__(self, "M", M)
         whole = np.unique(free // 3)[:, None] * 3 + np.arange(3)  # all unknowns of nodes with a free unknown
         rolls = whole.size > free.size
-        nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else M
+        nodal = csr_matrix(self.elasticity.M[whole.ravel()][:, whole.ravel()]) if rolls else self.M
         object.__setattr__(self, "slots", np.searchsorted(whole.ravel(), free) if rolls else None)
         object.__setattr__(self, "node_mass", csr_matrix(nodal[::3, ::3]))
         if 3 * self.node_mass.nnz != nodal.nnz:

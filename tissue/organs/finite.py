@@ -414,7 +414,6 @@ class FiniteOrgan(MeshedOrgan):
     damping: float = 0.0
     keep: int = KEEP
     relaxation: Prony | None = None
-    M: csr_matrix = field(init=False, repr=False)
     _pattern: Pattern = field(default_factory=Pattern, init=False, repr=False)
     _energies: Recent[tuple[float, Array]] = field(default_factory=lambda: Recent(3), init=False, repr=False)
     _met: deque[tuple[Array, Array, Array, Density | None]] = field(
@@ -432,10 +431,8 @@ class FiniteOrgan(MeshedOrgan):
             refuse_loose(body)
         if self.hyper is None:
             object.__setattr__(self, "hyper", Hyperelasticity(body))
-        free = body.free
         dead = np.array([load.pressure is None for load in self.loads], dtype=float)
         object.__setattr__(self, "surface_load", self.surface_load * dead)
-        object.__setattr__(self, "M", csr_matrix(body.M[free][:, free]))
 
     # --- the organ's numbers ----------------------------------------------------------------------
 

@@ -67,10 +67,6 @@ class FixedSites:
         """Return no displacement, shape `(0,)`."""
         return EMPTY
 
-    def velocity(self, state: OrganState) -> Array:
-        """Return no velocity, shape `(0,)`."""
-        return EMPTY
-
     def impulse(self, state: OrganState) -> SiteAnswer:
         """Return the answer of sites at rest: they do not move under any impulse."""
         return SiteAnswer(np.zeros(self.y0.size), self._stiff, lambda j, p: state)

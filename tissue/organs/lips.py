@@ -28,7 +28,7 @@ a uniform pressure, and P_a collects the forces of the edges.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -345,19 +345,14 @@ def tangents(normals: Array) -> Array:
     return np.stack([first, np.cross(n, first)], axis=1)
 
 
-def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]], friction: Sequence[float] = ()) -> Gaps:
-    """Return the gaps between pairs of named boundaries of the mesh.
-
-    `between` are the pairs of names. `friction` has a coefficient for each pair of boundaries;
-    missing coefficients are 0.
+def surface_gaps(body: Elasticity, between: Sequence[tuple[str, str]]) -> Gaps:
+    """Return the gaps without friction between pairs of named boundaries of the mesh.
 
     The left one of two boundaries is the boundary with the smaller facets, or the only one that is
     not held. With larger facets on the left, some nodes on the right would get no force. Raises
     `TissueError` if two boundaries overlap by more than SUNK of a facet, or if no pair can move.
     """
-    parts = [_between(body, names) for names in between]
-    coefficients = [*friction, *[0.0] * (len(parts) - len(friction))]
-    return Gaps(body, tuple(replace(part, friction=mu) for part, mu in zip(parts, coefficients, strict=True)))
+    return Gaps(body, tuple(_between(body, names) for names in between))
 
 
 def _between(body: Elasticity, between: tuple[str, str]) -> Part:

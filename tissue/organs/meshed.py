@@ -371,6 +371,12 @@ class MeshedOrgan:
                 f"{room / GIGA:.2g} GB are available; take a coarser mesh at the lips, or leave out contact"
             )
 
+    @cached_property
+    def M(self) -> csr_matrix:
+        """Mass over the free unknowns, shape `(N, N)` [kg]."""
+        free = self.elasticity.free
+        return csr_matrix(self.elasticity.M[free][:, free])
+
     @property
     def pairs(self) -> int:
         """Number of pairs of nodes on the lips that can touch; 0 without gaps."""
@@ -489,10 +495,6 @@ class MeshedOrgan:
     def displacement(self, state: OrganState) -> Array:
         """Return the displacement of all unknowns, shape `(N_all,)` [m]."""
         return self.whole(self.field(state))
-
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns, shape `(N_all,)` [m/s]."""
-        return self.whole(state.V)
 
     def lips(self, state: OrganState) -> Lips:
         """Return the gaps, forces, slides and friction of the pairs."""

@@ -157,10 +157,6 @@ class OrganOfModes:
         """Return the displacement of all unknowns of the mesh, shape `(N_all,)` [m]."""
         return self.full.whole(self.field(state))
 
-    def velocity(self, state: OrganState) -> Array:
-        """Return the velocity of all unknowns of the mesh, shape `(N_all,)` [m/s]."""
-        return self.full.whole(self.spread(state, state.V))
-
     def moved(self, state: OrganState, motion: tuple[Array, Array, Array, Array, float]) -> OrganState:
         """Return the state of a `motion` under the loads of another state."""
         U, V, A, f_y, tally = motion

@@ -179,10 +179,6 @@ class QuasiStaticOrgan(MeshedOrgan):
         U = np.asarray(U_load + self._operator.W @ state.f_y)
         return U + self._operator.factor.solve(self.pairing_of(state).G.T @ p) if p.any() else U
 
-    def velocity(self, state: OrganState) -> Array:
-        """Return zero, shape `(N_all,)` [m/s]."""
-        return np.zeros(self.elasticity.N)
-
     def impulse(self, state: OrganState) -> None:
         """Return None: an organ without mass has no answer to an impulse."""
 

@@ -34,7 +34,6 @@ from tissue.solvers.memory import free_memory
 from tissue.supports import held_facets
 
 BYTES_OF_CELL = 8 * OF_CELL**2 + 2e4  # for the stiffness of a cell, and for all other data
-ACCURACY = 0.03  # of the compliance, if none is given
 ROOM = 5e8  # bytes for the multipliers of goals that are solved together
 
 
@@ -55,9 +54,9 @@ def bounds(
     mesh: MeshTet,
     material: Material,
     sites: Sequence[Site],
-    clamp: Sequence[str] = (),
-    roller: Sequence[str] = (),
-    accuracy: float = ACCURACY,
+    clamp: Sequence[str],
+    roller: Sequence[str],
+    accuracy: float,
 ) -> Bounds:
     """Return bounds of the compliance of sites to forces, for a linear body held at boundaries.
 
@@ -92,9 +91,9 @@ def bounds(
 def relative_bounds(
     body: Elasticity,
     sites: Sequence[Site],
-    clamp: Sequence[str] = (),
-    roller: Sequence[str] = (),
-    accuracy: float = ACCURACY,
+    clamp: Sequence[str],
+    roller: Sequence[str],
+    accuracy: float,
 ) -> Array:
     """Return bounds of each site's exact compliance, divided by its compliance in a linear `body`.
 

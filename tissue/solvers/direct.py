@@ -173,28 +173,16 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     except ArithmeticError as error:
         raise FactorError(f"the matrix is not positive definite or singular: pivot {error} is not positive") from error
 
-    solver = Cholesky(factor)
-    weakref.finalize(solver, unused.append, factor).atexit = False
-    return solver
-
-
-@dataclass(frozen=True, eq=False)
-class Cholesky:
-    """CHOLMOD's `factor` L of P A Pᵀ = L Lᵀ; a call is a back-substitution."""
-
-    factor: Any
-
-    def __call__(self, b: Array) -> Array:
-        """Return A⁻¹ b for b of shape `(n,)` or `(n, k)`."""
-        from cvxopt import cholmod as library
-        from cvxopt import matrix
-
+    def back_substitute(b: Array) -> Array:
         if b.ndim > 1 and b.any():
             blocks = [csr_matrix(b[:, k : k + COLUMNS].T) for k in range(0, b.shape[1], COLUMNS)]
-            return np.hstack([np.array(matrix(library.spsolve(self.factor, _columns(block)))) for block in blocks])
+            return np.hstack([np.array(matrix(library.spsolve(factor, _columns(block)))) for block in blocks])
         x = matrix(np.asarray(b, dtype=float))
-        library.solve(self.factor, x)
+        library.solve(factor, x)
         return np.array(x).reshape(b.shape)
+
+    weakref.finalize(back_substitute, unused.append, factor).atexit = False
+    return back_substitute
 
 
 def _columns(rows: csr_matrix) -> Any:

@@ -69,11 +69,6 @@ class Level:
     P: Blocks
     R: Blocks
 
-    @property
-    def bytes(self) -> int:
-        """Memory of the matrices."""
-        return sum(part.matrix.data.nbytes + part.matrix.indices.nbytes for part in (self.A, self.P, self.R))
-
 
 @dataclass(frozen=True)
 class Fields:
@@ -109,11 +104,6 @@ class Multigrid:
         x = np.empty(columns.shape, dtype=np.float32)
         self._cycle(0, columns, x)
         return x.reshape(residual.shape)
-
-    @property
-    def bytes(self) -> int:
-        """Memory of the levels."""
-        return sum(level.bytes for level in self.levels)
 
     @cached_property
     def _used(self) -> dict[int, tuple[Fields, ...]]:
