@@ -7,8 +7,8 @@ reference cell. These means come from scikit-fem's shape functions and quadratur
 (`ReferenceMeans`). Numba compiles the loops at their first call and caches them on disk.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,16 +39,6 @@ class ReferenceMeans:
     shapes: Array
     fluxes: Array
 
-    @property
-    def apart(self) -> "ReferenceMeans":
-        """The same means for terms of a cell's mean slope.
-
-        Their `slopes` are the mean of s_ic times the mean of s_jd.
-        """
-        mean = self.fluxes.sum(axis=0)  # the sum of the four linear functions is one
-        mean[np.abs(mean) <= NONE] = 0.0
-        return replace(self, slopes=np.einsum("ic,jd->ijcd", mean, mean))
-
 
 def reference_means(element: Element) -> ReferenceMeans:
     """Return the means of a scalar Lagrange element of the tetrahedron."""
@@ -74,8 +64,7 @@ def _shortest(slope: Array) -> Array:
     return min(ways, key=np.count_nonzero)
 
 
-@dataclass(frozen=True)
-class CellGraph:
+class CellGraph(NamedTuple):
     """The cells `(c, n)` over m nodes, the cells around each node and the neighbours of each node.
 
     The four vertices of a cell come first. The cells around node a are in `around` from `begin[a]`
@@ -123,7 +112,7 @@ def stiffness_and_mass(
     slopes = means.slopes.reshape(n * n, 16)
     pair, term = np.nonzero(slopes)
     sums = np.searchsorted(pair, np.arange(n * n + 1)), term, slopes[pair, term]
-    _add_rows(*_arrays(graph), gradients, *sums, means.shapes, lam, mu, weight, K.data, mass)
+    _add_rows(*graph, gradients, *sums, means.shapes, lam, mu, weight, K.data, mass)
     _spread(graph.first, mass, M.data)
     return K, M
 
@@ -134,12 +123,8 @@ def fluxes(graph: CellGraph, means: ReferenceMeans, gradients: Array, vertices: 
     Cells with a volume of zero in `volumes` are left out.
     """
     D = _zeros(graph, vertices, 1, 3)
-    _add_fluxes(*_arrays(graph), gradients, means.fluxes, volumes, vertices, D.data)
+    _add_fluxes(*graph, gradients, means.fluxes, volumes, vertices, D.data)
     return D
-
-
-def _arrays(graph: CellGraph) -> tuple[Whole, Whole, Whole, Whole, Whole]:
-    return graph.cells, graph.begin, graph.around, graph.first, graph.neighbours
 
 
 def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:

@@ -4,7 +4,7 @@ import numpy as np
 
 from tissue.arrays import Array
 from tissue.hyperelasticity import Hyperelasticity
-from tissue.materials.density import Density
+from tissue.materials.density import Density, determinant
 
 
 def principal_stretch(hyper: Hyperelasticity, U: Array) -> tuple[Array, Array, Array]:
@@ -32,7 +32,7 @@ def cell_energy(hyper: Hyperelasticity, U: Array, density: Density | None = None
 def cell_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
     """Return the mean of the Cauchy stress σ = P Fᵀ/J over each cell, shape `(c, 3, 3)` [Pa]."""
     F = hyper.gradient(U)
-    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / hyper.dilatation(F)
+    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / determinant(F)
     return _cell_means(hyper, sigma)
 
 

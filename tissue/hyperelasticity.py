@@ -257,10 +257,6 @@ class Hyperelasticity:
             return 0.0
         return self.energy(self.gradient(np.zeros(self.body.N)), density)
 
-    def is_possible(self, F: Array) -> bool:
-        """Return whether no cell is inverted by deformation gradients from `gradient`."""
-        return bool(determinant(F).min() > 0.0)
-
     def energy_at_points(self, F: Array, density: Density | None = None) -> Array:
         """Return the stored energy of each quadrature point, shape `(q, c)` [J].
 
@@ -271,10 +267,6 @@ class Hyperelasticity:
             J = determinant(F)
             stored = stored + 0.5 * self._pressure_at_points(J) * (J - 1.0 / self._before)
         return np.asarray(stored)
-
-    def dilatation(self, F: Array) -> Array:
-        """Return J = det F, shape `(q, c)`."""
-        return determinant(F)
 
     def stress(self, F: Array, density: Density | None = None) -> Array:
         """Return the first Piola stress P at the points of the cells, shape `(3, 3, q, c)` [Pa]."""

@@ -186,8 +186,11 @@ class DynamicOrgan(MeshedOrgan):
 
         The three components of a node have the same row of M.
         """
-        weighed = np.asarray(self.node_mass @ self._by_nodes(field)).ravel()
-        return weighed if self.slots is None else weighed[self.slots]
+        if self.slots is None:
+            return np.asarray(self.node_mass @ field.reshape(-1, 3)).ravel()
+        whole = np.zeros(3 * self.node_mass.shape[0])  # held components are zero
+        whole[self.slots] = field
+        return np.asarray(self.node_mass @ whole.reshape(-1, 3)).ravel()[self.slots]
 
     def elastic_force(self, U: Array) -> Array:
         """Return K U.
@@ -356,14 +359,3 @@ class DynamicOrgan(MeshedOrgan):
             ),
             friction=friction,
         )
-
-    def _by_nodes(self, field: Array) -> Array:
-        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`.
-
-        Held components are zero.
-        """
-        if self.slots is None:
-            return field.reshape(-1, 3)
-        whole = np.zeros(3 * self.node_mass.shape[0])
-        whole[self.slots] = field
-        return whole.reshape(-1, 3)

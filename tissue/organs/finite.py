@@ -25,6 +25,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, identity
@@ -32,7 +33,7 @@ from scipy.sparse import csr_matrix, identity
 from tissue.arrays import Array, Indices
 from tissue.errors import FactorError, OrganError, TissueError
 from tissue.hyperelasticity import Hyperelasticity
-from tissue.materials.density import Density
+from tissue.materials.density import Density, determinant
 from tissue.organs.meshed import (
     EMPTY,
     NO_POINTS,
@@ -245,11 +246,7 @@ class FiniteAnswer:
     f_y: Array
     pairing: Pairing
     ahead: Array | None = None
-
-    @property
-    def linear(self) -> bool:
-        """False: `again` can return an answer with another tangent."""
-        return False
+    linear: ClassVar = False  # `again` can return an answer with another tangent
 
     @cached_property
     def g_free(self) -> Array:
@@ -524,7 +521,7 @@ class FiniteOrgan(MeshedOrgan):
         while share >= SHORTEST:
             there = start.U + share * way if share < 1.0 else U
             F, part = self.law.gradient(self.whole(there)), SHORTER
-            if self.law.is_possible(F):
+            if determinant(F).min() > 0.0:
                 # Infinite forces at this point shorten the way.
                 with np.errstate(over="ignore", invalid="ignore"):
                     point = self.point(motion, there, F)
@@ -748,7 +745,7 @@ class FiniteOrgan(MeshedOrgan):
         F = self.law.gradient(self.whole(U))
         with np.errstate(over="ignore", invalid="ignore"):
             force = self.law.forces(F, density)[0][self.elasticity.free]
-        return force if self.law.is_possible(F) and np.isfinite(force).all() else None
+        return force if determinant(F).min() > 0.0 and np.isfinite(force).all() else None
 
     def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
         """Return a new pairing of the lips along the current normals.

@@ -165,11 +165,8 @@ class KrylovOrgan(OrganOfModes):
 
     def _excess(self, level: Level, state: OrganState) -> float:
         """Return the residual of the equations of motion divided by its bound [-]."""
-        return level.left(state) / max(self._allowed(state), np.finfo(float).tiny)
-
-    def _allowed(self, state: OrganState) -> float:
-        """Return the bound of the residual of the equations of motion [√J]."""
-        return ACCURACY * state.tally + self._rounded
+        allowed = ACCURACY * state.tally + self._rounded
+        return level.left(state) / max(allowed, np.finfo(float).tiny)
 
     @cached_property
     def _rounded(self) -> float:

@@ -31,7 +31,7 @@ may change from step to step. A state stores their facing data.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -206,21 +206,15 @@ class SiteAnswer(Generic[Body]):
     y_free: Array
     compliance: Callable[[], Array]
     accepted: Callable[[Array, Array], Body]
-
-    @property
-    def linear(self) -> bool:
-        """True: the answer is linear in the forces."""
-        return True
+    linear: ClassVar = True  # in the forces
+    g_free: ClassVar = EMPTY  # no gaps
+    friction: ClassVar = EMPTY  # no pairs
+    points: ClassVar = NO_POINTS
 
     @property
     def C(self) -> Array:
         """Site compliance, shape `(9p, 9p)`."""
         return self.compliance()
-
-    @property
-    def g_free(self) -> Array:
-        """No gaps, shape `(0,)`."""
-        return EMPTY
 
     @property
     def C_cy(self) -> Array:
@@ -230,16 +224,6 @@ class SiteAnswer(Generic[Body]):
     def gaps_by_forces(self, some: Indices) -> Array:
         """No gaps, shape `(0, 0)`."""
         return np.zeros((0, 0))
-
-    @property
-    def friction(self) -> Array:
-        """No pairs, shape `(0,)`."""
-        return EMPTY
-
-    @property
-    def points(self) -> Array:
-        """No points, shape `(0, 9)`."""
-        return NO_POINTS
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> Body:
         """Return the state at the end of the step."""
@@ -264,11 +248,7 @@ class LinearAnswer:
     accepted: Callable[[Array, Array], OrganState]
     right_hand_side: Callable[[], Array]
     pairing: Pairing
-
-    @property
-    def linear(self) -> bool:
-        """True: the answer is linear in the forces."""
-        return True
+    linear: ClassVar = True  # in the forces
 
     @property
     def C(self) -> Array:
@@ -334,6 +314,7 @@ class MeshedOrgan:
     load: Array = field(init=False, repr=False)
     surface_load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
+    solved_once: ClassVar = False  # whether the organ solves only for the columns of the sites and for the load
 
     def __post_init__(self) -> None:
         gravity = np.asarray(self.gravity, dtype=float)
@@ -641,11 +622,6 @@ class MeshedOrgan:
     @property
     def no_contact(self) -> Array | None:
         return self.contact_or_none(np.zeros(self.contacts))
-
-    @property
-    def solved_once(self) -> bool:
-        """Whether the organ solves only for the columns of the sites and for the load."""
-        return False
 
     def solver_of(self, A: csr_matrix) -> Solver:
         """Return a solver for a matrix of the organ."""

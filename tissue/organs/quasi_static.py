@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -67,10 +68,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     ranks: Ranks | None = None
     _fields: Recent[Array] = field(default_factory=Recent, init=False, repr=False)
-
-    @property
-    def solved_once(self) -> bool:
-        return True
+    solved_once: ClassVar = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

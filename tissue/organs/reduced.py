@@ -160,7 +160,8 @@ class ReducedOrgan(OrganOfModes):
         def accept(U: Array, V: Array, A: Array, f_y: Array) -> OrganState:
             """Return the state of a motion, with the error estimates so far."""
             new = OrganState(U, V, A, f_y, shares=shares)
-            return replace(new, tally=past[0].tally + self._left_open(new, past[0]))
+            change = self.both.rates(new) - self.both.rates(past[0])
+            return replace(new, tally=past[0].tally + self._dual_norm(change))
 
         return self.both.answer(self.y0, scheme, past, shares, accept)
 
@@ -251,10 +252,6 @@ class ReducedOrgan(OrganOfModes):
         """
         left = self._dual_norm(self.both.rates(state)) + state.tally
         return np.asarray(self.difference(state) + self.reduction.reach * left)
-
-    def _left_open(self, new: OrganState, old: OrganState) -> float:
-        """Return the change ‖Δr‖ of the check's residual between two states [√J]."""
-        return self._dual_norm(self.both.rates(new) - self.both.rates(old))
 
     def _dual_norm(self, rates: Array) -> float:
         """Return the norm in K⁻¹ of the check's residual at these rates `(n,)` [√J]."""

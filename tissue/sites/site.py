@@ -214,12 +214,8 @@ def cells_at(elasticity: Elasticity, sites: Sites) -> tuple[Indices, ...]:
     number[elasticity.nodes] = np.arange(len(elasticity.nodes))[:, None]
     averages = [sites.Y[9 * k : 9 * k + 3] for k in range(len(sites.points))]
     bearing = [abs(rows) > WEIGHTLESS * abs(rows).max() for rows in averages]
-    return tuple(_cells_of(elasticity, number[elasticity.free[rows.indices]]) for rows in bearing)
-
-
-def _cells_of(elasticity: Elasticity, nodes: Indices) -> Indices:
-    """Return the cells with at least three of these nodes."""
-    return np.flatnonzero(np.isin(elasticity.cells, nodes).sum(axis=1) >= OF_A_FACE)
+    nodes = [number[elasticity.free[rows.indices]] for rows in bearing]
+    return tuple(np.flatnonzero(np.isin(elasticity.cells, own).sum(axis=1) >= OF_A_FACE) for own in nodes)
 
 
 def space_frames(sites: Sequence[Site]) -> Array:

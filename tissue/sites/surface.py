@@ -133,16 +133,6 @@ class Surface:
         found[point[best]] = cell[best]
         return found
 
-    def depths(self, points: Array) -> Array:
-        """Return the depth of points `(k, 3)` below the surface, `(k,)` [m]; negative outside."""
-        inside = self.containing(points) >= 0
-        return np.where(inside, 1.0, -1.0) * self.away(points)
-
-    @cached_property
-    def away(self) -> Callable[[Array], Array]:
-        """A function that returns the distance of points `(k, 3)` from the surface, `(k,)` [m]."""
-        return distances_from(self.triangles)
-
     def sharing(self, point: Array) -> Indices:
         """Return every cell that contains `point`, also on a face or at a corner."""
         every = np.arange(self.mesh.nelements)
@@ -207,7 +197,9 @@ def depths(mesh: MeshTet) -> Callable[[Array], Array]:
 
     For points `(k, 3)`, the depth has shape `(k,)` [m]. It is negative outside.
     """
-    return outer_surface(mesh).depths
+    surface = outer_surface(mesh)
+    away = distances_from(surface.triangles)
+    return lambda points: np.where(surface.containing(points) >= 0, 1.0, -1.0) * away(points)
 
 
 def distances(mesh: MeshTet, boundary: str) -> Callable[[Array], Array]:
