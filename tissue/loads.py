@@ -13,6 +13,7 @@ rim is held. Only then is its tangent symmetric (Bufler, Comput. Methods Appl. M
 In other cases the code uses the symmetric part of the tangent.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -157,6 +158,13 @@ class Loads:
         In statics the load steps end at `time`.
         """
         return np.array([load.factor(time, share) for load in self.each])
+
+    def are_steady(self, shares: Array | None, times: Sequence[float]) -> bool:
+        """Return whether the same parts `shares` (k,) of the loads act at all `times` [s].
+
+        `shares` None means that there are no loads.
+        """
+        return shares is None or all((self.shares(time) == shares).all() for time in times)
 
     def forces(self, number: int, x: Array) -> Array:
         """Return the nodal forces of one whole load, `(m, 3)` [N].

@@ -28,8 +28,6 @@ from tissue.recent import Recent
 from tissue.solvers.choice import MULTIGRID, mass_solver
 
 DRIFT = 1e-13  # of ‖K‖‖U‖: largest error of K U from the residuals of many steps; with a larger error K U is recomputed
-# Number of fields with a cached elastic force: a step uses the forces at its start and at its end again.
-REMEMBERED_FORCES = 4
 
 
 class Products(NamedTuple):
@@ -137,7 +135,7 @@ class DynamicOrgan(MeshedOrgan):
     rayleigh: tuple[float, float] = (0.0, 0.0)
     node_mass: csr_matrix = field(init=False, repr=False)
     slots: NDArray[np.intp] | None = field(init=False, repr=False)  # of free unknowns; None if no node is partly held
-    _forces: Recent[Array] = field(default_factory=lambda: Recent(REMEMBERED_FORCES), init=False, repr=False)
+    _forces: Recent[Array] = field(default_factory=Recent, init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -412,7 +412,7 @@ class FiniteOrgan(MeshedOrgan):
     keep: int = KEEP
     relaxation: Prony | None = None
     _pattern: Pattern = field(default_factory=Pattern, init=False, repr=False)
-    _energies: Recent[tuple[float, Array]] = field(default_factory=lambda: Recent(3), init=False, repr=False)
+    _energies: Recent[tuple[float, Array]] = field(default_factory=Recent, init=False, repr=False)
     _met: deque[tuple[Array, Array, Array, Density | None]] = field(
         default_factory=lambda: deque(maxlen=2), init=False, repr=False
     )

@@ -227,7 +227,7 @@ class KrylovOrgan(OrganOfModes):
         result is None if the loads change at the `times` [s], and for a state of the whole organ.
         """
         level = self.level(state)
-        if level is None or not self.has_loads_of(state, times):
+        if level is None or not self.surface.are_steady(state.shares, times):
             return None
         modes, load = level.modes, level.modes.load_under(state.shares)
         W, within = modes.operator(scheme.a, scheme.d).W, (ACCURACY, self._rounded)

@@ -201,11 +201,6 @@ class OrganOfModes:
         """Return the sum of the forces of each whole load, `(l, 3)` [N]."""
         return self.full.load_resultants(state)
 
-    def has_loads_of(self, state: OrganState, times: Sequence[float]) -> bool:
-        """Return whether the same parts of the loads act at all `times` [s] as in a state."""
-        shares = state.shares
-        return shares is None or all(bool((self.surface.shares(time, 1.0) == shares).all()) for time in times)
-
     def lips(self, state: OrganState) -> Lips:
         """Return no pairs: this organ has no contact."""
         return NO_LIPS

@@ -193,9 +193,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         The last two have shape `(9p,)`. The result is None if the loads at the `times` [s] differ
         from the loads of the state, or if surfaces can touch.
         """
-        shares = state.shares
-        changing = shares is not None and any((self.surface.shares(time, 1.0) != shares).any() for time in times)
-        if self.touches or changing:
+        if self.touches or not self.surface.are_steady(state.shares, times):
             return None
         parts = self.parts(state)
         return float(0.5 * parts @ (self._operator.loads_work @ parts)), self._operator.y_loads @ parts, state.f_y

@@ -188,7 +188,7 @@ class ReducedOrgan(OrganOfModes):
         step.
         """
         shares, given = state.shares, self.reduction
-        if not self.has_loads_of(state, times):
+        if not self.surface.are_steady(shares, times):
             return None
         W = self.both.operator(scheme.a, scheme.d).W
         loads, Y = self.both.load_under(shares), given.Y[:, : given.size]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tissue.arrays import Array
 from tissue.errors import TissueError
 
-WEIGHTS = ("uniform", "parabolic")
+WEIGHTS = ("uniform", "parabolic")  # the weights of a `tissue.sites.site.Site`
 RADIAL, AROUND, RIM = 16, 40, 720  # 640 points on the disc
 INWARD, ALONG, ARC = 4, 4, 16  # exact for a weight and shape functions of degree two; an arc has an angle below π
 POLAR = 8  # 8 · 16 · 24 = 3072 points in the ball, half of them in a half ball
@@ -47,7 +47,6 @@ class FootprintRule:
 
 def disc(weight: str) -> FootprintRule:
     """Return the rule of the unit disc: weight 1/π (uniform) or 2(1 − r²)/π (parabolic)."""
-    _check(weight)
     # With τ = r², w r dr dθ is dτ dθ / 2π or (1 − τ) dτ dθ / π. A Gauss rule on τ and equal angles
     # are exact.
     tau, d_tau = _gauss(RADIAL)
@@ -63,7 +62,6 @@ def density(weight: str, r: Array) -> Array:
 
     The weight integrates to one. It is zero outside the disc.
     """
-    _check(weight)
     inside = 2.0 * (1.0 - r**2) if weight == "parabolic" else np.ones_like(r)
     return np.where(r < 1.0, inside, 0.0) / np.pi
 
@@ -82,11 +80,7 @@ class Cover:
     flat: Array
 
     def weights(self, weight: str) -> Array:
-        """Return the weights of the points for a footprint's `weight`.
-
-        Raises `TissueError` for an unknown `weight`.
-        """
-        _check(weight)
+        """Return the weights of the points for a footprint's `weight`."""
         return self.flat * (2.0 * (1.0 - np.sum(self.points**2, axis=1)) if weight == "parabolic" else 1.0)
 
 
@@ -173,7 +167,6 @@ def ball(weight: str) -> FootprintRule:
 
     The rule is composite, exact on each half z < 0 and z > 0.
     """
-    _check(weight)
     rho, d_rho = _gauss(POLAR)
     density = 7.5 * (1.0 - rho**2) if weight == "parabolic" else np.full(POLAR, 3.0)
     half, d_half = _gauss(POLAR)
@@ -206,7 +199,6 @@ def disc_slope(weight: str) -> Slope:
 
     Its vectors are −∇w = 4x/π (parabolic), or only n/π on the rim (uniform).
     """
-    _check(weight)
     if weight == "parabolic":
         flat = disc("uniform")
         return Slope(flat.points, 4.0 * flat.weights[:, None] * flat.points)
@@ -220,7 +212,6 @@ def ball_slope(weight: str) -> Slope:
 
     Its vectors are −∇w = 15x/4π (parabolic), or only 3n/4π on the sphere (uniform).
     """
-    _check(weight)
     rule, factor = (ball("uniform"), 5.0) if weight == "parabolic" else (_sphere(), 3.0)
     return Slope(rule.points, factor * rule.weights[:, None] * rule.points)
 
@@ -230,7 +221,6 @@ def half_ball_slope(weight: str) -> Slope:
 
     It is averaged as over the ball, plus ∮ w f n over the flat side.
     """
-    _check(weight)
     whole, flat = ball_slope(weight), disc(weight)
     below = whole.points[:, 2] < 0.0
     lid = (15.0 / 8.0 if weight == "parabolic" else 3.0 / 2.0) * flat.weights[:, None] * np.array([0.0, 0.0, 1.0])
@@ -253,8 +243,3 @@ def _gauss(count: int) -> tuple[Array, Array]:
     """Return Gauss–Legendre points and weights on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(count)
     return 0.5 * (x + 1.0), 0.5 * w
-
-
-def _check(weight: str) -> None:
-    if weight not in WEIGHTS:
-        raise TissueError(f"weight = {weight!r}: allowed are 'uniform' and 'parabolic'; take 'parabolic'")

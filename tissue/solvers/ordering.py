@@ -45,15 +45,6 @@ class Dissection:
         return _entries(self.graph, self.order, self.pieces, self.below)
 
 
-@dataclass(frozen=True)
-class _Cut:
-    """Nodes on two sides, and the separator between them."""
-
-    left: Indices
-    right: Indices
-    separator: Indices
-
-
 def node_graph(A: csr_matrix, places: Array) -> tuple[csr_matrix, Array, Indices]:
     """Return the graph `(m, m)` of the nodes, their places `(m, 3)` and the node `(n,)` of each
     unknown.
@@ -86,16 +77,15 @@ def _dissect(
     """Append separators and leaves, each after its children, and return the index of the last one."""
     below: tuple[int, ...] = ()
     if nodes.size > LEAF:
-        cut = min(_cuts(graph, places, nodes), key=lambda cut: cut.separator.size)
-        sides = [side for side in (cut.left, cut.right) if side.size]
-        below, nodes = tuple(_dissect(graph, places, side, pieces, children) for side in sides), cut.separator
+        *sides, nodes = min(_cuts(graph, places, nodes), key=lambda cut: cut[-1].size)
+        below = tuple(_dissect(graph, places, side, pieces, children) for side in sides if side.size)
     pieces.append(nodes)
     children.append(below)
     return len(pieces) - 1
 
 
-def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
-    """Yield two cuts for each axis, each with the fewest nodes in the separator.
+def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[tuple[Indices, Indices, Indices]]:
+    """Yield two cuts for each axis: the nodes on two sides, and the fewest that separate them.
 
     The nodes of the separator are from one side in the first cut, and from the other side in the
     second.
@@ -109,7 +99,7 @@ def _cuts(graph: csr_matrix, places: Array, nodes: Indices) -> Iterator[_Cut]:
         for first, last in ((own + 1, far + 1), (near + 1, own + 1)):
             at = _narrowest(first, last, nodes.size)
             cut = (first <= at) & (at < last)
-            yield _Cut(nodes[(own < at) & ~cut], nodes[(own >= at) & ~cut], nodes[cut])
+            yield nodes[(own < at) & ~cut], nodes[(own >= at) & ~cut], nodes[cut]
 
 
 def _neighbours(graph: csr_matrix, nodes: Indices) -> tuple[Indices, Indices]:
