@@ -500,7 +500,7 @@ def organ_of(
     if scenario.tissue.material != "linear":
         hyper = hyperelasticity_of(scenario.tissue, body, given)
         damping = scenario.tissue.rayleigh[0]
-        return tissue.FiniteOrgan(*known, hyper=hyper, inertia=inertia, damping=damping, relaxation=relaxation)
+        return tissue.FiniteOrgan(*known, law=hyper, inertia=inertia, damping=damping, relaxation=relaxation)
     if relaxation is not None:
         damped = scenario.tissue.rayleigh
         return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)

@@ -62,7 +62,7 @@ def organ(element: str, inertia: bool, direction: Any, R: Array = np.eye(3), **o
     along = direction if isinstance(direction, str) else R @ direction
     sites = tissue.build_sites(body, [tissue.Site(R @ point, 2e-3, "parabolic", along) for point in SITES])
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 3.0))
-    return tissue.FiniteOrgan(body, sites, R @ (0, 0, -9.81), hyper=hyper, inertia=inertia, **options)
+    return tissue.FiniteOrgan(body, sites, R @ (0, 0, -9.81), law=hyper, inertia=inertia, **options)
 
 
 def scene(name: str, R: Array = np.eye(3), **options: Any) -> tuple[System, Any]:  # noqa: B008

@@ -53,7 +53,7 @@ def scene(name: str, turned: bool = False) -> tuple[System, State]:
     pairs = lips(closed, wound)
     gaps = tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], R[:, 0])
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 3.0))
-    organ = tissue.FiniteOrgan(body, sites, R @ (0, 0, -9.81), gaps=gaps, hyper=hyper, inertia=inertia)
+    organ = tissue.FiniteOrgan(body, sites, R @ (0, 0, -9.81), gaps=gaps, law=hyper, inertia=inertia)
     return pulled_hairpin(organ, PULL, STEPS * DT, R)
 
 

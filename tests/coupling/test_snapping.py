@@ -47,7 +47,7 @@ def arch() -> tissue.FiniteOrgan:
     )
     sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, RISE + THICK), 2e-3, "parabolic", None)])
     load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, -LOAD))
-    return tissue.FiniteOrgan(body, sites, loads=[load], inertia=False)
+    return tissue.FiniteOrgan(body, sites, loads=[load], inertia=False, law=tissue.Hyperelasticity(body))
 
 
 @cache
@@ -142,7 +142,7 @@ def flap() -> tissue.FiniteOrgan:
     body = tissue.elasticity(mesh, tissue.Material(1e6, 0.3, 1000.0), "P2", ("end",))
     sites = tissue.build_sites(body, [tissue.Site((LONG - 2e-3, 0.0, 0.0), 2e-3, "parabolic", None)])
     law = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0))
-    return tissue.FiniteOrgan(body, sites, hyper=law, inertia=False)
+    return tissue.FiniteOrgan(body, sites, law=law, inertia=False)
 
 
 def test_a_flap_that_bends_far_and_is_drawn_taut_does_not_snap() -> None:

@@ -43,6 +43,8 @@ def on_slope(mu: float, slope: float, **options: Any) -> tuple[Any, float]:
     along, down = np.sin(np.arctan(slope)), np.cos(np.arctan(slope))
     gaps = rough(tissue.surface_gaps(body, [MEETING]), mu)
     kind = options.pop("kind", tissue.DynamicOrgan)
+    if kind is tissue.FiniteOrgan:
+        options["law"] = tissue.Hyperelasticity(body)
     gravity = GRAVITY * np.array([along, 0.0, -down])
     return kind(body, tissue.build_sites(body, []), gravity, gaps=gaps, **options), GRAVITY * (along - mu * down)
 

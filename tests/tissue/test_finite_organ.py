@@ -63,7 +63,7 @@ def test_small_loads_give_the_linear_organ(name: str, b: float, nu: float) -> No
     sites = sites_of(body, DIRECTIONS[name])
     linear = tissue.QuasiStaticOrgan(body, sites)
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, b))
-    organ = tissue.FiniteOrgan(body, sites, hyper=hyper, inertia=False)
+    organ = tissue.FiniteOrgan(body, sites, law=hyper, inertia=False)
     shape = np.array([1.0, 0.2, 0.5, 1e-3, -5e-4, 3e-4, 2e-4, 1e-3, -1e-3])
     f = np.concatenate([shape, -shape])
     differences = []
@@ -104,7 +104,7 @@ def test_prestretched_tissue_goes_back() -> None:
     stretches = np.array([1.2, 1.0, 1.0 / 1.2])
     body = block(0.49)
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0), stretches)
-    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (0, 0, -9.81), hyper=hyper, inertia=False)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (0, 0, -9.81), law=hyper, inertia=False)
     state = organ.start()
     F = hyper.gradient(organ.displacement(state))
     forces, scale = hyper.forces(F)
@@ -127,14 +127,14 @@ def test_the_reference_shape_has_the_energy_of_its_prestretch(nu: float) -> None
     distortion = mu / 10.0 * np.expm1(5.0 * (J ** (-2.0 / 3.0) * (stretches**2).sum() - 3.0))
     stored = (distortion + 0.5 * kappa * (J - 1.0) ** 2) / J * 0.03 * 0.02 * 0.01
     hyper = tissue.Hyperelasticity(body, Exponential(mu, 5.0), stretches)
-    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), hyper=hyper)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), law=hyper)
     rest = organ.start()
     energies = organ.energies(rest, rest)
     assert energies.prestretch == pytest.approx(stored, rel=TWO_SOLVERS)
     assert energies.elastic == energies.prestretch
     back = body.flat(body.points * (1.0 / stretches - 1.0))
     assert abs(hyper.energy(hyper.gradient(back))) <= RESIDUAL * stored
-    plain = tissue.FiniteOrgan(body, sites_of(body, "normal"))
+    plain = tissue.FiniteOrgan(body, sites_of(body, "normal"), law=tissue.Hyperelasticity(body))
     assert plain.energies(rest, rest).prestretch == 0.0
 
 
@@ -143,7 +143,7 @@ def test_what_the_integrator_takes_falls_with_its_step() -> None:
     backward Euler takes of it is of first order in the step."""
     body, taken = block(), []
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 5.0))
-    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (200.0, 0.0, -50.0), hyper=hyper, damping=5.0)
+    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), (200.0, 0.0, -50.0), law=hyper, damping=5.0)
     for dt in (1e-4, 5e-5):
         state, total, none = organ.start(), np.zeros(4), np.zeros(18)
         for _ in range(round(3e-3 / dt)):
@@ -185,7 +185,7 @@ def test_an_impulse_and_a_displacement_are_the_linear_organs_at_rest() -> None:
     """Consistency check: what a hole that begins asks for, at U = 0 where both organs are one."""
     body = block()
     sites = sites_of(body, "normal")
-    linear, organ = tissue.DynamicOrgan(body, sites), tissue.FiniteOrgan(body, sites)
+    linear, organ = tissue.DynamicOrgan(body, sites), tissue.FiniteOrgan(body, sites, law=tissue.Hyperelasticity(body))
     j, scheme = np.linspace(-1.0, 1.0, 18) * 1e-5, BackwardEuler(1e-3)
     one, other = linear.impulse(linear.start()), organ.impulse(organ.start())
     assert other is not None
@@ -195,7 +195,9 @@ def test_an_impulse_and_a_displacement_are_the_linear_organs_at_rest() -> None:
     moved, twin = (o.displace(scheme, o.start(), y, j) for o in (linear, organ))
     assert np.abs(moved.C - twin.C).max() <= TWO_SOLVERS * np.abs(moved.C).max()
     assert np.abs(moved.y_free - twin.y_free).max() <= TWO_SOLVERS
-    assert tissue.FiniteOrgan(body, sites, inertia=False).impulse(organ.start()) is None
+    assert (
+        tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body)).impulse(organ.start()) is None
+    )
 
 
 def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
@@ -206,7 +208,7 @@ def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
     mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(ends)
     body = tissue.elasticity(mesh, tissue.Material(1e5, 0.3, 1070.0), "P1", ["bottom"])
     sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, direction="normal")])
-    organ = tissue.FiniteOrgan(body, sites, inertia=False)
+    organ = tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body))
     squeezed = np.zeros(body.N)
     squeezed[body.nodes[:, 2]] = -0.1 * (body.points[:, 2] + 0.04)
     U = squeezed[body.free]
@@ -220,7 +222,9 @@ def test_a_traction_is_ramped() -> None:
     """Independent check: what the cells bear is the dead traction times its area and its part; its work is booked."""
     body = block(0.45)
     load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, 2e4), course=((0.0, 0.0), (0.1, 1.0)))
-    organ = tissue.FiniteOrgan(body, sites_of(body, "normal"), loads=[load], inertia=False)
+    organ = tissue.FiniteOrgan(
+        body, sites_of(body, "normal"), loads=[load], inertia=False, law=tissue.Hyperelasticity(body)
+    )
     state = organ.start()
     for time in (0.05, 0.1):
         answer: FiniteAnswer = organ.answer(Equilibrium(), [state], time)
@@ -239,12 +243,12 @@ def test_what_does_not_go_is_refused_in_words() -> None:
     body, other = block(), block()
     sites = sites_of(body, "normal")
     with pytest.raises(tissue.TissueError, match="another body"):
-        tissue.FiniteOrgan(body, sites, hyper=tissue.Hyperelasticity(other))
+        tissue.FiniteOrgan(body, sites, law=tissue.Hyperelasticity(other))
     with pytest.raises(tissue.TissueError, match=r"damping = -1\.0"):
-        tissue.FiniteOrgan(body, sites, damping=-1.0)
+        tissue.FiniteOrgan(body, sites, damping=-1.0, law=tissue.Hyperelasticity(body))
     loose = block(clamp=())
     with pytest.raises(tissue.TissueError, match="can move as a rigid body"):
-        tissue.FiniteOrgan(loose, sites_of(loose, "normal"), inertia=False)
+        tissue.FiniteOrgan(loose, sites_of(loose, "normal"), inertia=False, law=tissue.Hyperelasticity(loose))
     with pytest.raises(tissue.TissueError, match="prestretch"):
         tissue.Hyperelasticity(body, prestretch=np.ones((3, 7)))
 
@@ -267,7 +271,7 @@ def test_a_pressure_that_follows_inflates_a_thick_tube() -> None:
 
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, b))
     load = tissue.SurfaceLoad("pressed", pressure=quad(bearing, 1.5, np.sqrt(5.25))[0], course=((0.0, 0.0), (1.0, 1.0)))
-    organ = tissue.FiniteOrgan(body, sites, hyper=hyper, loads=[load], inertia=False)
+    organ = tissue.FiniteOrgan(body, sites, law=hyper, loads=[load], inertia=False)
     state = organ.start()
     for time in (0.25, 0.5, 0.75, 1.0):
         old, state = state, settled(organ, np.zeros(9), state, time)
@@ -317,7 +321,7 @@ def test_numerical_dissipation_vanishes_with_the_step(order: int) -> None:
     takes, which falls with the step by its order: Euler's, and BDF2's, whose first step is Euler's."""
     body = block()
     hyper = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, 3.0))
-    organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), hyper=hyper)
+    organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), law=hyper)
     rest, height = organ.start(), body.points[:, 2] - body.points[:, 2].min()
     struck = replace(rest, V=body.flat(np.outer(height / np.ptp(height), [0.4, 0.0, 0.1]))[body.free])
     coarse, fine = (dissipated(organ, struck, order, steps) for steps in (40, 80))

@@ -84,7 +84,7 @@ def test_two_halves_of_squeezed_tissue_are_one_bar(element: str) -> None:
 
     across = brentq(lambda stretch: float(nominal(stretch)[1, 1]), 1.0, 1.2, xtol=1e-15)
     hyper, gaps = tissue.Hyperelasticity(body, law, (0.95, across, across)), gaps_on(body, THROUGH)
-    organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), gaps=gaps, hyper=hyper, inertia=False)
+    organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), gaps=gaps, law=hyper, inertia=False)
     apart = replace(organ, gaps=None).start().U
     assert (gaps.g0 + gaps.G @ apart).min() < -0.02 * SIZE[0]
     state = in_contact(organ, organ.start())
@@ -101,7 +101,7 @@ def test_a_slit_in_stretched_tissue_gapes_by_itself() -> None:
     gaps, off = gaps_on(body, wound), []
     for stretch in (1e-2, 1e-3):
         hyper = tissue.Hyperelasticity(body, Exponential(SOFT.lame_mu, 3.0), (1.0 + stretch, 1.0, 1.0))
-        organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), gaps=gaps, hyper=hyper, inertia=False)
+        organ = tissue.FiniteOrgan(body, tissue.build_sites(body, []), gaps=gaps, law=hyper, inertia=False)
         state = in_contact(organ, organ.start())
         freed = -(body.K @ body.flat(body.points * [stretch, 0.0, 0.0]))[body.free]
         linear = tissue.QuasiStaticOrgan(body, tissue.build_sites(body, [])).operator(0.0, 0.0).factor.solve(freed)

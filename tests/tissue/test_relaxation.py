@@ -32,8 +32,9 @@ def cube(nu: float) -> tissue.Elasticity:
 def organ_of(kind: str, body: tissue.Elasticity, relaxation: Prony, **more: Any) -> Any:
     sites = tissue.build_sites(body, [tissue.Site((0.5 * L, 0.5 * L, L), 3e-3, direction=None)])
     known = {"inertia": False, "relaxation": relaxation} | more
-    made = tissue.RelaxingOrgan if kind == "linear" else tissue.FiniteOrgan
-    return made(body, sites, **known)
+    if kind == "linear":
+        return tissue.RelaxingOrgan(body, sites, **known)
+    return tissue.FiniteOrgan(body, sites, **{"law": tissue.Hyperelasticity(body)} | known)
 
 
 def creep(share: Array | float, t: float) -> Array:

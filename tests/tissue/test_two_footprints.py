@@ -49,7 +49,7 @@ def drawn(body: tissue.Elasticity, sites: Sites, scaled: Sequence[float]) -> lis
     """How far the last footprint of a body moves towards the other one, or to the plane of symmetry, under every
     tension, by the organ [m]."""
     hyper, out = tissue.Hyperelasticity(body, Exponential(body.material.lame_mu, B)), []
-    organ = tissue.FiniteOrgan(body, sites, hyper=hyper, inertia=False)
+    organ = tissue.FiniteOrgan(body, sites, law=hyper, inertia=False)
     state = organ.start()
     for tension in scaled:
         f = tension * E * RADIUS**2 * pulls()[-organ.y0.size :]

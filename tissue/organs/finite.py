@@ -398,7 +398,7 @@ class FiniteAnswer:
 class FiniteOrgan(MeshedOrgan):
     """An organ at finite strain.
 
-    - `hyper`: its energy; None for the neo-Hookean solid with the same E and ν.
+    - `law`: its energy.
     - `inertia`: if False, the organ is always in equilibrium.
     - `damping` [1/s]: the factor α of the mass-proportional damping.
     - `keep`: a factor is reused if fewer corrections than these are left with it; with 0 there is
@@ -406,7 +406,7 @@ class FiniteOrgan(MeshedOrgan):
     - `relaxation`: the relaxation of its stress; None without relaxation.
     """
 
-    hyper: Hyperelasticity | None = None
+    law: Hyperelasticity = field(kw_only=True)
     inertia: bool = True
     damping: float = 0.0
     keep: int = KEEP
@@ -420,24 +420,16 @@ class FiniteOrgan(MeshedOrgan):
     def __post_init__(self) -> None:
         super().__post_init__()
         body = self.elasticity
-        if self.hyper is not None and self.hyper.body is not body:
-            raise TissueError("hyper: it has another body than the organ; build both on the same body")
+        if self.law.body is not body:
+            raise TissueError("law: it has another body than the organ; build both on the same body")
         if not 0.0 <= self.damping < np.inf:
             raise TissueError(f"damping = {self.damping} 1/s: allowed is 0 or more; damping takes energy")
         if not self.inertia:
             refuse_loose(body)
-        if self.hyper is None:
-            object.__setattr__(self, "hyper", Hyperelasticity(body))
         dead = np.array([load.pressure is None for load in self.loads], dtype=float)
         object.__setattr__(self, "surface_load", self.surface_load * dead)
 
     # --- the organ's numbers ----------------------------------------------------------------------
-
-    @property
-    def law(self) -> Hyperelasticity:
-        """The energy of the organ."""
-        assert self.hyper is not None
-        return self.hyper
 
     @cached_property
     def map(self) -> SiteMap:
