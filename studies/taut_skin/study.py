@@ -109,7 +109,7 @@ class Row(Wound):
     places: tuple[float, ...] = measured("m", lambda at: at.case.places)  # of the stitches
     forces: tuple[float, ...] = measured("N", lambda at: at.hands.forces(at.state))
     widest: float = measured("m", lambda at: at.hands.gaps(at.state, at.case.places).max())  # remaining gap at a stitch
-    contact_force: float = measured("N", lambda at: at.hands.organ.contact_forces(at.state.organ).sum())
+    contact_force: float = measured("N", lambda at: at.state.organ.p.sum())
     closed: bool  # within the tolerance
 
     @property

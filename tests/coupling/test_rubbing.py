@@ -54,7 +54,7 @@ def assert_rubs(system: System, step: Step, first: State | None = None) -> tuple
     before = (step.old if first is None else first).organ
     k, dU = organ.pairs, organ.field(step.new.organ) - organ.field(before)
     w = (ways.G @ dU)[k:].reshape(-1, 2)
-    tau, bound = organ.contact_forces(step.new.organ)[k:].reshape(-1, 2), organ.friction(step.new.organ.facing)
+    tau, bound = step.new.organ.p[k:].reshape(-1, 2), organ.friction(step.new.organ.facing)
     bound, size, way = bound * lips.force, np.linalg.norm(tau, axis=1), np.linalg.norm(w, axis=1)
     scale = lips.force.max(initial=0.0)
     assert (size <= bound + TWO_SOLVERS * scale).all()
@@ -113,7 +113,7 @@ def test_what_friction_takes_is_in_the_audit(name: str) -> None:
         assert abs(energies.balance_error - before.balance_error) <= RESIDUAL * at_stake
         k, dU = organ.pairs, organ.field(step.new.organ) - organ.field(step.old.organ)
         ways = organ.pairing(step.new.organ.facing).G @ dU
-        taken_by_lips -= float(organ.contact_forces(step.new.organ)[k:] @ ways[k:])
+        taken_by_lips -= float(step.new.organ.p[k:] @ ways[k:])
         assert organ.energies(step.old.organ, step.new.organ)[5] >= -IDENTITY * at_stake
     assert taken_by_lips > 0.0
     if name != "open dynamic P1, rough, drawn":  # where the holes rub too

@@ -131,7 +131,7 @@ def forces_on_stumps(organ: Any, state: Any) -> dict[str, Array]:
     stump, by name, shape `(2, 3)` each [N]."""
     body = organ.elasticity
     sides = [np.sign(points[:, 0])[:, None] == [-1.0, 1.0] for points in (body.points, organ.y0.reshape(-1, 9))]
-    contact = body.nodal(organ.whole(organ.pairing(state.facing).G.T @ organ.contact_forces(state)))
+    contact = body.nodal(organ.whole(organ.pairing(state.facing).G.T @ state.p))
     pressure = body.nodal(organ.surface.columns @ state.shares)
     inner = body.nodal(body.K @ organ.displacement(state))
     held = np.isin(body.nodes, body.clamped) * (inner - pressure)

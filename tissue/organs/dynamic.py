@@ -120,9 +120,9 @@ class DynamicOperator(Operator):
         if p.any():
             KU += share * (pairing.G.T @ p)
         rates = combination((d, -d), (U, history.damping)), combination((a, -a), (U, history.inertia))
-        rest = self.organ.contact_or_none(p), pairing.facing, shares
+        rest = pairing.facing, shares
         stands = self.organ.is_elastic_force(U, KU)
-        return OrganState(U, *rates, f_y, *rest, MU=MU, MV=MV, KU=KU if stands else None, points=pairing.points)
+        return OrganState(U, *rates, f_y, p, *rest, MU=MU, MV=MV, KU=KU if stands else None, points=pairing.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class DynamicOrgan(MeshedOrgan):
     def start(self) -> OrganState:
         """Return the undeformed state at rest; gravity and loads act from the first step."""
         rest = np.zeros(self.size)
-        return OrganState(rest, rest, rest, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
+        return OrganState(rest, rest, rest, np.zeros(self.y0.size), np.zeros(self.contacts), shares=self.no_shares)
 
     def operator(self, a: float, d: float) -> DynamicOperator:
         """Return the factorised operator of a time scheme; the last few operators are cached.
@@ -346,7 +346,7 @@ class DynamicOrgan(MeshedOrgan):
         alpha, beta = self.rayleigh
         was, now = self.products(old), self.products(new)
         dU, dV, elastic = new.U - old.U, new.V - old.V, now.KU - was.KU
-        pushes, friction = self.contact_works(self.contact_forces(new), self.pairing_of(new).G @ dU)
+        pushes, friction = self.contact_works(new.p, self.pairing_of(new).G @ dU)
         return OrganEnergies(
             kinetic=float(0.5 * new.V @ now.MV),
             elastic=float(0.5 * new.U @ now.KU),

@@ -411,6 +411,7 @@ class FiniteOrgan(MeshedOrgan):
     damping: float = 0.0
     keep: int = KEEP
     relaxation: Prony | None = None
+    turns: ClassVar = True
     _pattern: Pattern = field(default_factory=Pattern, init=False, repr=False)
     _energies: Recent[tuple[float, Array]] = field(default_factory=Recent, init=False, repr=False)
     _met: deque[tuple[Array, Array, Array, Density | None]] = field(
@@ -465,13 +466,9 @@ class FiniteOrgan(MeshedOrgan):
             r = r + self.M @ (motion.a * (U - motion.inertia) + self.damping * motion.d * (U - motion.damping))
         return Point(U, F, r, scale, np.asarray(self.map.Z @ U))
 
-    def _nodal(self, U: Array) -> Array:
-        """Return the displacement of all nodes, shape `(m, 3)` [m]."""
-        return self.elasticity.nodal(self.whole(U))
-
     def _places(self, U: Array) -> Array:
         """Return the positions of the nodes, shape `(m, 3)` [m]."""
-        return self.elasticity.points + self._nodal(U)
+        return self.elasticity.points + self.nodal(U)
 
     def pressing(self, shares: Array | None, U: Array) -> Array:
         """Return the forces of the pressures over the free unknowns, `(N,)` [N].
@@ -624,7 +621,7 @@ class FiniteOrgan(MeshedOrgan):
     def _started(self) -> OrganState:
         """The state at the start, computed once."""
         rest, none = np.zeros(self.size), np.zeros(self.y0.size)
-        undeformed = OrganState(rest, rest, rest, none, self.no_contact, shares=self.no_shares)
+        undeformed = OrganState(rest, rest, rest, none, np.zeros(self.contacts), shares=self.no_shares)
         if self.inertia:
             return undeformed
         try:
@@ -739,15 +736,6 @@ class FiniteOrgan(MeshedOrgan):
             force = self.law.forces(F, density)[0][self.elasticity.free]
         return force if determinant(F).min() > 0.0 and np.isfinite(force).all() else None
 
-    def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
-        """Return a new pairing of the lips along the current normals.
-
-        `U` is the displacement of the free unknowns, `(N,)` [m].
-        """
-        gaps, at_rest = self.gaps, self.elasticity.points
-        facing = None if gaps is None else gaps.facing(at_rest, self._nodal(U), turns=True)
-        return self.slipping_from(U, self.pairing(facing, points))
-
     def state_at(
         self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
     ) -> OrganState:
@@ -756,7 +744,7 @@ class FiniteOrgan(MeshedOrgan):
             V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
         else:
             V = A = np.zeros(self.size)
-        rest = self.contact_or_none(p), pairing.facing, motion.shares, tangent.U
+        rest = p, pairing.facing, motion.shares, tangent.U
         return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
@@ -847,7 +835,7 @@ class FiniteOrgan(MeshedOrgan):
         friction = relaxation = 0.0
         if self.relaxation is not None:
             relaxation = float((self._forces_at(new.U, self.stressed(new))[1] - force) @ dU)
-        if new.p is not None and new.p.any():
+        if new.p.any():
             pushes, friction = self.contact_works(new.p, self.pairing_of(new).G @ dU)
             numerical += pushes
         kinetic = viscous = 0.0

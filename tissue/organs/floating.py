@@ -78,6 +78,6 @@ class FloatingOrgan(DynamicOrgan):
         forces = (
             self.load_under(state.shares),
             self.Y.T @ state.f_y,
-            self.pairing_of(state).G.T @ (self.contact_forces(state)),
+            self.pairing_of(state).G.T @ state.p,
         )
         return float(np.abs(self.mass_times(state.A)).sum() / max(sum(np.abs(f).sum() for f in forces), SCALE))

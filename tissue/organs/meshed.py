@@ -65,7 +65,7 @@ class OrganState:
     - `U` [m], `V` [m/s], `A` [m/s²]: displacement, velocity and acceleration over the free unknowns
       `(N,)`.
     - `f_y` `(9p,)`: the site forces.
-    - `p` `(k,)` [N]: the contact forces and the forces along the slips; None if the organ has
+    - `p` `(k,)` [N]: the contact forces and the forces along the slips; k = 0 if the organ has
       neither gaps nor a skin.
     - `facing` `(pairs, 7)`: the points and directions of the contact forces on the right lip
       (`tissue.organs.lips.Gaps.facing`); None for the pairs of the reference.
@@ -87,7 +87,7 @@ class OrganState:
     V: Array
     A: Array
     f_y: Array
-    p: Array | None = None
+    p: Array = field(default_factory=lambda: EMPTY)
     facing: Array | None = None
     shares: Array | None = None
     linearised: Array | None = None
@@ -314,6 +314,7 @@ class MeshedOrgan:
     load: Array = field(init=False, repr=False)
     surface_load: Array = field(init=False, repr=False)
     places: Array = field(init=False, repr=False)
+    turns: ClassVar = False  # whether contact surfaces may turn far
     solved_once: ClassVar = False  # whether the organ solves only for the columns of the sites and for the load
 
     def __post_init__(self) -> None:
@@ -434,10 +435,12 @@ class MeshedOrgan:
         return self.pairing(state.facing, state.points)
 
     def paired_anew(self, U: Array, points: Array | None = None) -> Pairing:
-        """Return a new pairing of the lips under a displacement of the free unknowns `(N,)`."""
-        facing, body = None, self.elasticity
-        if self.gaps is not None:
-            facing = self.gaps.facing(body.points, body.nodal(self.whole(U)))
+        """Return a new pairing of the lips under a displacement of the free unknowns `(N,)`.
+
+        If surfaces may turn far, it is along their current normals.
+        """
+        gaps, at_rest = self.gaps, self.elasticity.points
+        facing = None if gaps is None else gaps.facing(at_rest, self.nodal(U), self.turns)
         return self.slipping_from(U, self.pairing(facing, points))
 
     def paired_after(self, past: Sequence[OrganState], scheme: TimeScheme) -> Pairing:
@@ -463,7 +466,7 @@ class MeshedOrgan:
         The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`.
         """
         assert self.skin is not None
-        return self.skin.faced(self.elasticity.nodal(self.whole(self.field(state))), places, labels)
+        return self.skin.faced(self.nodal(self.field(state)), places, labels)
 
     def touched(self, state: OrganState, points: Array) -> OrganState:
         """Return the state before a step with the facing data `points` `(j, 9 + l)`."""
@@ -481,7 +484,7 @@ class MeshedOrgan:
         """Return the gaps, forces, slides and friction of the pairs."""
         if not self.pairs:
             return NO_LIPS
-        p, slides = self.contact_forces(state)[: self.pairs], self.slides(self.field(state))
+        p, slides = state.p[: self.pairs], self.slides(self.field(state))
         return Lips(self.gap(state), p, slides, *self.rubbing(state))
 
     def gap(self, state: OrganState) -> Array:
@@ -504,7 +507,7 @@ class MeshedOrgan:
         """
         if state.points is None:
             return NO_POINTS, EMPTY
-        return state.points, self.contact_forces(state)[self.contacts :]
+        return state.points, state.p[self.contacts :]
 
     def slipping_from(self, U: Array, pairing: Pairing) -> Pairing:
         """Return the pairing with slips counted from a displacement of the free unknowns `(N,)`."""
@@ -525,18 +528,14 @@ class MeshedOrgan:
 
         `U` is the displacement of the free unknowns, `(N,)` [m].
         """
-        return EMPTY if self.gaps is None else self.gaps.slides(self.elasticity.nodal(self.whole(U)))
-
-    def contact_forces(self, state: OrganState) -> Array:
-        """Return p, shape `(k,)` [N]."""
-        return EMPTY if state.p is None else state.p
+        return EMPTY if self.gaps is None else self.gaps.slides(self.nodal(U))
 
     def rubbing(self, state: OrganState) -> tuple[Array, NDArray[np.bool_]]:
         """Return the friction of each pair, `(pairs, 3)` [N], and whether it slips, `(pairs,)`.
 
         The friction is the force of the left node on the point that it faces.
         """
-        out, p = np.zeros((self.pairs, 3)), self.contact_forces(state)
+        out, p = np.zeros((self.pairs, 3)), state.p
         if self.gaps is None or not self.gaps.rough.size:
             return out, np.zeros(self.pairs, dtype=bool)
         facing = self.gaps.start if state.facing is None else state.facing
@@ -554,7 +553,7 @@ class MeshedOrgan:
         """
         if self.gaps is None or not self.gaps.rough.size:
             return {}
-        pressed, slips = self.contact_forces(state)[: self.pairs] > 0.0, self.rubbing(state)[1]
+        pressed, slips = state.p[: self.pairs] > 0.0, self.rubbing(state)[1]
         own = zip(self.gaps.parts, self.gaps.slices, strict=True)
         there = [(part.name, at) for part, at in own if part.friction and pressed[at].any()]
         return {name: bool(slips[at][pressed[at]].all()) for name, at in there}
@@ -576,7 +575,7 @@ class MeshedOrgan:
         The sites stay at `y` (9p,) while the site forces `f_y` (9p,) and the contact forces of
         `state` are constant. The answer is linear in their change. V does not change.
         """
-        p, pairing = self.contact_forces(state), self.pairing_of(state)
+        p, pairing = state.p, self.pairing_of(state)
         y_free, g_free = operator.free_values(y, self.gaps_of(state), f_y, p, pairing)
 
         def complete(f_new: Array, p_new: Array) -> OrganState:
@@ -584,8 +583,7 @@ class MeshedOrgan:
             df, U = f_new - f_y, state.U
             if U.size:  # the state of an organ without inertia has only forces
                 U = operator.add_forces(U, df, p_new - p, pairing)
-            held = self.contact_or_none(p_new)
-            return replace(state, U=U, f_y=state.f_y + df, p=held, MU=None, MV=None, KU=None)
+            return replace(state, U=U, f_y=state.f_y + df, p=p_new, MU=None, MV=None, KU=None)
 
         def right_hand_side() -> Array:
             return np.asarray(operator.A @ self.field(state) - Y.T @ f_y - pairing.G.T @ p)
@@ -615,14 +613,6 @@ class MeshedOrgan:
         """
         return self.surface.resultants
 
-    def contact_or_none(self, p: Array) -> Array | None:
-        """Return the contact forces `(k,)` for a state; None if no surface may touch."""
-        return p if self.touches else None
-
-    @property
-    def no_contact(self) -> Array | None:
-        return self.contact_or_none(np.zeros(self.contacts))
-
     def solver_of(self, A: csr_matrix) -> Solver:
         """Return a solver for a matrix of the organ."""
         return solver(A, self.places, self.choice.name)
@@ -641,6 +631,10 @@ class MeshedOrgan:
     def size(self) -> int:
         """Number of free unknowns N."""
         return int(self.K.shape[0])
+
+    def nodal(self, field: Array) -> Array:
+        """Return a field over the free unknowns as one vector per node, shape `(m, 3)`."""
+        return self.elasticity.nodal(self.whole(field))
 
     def whole(self, field: Array) -> Array:
         """Return a field over the free unknowns, extended to all of the mesh, shape `(N_all,)`."""

@@ -95,7 +95,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def start(self) -> OrganState:
         """Return the equilibrium under gravity, without site forces, loads and contact forces."""
-        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), self.no_contact, shares=self.no_shares)
+        return OrganState(EMPTY, EMPTY, EMPTY, np.zeros(self.y0.size), np.zeros(self.contacts), shares=self.no_shares)
 
     def parts(self, state: OrganState) -> Array:
         """Return the parts of gravity, always 1, and of each load that act in a state, shape `(1 +
@@ -120,8 +120,7 @@ class QuasiStaticOrgan(MeshedOrgan):
 
         def complete(f_y: Array, p: Array) -> OrganState:
             """Return the state of an organ in equilibrium with its forces."""
-            held = self.contact_or_none(p)
-            return OrganState(EMPTY, EMPTY, EMPTY, f_y, held, pairing.facing, shares, points=pairing.points)
+            return OrganState(EMPTY, EMPTY, EMPTY, f_y, p, pairing.facing, shares, points=pairing.points)
 
         parts = self.parts(complete(EMPTY, EMPTY))
         y_free, g_free = operator.y_load(parts), operator.g_load(pairing, parts)
@@ -142,12 +141,12 @@ class QuasiStaticOrgan(MeshedOrgan):
 
     def is_unloaded(self, state: OrganState) -> bool:
         """Return whether no force acts on the organ, so that its displacement is zero."""
-        forces = self.load, state.f_y, self.contact_forces(state)
+        forces = self.load, state.f_y, state.p
         return not any(force.any() for force in forces) and (state.shares is None or not state.shares.any())
 
     def site_variables(self, state: OrganState) -> Array:
         """Return y = y0 + Y U = y_load + C f_y + C_yc p, shape `(9p,)`."""
-        p = self.contact_forces(state)
+        p = state.p
         if self.is_unloaded(state):
             return self.y0
         y = self._operator.y_load(self.parts(state)) + self._operator.C @ state.f_y
@@ -163,7 +162,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         """
         pairing = self.pairing_of(state)
         g = self._operator.g_load(pairing, self.parts(state)) + self._operator.gaps_by_sites(pairing) @ state.f_y
-        return g + self._operator.by_pairs(pairing).times(self.contact_forces(state))
+        return g + self._operator.by_pairs(pairing).times(state.p)
 
     def field(self, state: OrganState) -> Array:
         """Return the displacement over the free unknowns, shape `(N,)` [m].
@@ -173,7 +172,7 @@ class QuasiStaticOrgan(MeshedOrgan):
         return self._fields.of((state,), lambda: self._field(state))
 
     def _field(self, state: OrganState) -> Array:
-        U_load, p = self._operator.U_loads @ self.parts(state), self.contact_forces(state)
+        U_load, p = self._operator.U_loads @ self.parts(state), state.p
         U = np.asarray(U_load + self._operator.W @ state.f_y)
         return U + self._operator.factor.solve(self.pairing_of(state).G.T @ p) if p.any() else U
 
@@ -206,8 +205,8 @@ class QuasiStaticOrgan(MeshedOrgan):
         U = U_load + W f_y + K⁻¹Gᵀ p, K U_load = load, Y U_load = y_load − y0 and G U_load = g_load
         − g0.
         """
-        p = self.contact_forces(new)
-        if p.any() or self.contact_forces(old).any():
+        p = new.p
+        if p.any() or old.p.any():
             return self._energies_in_contact(p, old, new)
         C, work = self._operator.C, self._operator.loads_work
         parts, df = self.parts(new), new.f_y - old.f_y
