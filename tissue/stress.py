@@ -17,8 +17,6 @@ from tissue.shapes import shapes
 from tissue.sites.surface import outer_surface
 from tissue.strain import symmetric
 
-COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")  # VTK's order of a symmetric tensor
-
 
 @dataclass(frozen=True)
 class StressRecovery:

@@ -160,11 +160,6 @@ class Gaps:
         return np.union1d(self.left, self.facets)
 
     @cached_property
-    def areas(self) -> Array:
-        """Areas of the left vertices, shape `(v,)` [m²]."""
-        return np.concatenate([part.areas for part in self.parts])
-
-    @cached_property
     def slices(self) -> tuple[slice, ...]:
         """Slices of the pairs of each part."""
         ends = np.cumsum([0, *(len(part.left) for part in self.parts)]).tolist()
