@@ -166,7 +166,7 @@ def each(jobs: Sequence[Job]) -> Iterator[Any]:
         for job in jobs:
             yield from rows_of(job)
     else:
-        for outcome in in_order(workers.done(outcome_of, jobs)):
+        for outcome in in_order(workers(outcome_of, jobs)):
             if isinstance(outcome, Exception):
                 raise outcome
             yield from outcome

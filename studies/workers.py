@@ -15,11 +15,11 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext, ForkContext, ForkServerContext, SpawnContext
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -27,6 +27,9 @@ from studies.extras import installation
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+# Does a work on items. It yields the number of an item and its result, in the order of completion.
+# Before that, a third argument makes the parts that items share, and caches them in its process.
+Workers = Callable[..., Iterator[tuple[int, Any]]]
 
 ENDED = "a process was ended from outside, perhaps because memory ran out; use fewer --jobs: completed work is kept"
 TIMEOUT = 30.0  # s, after which a scheduler counts as not answering
@@ -40,68 +43,46 @@ def nothing(item: object) -> None:
     """Prepare nothing before the work."""
 
 
-class Workers(Protocol):
-    """The processes that do the work."""
-
-    def done(
-        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and its result, in the order of completion.
-
-        `first` makes the parts that items share, and caches them in its process.
-        """
+def in_turn(
+    work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+) -> Iterator[tuple[int, Result]]:
+    """Yield the results of this process, one item after the other."""
+    for number, item in enumerate(items):
+        yield number, _alone(work, item)
 
 
-@dataclass(frozen=True)
-class InTurn:
-    """This process, one item after the other."""
+def in_processes(
+    jobs: int, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+) -> Iterator[tuple[int, Result]]:
+    """Yield the results of `jobs` processes of this machine.
 
-    def done(
-        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and its result, in the order of the items."""
-        for number, item in enumerate(items):
-            yield number, _alone(work, item)
-
-
-@dataclass(frozen=True)
-class Processes:
-    """This number of processes of this machine."""
-
-    jobs: int
-
-    def done(
-        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and its result, in the order of completion.
-
-        Items are distributed in runs of neighbours, one run per process, because neighbours share
-        expensive parts. If processes are forks, a leading process makes the shared parts once by
-        `first` and then forks all of them.
-        """
-        if not items:
-            return
-        context = context_of(work.__module__)
-        if context.get_start_method() == "spawn":
-            yield from _pooled(context, self.jobs, work, items)
-            return
-        results, theirs = context.Pipe(duplex=False)
-        leader = context.Process(target=_lead, args=(theirs, self.jobs, work, items, first))
-        leader.start()
-        theirs.close()
-        try:
-            for _ in items:
-                number, result, error = results.recv()
-                if error is not None:
-                    raise error
-                yield number, result
-            leader.join()
-        except EOFError:
-            raise WorkersError(ENDED) from None
-        finally:
-            results.close()
-            leader.terminate()
-            leader.join()
+    Items are distributed in runs of neighbours, one run per process, because neighbours share
+    expensive parts. If processes are forks, a leading process makes the shared parts once by
+    `first` and then forks all of them.
+    """
+    if not items:
+        return
+    context = context_of(work.__module__)
+    if context.get_start_method() == "spawn":
+        yield from _pooled(context, jobs, work, items)
+        return
+    results, theirs = context.Pipe(duplex=False)
+    leader = context.Process(target=_lead, args=(theirs, jobs, work, items, first))
+    leader.start()
+    theirs.close()
+    try:
+        for _ in items:
+            number, result, error = results.recv()
+            if error is not None:
+                raise error
+            yield number, result
+        leader.join()
+    except EOFError:
+        raise WorkersError(ENDED) from None
+    finally:
+        results.close()
+        leader.terminate()
+        leader.join()
 
 
 def _lead(
@@ -200,27 +181,24 @@ def _handed_out(
             yield number, future.result()
 
 
-@dataclass(frozen=True)
-class Cluster:
-    """The workers of a Dask scheduler at an address, for example ``tcp://10.0.0.1:8786``."""
+def on_cluster(
+    address: str, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
+) -> Iterator[tuple[int, Result]]:
+    """Yield the results of a Dask scheduler's workers.
 
-    address: str
-
-    def done(
-        self, work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
-    ) -> Iterator[tuple[int, Result]]:
-        """Yield the number of an item and its result, in the order of completion."""
-        distributed = _distributed()
-        with _client(distributed, self.address) as client:
-            futures = client.map(_alone, [work] * len(items), items, pure=False)
-            numbers = {future.key: number for number, future in enumerate(futures)}
-            try:
-                for future in distributed.as_completed(futures):
-                    yield numbers[future.key], future.result()
-            except distributed.KilledWorker as error:
-                raise WorkersError(f"workers of the cluster have ended ({error}); completed work is kept") from None
-            finally:
-                client.cancel(futures)
+    The scheduler is at an address, for example ``tcp://10.0.0.1:8786``.
+    """
+    distributed = _distributed()
+    with _client(distributed, address) as client:
+        futures = client.map(_alone, [work] * len(items), items, pure=False)
+        numbers = {future.key: number for number, future in enumerate(futures)}
+        try:
+            for future in distributed.as_completed(futures):
+                yield numbers[future.key], future.result()
+        except distributed.KilledWorker as error:
+            raise WorkersError(f"workers of the cluster have ended ({error}); completed work is kept") from None
+        finally:
+            client.cancel(futures)
 
 
 def _distributed() -> Any:
@@ -249,10 +227,13 @@ def _alone(work: Callable[[Item], Result], item: Item) -> Result:
 
 
 def workers_of(jobs: int = 1, address: str | None = None) -> Workers:
-    """Return the cluster at an address, or else `jobs` processes; for one job this process."""
+    """Return the workers of the cluster at an address, or else `jobs` processes.
+
+    For one job it is this process.
+    """
     if address is not None:
-        return Cluster(address)
-    return InTurn() if jobs == 1 else Processes(jobs)
+        return partial(on_cluster, address)
+    return in_turn if jobs == 1 else partial(in_processes, jobs)
 
 
 def in_order(done: Iterable[tuple[int, Result]]) -> Iterator[Result]:

@@ -24,7 +24,7 @@ from studies.status import COMPLETED, REFUSED
 from studies.sweeps.case import Result, case_digest, code_version, make_ready, run_case, run_start
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
-from studies.workers import InTurn, Workers
+from studies.workers import Workers, in_turn
 
 MARK = "sweep.json"
 CASES = "cases"
@@ -94,7 +94,7 @@ def sweep(
     folder are not run again. Raises `ScenarioError`, and `studies.workers.WorkersError`.
     """
     check_over(over)
-    if workers is not None and not hasattr(workers, "done"):
+    if workers is not None and not callable(workers):
         raise ScenarioError(f"workers = {workers!r} is refused: give studies.workers.workers_of(jobs), or leave it out")
     cases = plain_values(grid(over) if isinstance(over, Mapping) else list(over))
     check_count(cases)
@@ -105,7 +105,7 @@ def sweep(
     with locked(folder):
         if check is not None and (known := known_table(planned, folder / CASES)) is not None:
             check(known)
-        return _sweep(kind, plain, planned, folder, workers or InTurn(), tell)
+        return _sweep(kind, plain, planned, folder, workers or in_turn, tell)
 
 
 def check_over(over: object) -> None:
@@ -173,7 +173,7 @@ def _sweep(
         tell(SweepProgress(number, len(planned), case.settings, REFUSED, case.refused))
     missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
     done = len(planned) - len(missing)
-    for number, result in workers.done(run_case, [case.data for case in missing], make_ready):
+    for number, result in workers(run_case, [case.data for case in missing], make_ready):
         case, done = missing[number], done + 1
         found[case.digest] = record(result)
         if result.lasting:

@@ -34,7 +34,7 @@ from studies.study import (
     unit_field,
 )
 from studies.verdicts import bearing_strain, beyond_bearing, beyond_linear, not_settled, too_coarse, unrest
-from studies.workers import Processes
+from studies.workers import workers_of
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def test_jobs_give_the_rows_of_one_process(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setattr(study, "study_list", lambda name: vars(spread))
     monkeypatch.setattr(study, "NAMES", ("sample",))
     told: list[list[Row]] = [[], []]
-    for number, workers in enumerate((None, Processes(2))):
+    for number, workers in enumerate((None, workers_of(2))):
         with pytest.raises(StepError, match="no length is negative"):
             study.carry_out("sample", "full", {"lengths": (1.0, 2.0, -1.0)}, tmp_path, told[number].extend, workers)
     assert told[0] == told[1]

@@ -43,7 +43,7 @@ from studies.sweeps.figure import figure as drawn_figure
 from studies.sweeps.grid import paired, parse_over, read_table
 from studies.sweeps.sweep import SweepProgress, sweep
 from studies.sweeps.table import Column, drawn_columns, table_of
-from studies.workers import Cluster, InTurn, Processes, Workers, WorkersError, in_order
+from studies.workers import Workers, WorkersError, in_order, in_processes, in_turn, on_cluster, workers_of
 from tests.bounds import IDENTITY
 from tests.studies.samples import step
 from thread.catalogue import suture
@@ -353,7 +353,7 @@ def cluster() -> Iterator[Workers]:
     """Two worker processes of Dask on this machine."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(2, processes=True, threads_per_worker=1, dashboard_address=None) as local:
-        yield Cluster(local.scheduler_address)
+        yield workers_of(address=local.scheduler_address)
 
 
 IMPORTED_IN = os.getpid()
@@ -367,7 +367,7 @@ def imported_and_working_in(item: int) -> tuple[int, int]:
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux alone")
 def test_processes_share_what_is_imported() -> None:
     """Independent check: one process has imported the module of the work for all, and does none of the work."""
-    found = [result for _, result in Processes(2).done(imported_and_working_in, range(4))]
+    found = [result for _, result in in_processes(2, imported_and_working_in, range(4))]
     [server], workers = {server for server, _ in found}, {worker for _, worker in found}
     assert server not in workers
 
@@ -394,12 +394,12 @@ def ended_from_outside(item: int) -> None:
 def test_processes_share_what_is_made_first() -> None:
     """Independent check: once, in none of those that work, all of which have it; and none is left afterwards, however
     that ends."""
-    found = [result for _, result in Processes(2).done(maker_and_working_in, range(4), make_once)]
+    found = [result for _, result in in_processes(2, maker_and_working_in, range(4), make_once)]
     [leader], workers = {*found[0][0]}, {worker for _, worker in found}
     assert all(made == [leader] for made, _ in found) and leader not in workers | {os.getpid()}
-    left = next(Processes(2).done(maker_and_working_in, range(4), make_once))
+    left = next(in_processes(2, maker_and_working_in, range(4), make_once))
     with pytest.raises(WorkersError, match="ended from outside"):
-        list(Processes(2).done(ended_from_outside, range(4), make_once))
+        list(in_processes(2, ended_from_outside, range(4), make_once))
     deadline = monotonic() + 30.0
     while any(psutil.pid_exists(pid) for pid in (leader, *workers, *left[1][0], left[1][1])):
         assert monotonic() < deadline
@@ -415,11 +415,11 @@ print(context_of("math").get_start_method())
 """
 KILLED = """
 import os, pathlib, sys, time
-from studies.workers import Processes, nothing
+from studies.workers import in_processes, nothing
 def first(item):
     pathlib.Path(sys.argv[1]).write_text(str(os.getpid()))
     time.sleep(600)
-list(Processes(2).done(nothing, range(4), first))
+list(in_processes(2, nothing, range(4), first))
 """
 
 
@@ -464,7 +464,7 @@ def same_table(workers: Workers, folder: Path) -> None:
 
 def test_two_processes_give_the_same_table(tmp_path: Path) -> None:
     """Consistency check: to the byte that of one process."""
-    same_table(Processes(2), tmp_path)
+    same_table(workers_of(2), tmp_path)
 
 
 def test_a_cluster_gives_the_same_table(tmp_path: Path, cluster: Workers) -> None:
@@ -475,14 +475,14 @@ def test_a_cluster_gives_the_same_table(tmp_path: Path, cluster: Workers) -> Non
 def test_results_come_back_in_their_order() -> None:
     """Independent check: whatever is done first; and nobody at an address is said in words."""
     assert list(in_order([(2, "c"), (0, "a"), (1, "b")])) == ["a", "b", "c"]
-    assert list(InTurn().done(str, [1, 2])) == [(0, "1"), (1, "2")]
+    assert list(in_turn(str, [1, 2])) == [(0, "1"), (1, "2")]
 
 
 def test_without_dask_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """Independent check: a missing extra is named."""
     monkeypatch.setitem(__import__("sys").modules, "distributed", None)
     with pytest.raises(WorkersError, match=r"suturefem\[cluster\]"):
-        list(Cluster("tcp://127.0.0.1:1").done(str, [1]))
+        list(on_cluster("tcp://127.0.0.1:1", str, [1]))
 
 
 def test_without_pyarrow_the_remedy_is_said(
