@@ -38,7 +38,8 @@ from studies.output.opened import open_run
 from studies.output.reading import ResultsError
 from studies.output.remarks import Remark, any_unsupported, remark
 from studies.output.tally import Status
-from studies.pictures.picture import draw_picture
+from studies.pictures.picture import draw_scene
+from studies.pictures.scene import frame_of
 from studies.scenario import Scenario, ScenarioError, load, schema
 from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file, written
@@ -198,7 +199,8 @@ def _draw_start(simulation: Simulation, path: Path) -> str:
     _, frame = next(iter(simulation.advance()))
     footprints = [hole.footprint for hole in simulation.scenario.piercing]
     title = f"{simulation.scenario.title or 'start'}: the start"
-    drawn = draw_picture(frame(), simulation.topology, path, title, simulation.held, footprints)
+    shown = frame_of(frame(), simulation.held, footprints)
+    drawn = draw_scene(([shown], simulation.topology, title), path)
     if drawn.failure:
         raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
     return drawn.line
@@ -309,7 +311,8 @@ def _draw(simulation: Simulation, recorder: Recorder) -> str:
     if recorder.last_frame is None:
         return ""
     target = recorder.folder / "picture.png"
-    drawn = draw_picture(recorder.last_frame, simulation.topology, target, simulation.scenario.title)
+    shown = frame_of(recorder.last_frame)
+    drawn = draw_scene(([shown], simulation.topology, simulation.scenario.title), target)
     if drawn.failure:
         recorder.remark(remark("no-picture", target.name, failure=drawn.failure))
     return drawn.line

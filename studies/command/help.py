@@ -103,13 +103,13 @@ def find_gmsh() -> Finding:
 def find_gl() -> Finding:
     """Return the state of 3-D drawing, by a test picture of a thread."""
     from studies.output.fields import ThreadRecord
-    from studies.output.records import Snapshot
-    from studies.pictures.picture import draw_picture
+    from studies.pictures.picture import draw_scene
+    from studies.pictures.scene import Frame
 
     s = np.linspace(0.0, 0.01, 3)
     thread = ThreadRecord(s[:, None] * [1.0, 0.0, 0.0], s, 0.0 * s, 0.0 * s, 1e-4)
     with TemporaryDirectory() as folder:
-        drawn = draw_picture(Snapshot(0.0, thread, ()), None, Path(folder) / "picture.png")
+        drawn = draw_scene(([Frame(0.0, thread, (), None)], None, ""), Path(folder) / "picture.png")
     state, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
     needed = "3-D pictures; without it, pictures are sections"
     remedy = GL if installed_version("pyvista") else installation("pyvista")

@@ -7,7 +7,7 @@ import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from studies.arrays import Array
-from studies.output.columns import STATE_CODES, TABLES, headed
-from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
+from studies.output.columns import TABLES, headed
+from studies.output.fields import OrganTopology
 from studies.output.files import read_json
-from studies.output.records import PiercingRecord, Snapshot
 from studies.output.series import is_whole, named_files, part_of, step_of
 
 HEADING = re.compile(r"(?P<name>.*?)(?: \[(?P<unit>[^\]]*)\])?")
-CORNERS = 4  # nodes of a tetrahedron without mid-edge nodes
 ITEM = {  # the column with the name of the piercing, pair or boundary of a row
     layout.name: next(column.name for column in layout.columns if column.kind == "text")
     for layout in TABLES
@@ -173,48 +171,9 @@ def read_frames(index: Path) -> tuple[FrameFiles, ...]:
     return tuple(FrameFiles(time, step, files) for step, (time, files) in sorted(frames.items()))
 
 
-def snapshot_of(frame: FrameFiles, names: Sequence[str]) -> Snapshot:
-    """Return a recorded frame, which has single precision; `names` are its piercings.
-
-    Raises `ResultsError` like `FrameFiles.read`.
-    """
-    with refused_if_torn(f"the frame at {frame.time:g} s"):
-        thread, holes, organ = (frame.read(part) for part in ("thread", "piercings", "organ"))
-        data = arrays_of(thread.point_data)
-        lengths = tuple(len(piece) for piece in pieces(thread))
-        record = ThreadRecord(
-            np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
-            float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
-        )  # fmt: skip
-        marks = () if holes is None else tuple(hole_of(holes, k, name) for k, name in enumerate(names))
-        return Snapshot(frame.time, record, marks, None if organ is None else organ_of(organ))
-
-
 def arrays_of(data: Any) -> dict[str, Array]:
     """Return the arrays of points or of cells by their names, in double precision."""
     return {name: np.asarray(values, dtype=np.float64) for name, values in data.items()}
-
-
-def hole_of(holes: Any, number: int, name: str) -> PiercingRecord:
-    """Return a piercing of a frame by its number."""
-    found = {key: np.asarray(values[number], dtype=np.float64) for key, values in holes.point_data.items()}
-    words = {code: word for word, code in STATE_CODES.items()}
-    known = {field.name for field in fields(PiercingRecord)} & found.keys() - {"state"}
-    numbers: dict[str, Any] = {key: found[key] if found[key].ndim else float(found[key]) for key in known}
-    place = np.asarray(holes.points[number], dtype=np.float64)
-    return PiercingRecord(name=name, x=place, state=words[int(found["state"])], **numbers)
-
-
-def organ_of(organ: Any) -> OrganRecord:
-    """Return the organ of a frame.
-
-    Quantities that no frame stores, for example shares of strain energy, are NaN.
-    """
-    arrays = arrays_of(organ.point_data) | arrays_of(organ.cell_data)
-    needed = [field.name for field in fields(OrganRecord) if field.default is MISSING]
-    known = {field.name for field in fields(OrganRecord)} & arrays.keys()
-    given: dict[str, Any] = dict.fromkeys(needed, np.nan) | {name: arrays[name] for name in known}
-    return OrganRecord(**given)
 
 
 def evenly_spaced(count: int, most: int) -> NDArray[np.int64]:
@@ -235,12 +194,6 @@ def topology_of(frame: FrameFiles) -> OrganTopology | None:
         return OrganTopology(np.asarray(organ.points, dtype=np.float64), np.asarray(cells, dtype=np.int64))
 
 
-def cells_of(organ: Any) -> NDArray[np.int64]:
-    """Return the corner nodes of an organ's tetrahedra, shape `(cells, 4)`."""
-    [cells] = organ.cells_dict.values()
-    return np.asarray(cells[:, :CORNERS], dtype=np.int64)
-
-
 def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
     """Return values of cells `(cells,)`, averaged over the cells at each node, shape `(nodes,)`."""
     flat = cells.ravel()
@@ -250,10 +203,4 @@ def nodal(values: Array, cells: NDArray[np.int64], nodes: int) -> Array:
 
 def pieces(thread: Any) -> list[NDArray[np.int64]]:
     """Return the numbers of the points of each piece of a thread, in order."""
-    offsets = np.asarray(thread.lines)
-    out, start = [], 0
-    while start < len(offsets):
-        count = int(offsets[start])
-        out.append(np.asarray(offsets[start + 1 : start + 1 + count], dtype=np.int64))
-        start += count + 1
-    return out
+    return [np.array(cell.point_ids, dtype=np.int64) for cell in thread.cell]

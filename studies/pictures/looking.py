@@ -6,21 +6,28 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from meshes.child import run_module
+from studies.output.columns import STATE_CODES
+from studies.output.fields import ThreadRecord
 from studies.output.files import write_bytes
 from studies.output.opened import OpenRun, open_run
 from studies.output.reading import (
     FrameFiles,
     ResultsError,
+    arrays_of,
     evenly_spaced,
-    snapshot_of,
+    pieces,
+    refused_if_torn,
     topology_of,
 )
-from studies.pictures.picture import Drawn, draw_picture, draw_scene, words_of
-from studies.pictures.scene import FILM, frame_of
+from studies.pictures.picture import Drawn, draw_scene, words_of
+from studies.pictures.scene import FILM, Frame, Hole, Organ
 
 MOST_PICTURES = 24  # largest number of pictures of an animation
 KINDS = (".png", FILM)
+STATES = {code: word for word, code in STATE_CODES.items()}
 
 
 def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
@@ -80,7 +87,7 @@ def drawn_into(run: OpenRun, out: Path, time: float | None) -> str:
 def still(run: OpenRun, out: Path, time: float | None) -> Drawn:
     """Draw a frame into a PNG file."""
     frame = nearest(run.frames, time)
-    return draw_picture(snapshot_of(frame, run.piercings), topology_of(frame), out, run.title)
+    return draw_scene(([read_frame(frame, run.piercings)], topology_of(frame), run.title), out)
 
 
 def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
@@ -91,5 +98,27 @@ def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
 def film(run: OpenRun, out: Path) -> Drawn:
     """Draw frames into a GIF file, at most `MOST_PICTURES` of them."""
     chosen = [run.frames[number] for number in evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
-    frames = [frame_of(snapshot_of(frame, run.piercings)) for frame in chosen]
+    frames = [read_frame(frame, run.piercings) for frame in chosen]
     return draw_scene((frames, topology_of(run.frames[0]), run.title), out, patience=10.0)
+
+
+def read_frame(files: FrameFiles, names: Sequence[str]) -> Frame:
+    """Return a recorded frame, which has single precision; `names` are its piercings.
+
+    Raises `ResultsError` like `FrameFiles.read`.
+    """
+    with refused_if_torn(f"the frame at {files.time:g} s"):
+        thread, holes, organ = (files.read(part) for part in ("thread", "piercings", "organ"))
+        data, lengths = arrays_of(thread.point_data), tuple(len(piece) for piece in pieces(thread))
+        record = ThreadRecord(
+            np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
+            float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
+        )  # fmt: skip
+        at = {} if holes is None else arrays_of(holes.point_data) | {"x": np.asarray(holes.points, dtype=np.float64)}
+        marks = [
+            Hole(name, float(at["s"][k]), at["x"][k], at["force"][k], STATES[int(at["state"][k])])
+            for k, name in enumerate(names if at else ())
+        ]
+        nodes = None if organ is None else arrays_of(organ.point_data)
+        moved = None if nodes is None else Organ(nodes["displacement"], nodes["von_mises"])
+        return Frame(files.time, record, tuple(marks), moved)

@@ -9,18 +9,15 @@ import pickle
 import re
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from meshes.child import last_words, run_module
-from studies.arrays import Array
 from studies.extras import SYSTEM_LIBRARIES, installation
-from studies.output.fields import OrganTopology
 from studies.output.files import write_bytes
-from studies.output.records import Snapshot
-from studies.pictures.scene import FILM, frame_of
+from studies.pictures.scene import FILM
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
@@ -37,25 +34,6 @@ class Drawn:
 
     line: str
     failure: str = ""
-
-
-def draw_picture(
-    frame: Snapshot,
-    topology: OrganTopology | None,
-    path: Path | str,
-    title: str = "",
-    held: Array | None = None,
-    footprints: Sequence[float] = (),
-) -> Drawn:
-    """Draw a frame into a PNG file.
-
-    If given, the places of `held` nodes `(k, 3)` [m] and the radii of the holes' `footprints` [m]
-    are also drawn.
-    """
-    shown = frame_of(frame)
-    sizes = footprints or [0.0] * len(shown.piercings)
-    holes = tuple(replace(hole, footprint=size) for hole, size in zip(shown.piercings, sizes, strict=True))
-    return draw_scene(([replace(shown, held=held, piercings=holes)], topology, title), path)
 
 
 def draw_scene(

@@ -3,11 +3,12 @@
 The process does not load the classes of a run, which would take half a second.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from studies.arrays import Array
-from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
+from studies.output.fields import OrganTopology, ThreadRecord
 
 if TYPE_CHECKING:
     from studies.output.records import Snapshot
@@ -32,6 +33,16 @@ class Hole:
     footprint: float = 0.0
 
 
+class Organ(NamedTuple):
+    """The nodes of an organ in a picture.
+
+    They have a displacement `(nodes, 3)` [m] and a von Mises stress `(nodes,)` [Pa].
+    """
+
+    displacement: Array
+    von_mises: Array
+
+
 @dataclass(frozen=True)
 class Frame:
     """Thread, holes and organ at a `time` [s]; `organ` is None without an organ.
@@ -42,14 +53,20 @@ class Frame:
     time: float
     thread: ThreadRecord
     piercings: tuple[Hole, ...]
-    organ: OrganRecord | None
+    organ: Organ | None
     held: Array | None = None
 
 
 Scene = tuple[list[Frame], OrganTopology | None, str]  # frames for one file, and its title
 
 
-def frame_of(snapshot: "Snapshot") -> Frame:
-    """Return the frame of a snapshot."""
-    holes = tuple(Hole(hole.name, hole.s, hole.x, hole.force, hole.state) for hole in snapshot.piercings)
-    return Frame(snapshot.time, snapshot.thread, holes, snapshot.organ)
+def frame_of(snapshot: "Snapshot", held: Array | None = None, footprints: Sequence[float] = ()) -> Frame:
+    """Return the frame of a snapshot.
+
+    If given, the places of `held` nodes `(k, 3)` [m] and the radii of the holes' `footprints` [m]
+    are also drawn.
+    """
+    sized = zip(snapshot.piercings, footprints or [0.0] * len(snapshot.piercings), strict=True)
+    holes = tuple(Hole(hole.name, hole.s, hole.x, hole.force, hole.state, size) for hole, size in sized)
+    organ = None if snapshot.organ is None else Organ(snapshot.organ.displacement, snapshot.organ.von_mises)
+    return Frame(snapshot.time, snapshot.thread, holes, organ, held)

@@ -10,9 +10,9 @@ from typing import Any
 import pyvista as pv
 
 from studies.output.opened import open_run
-from studies.output.reading import FrameFiles, snapshot_of, topology_of
+from studies.output.reading import topology_of
+from studies.pictures.looking import read_frame
 from studies.pictures.picture import WINDOWS
-from studies.pictures.scene import Frame, frame_of
 from studies.pictures.space import CORNER, place_camera, props_of, stage_of
 from studies.pictures.view import SIZE
 
@@ -21,12 +21,8 @@ def show(folder: str) -> None:
     """Show the frames of a run, with a slider for the time."""
     run = open_run(folder)
     topology = topology_of(run.frames[0])
-
-    def read(files: FrameFiles) -> Frame:
-        return frame_of(snapshot_of(files, run.piercings))
-
-    last = read(run.frames[-1])
-    stage = stage_of([read(run.frames[0]), last], topology, run.title)
+    last = read_frame(run.frames[-1], run.piercings)
+    stage = stage_of([read_frame(run.frames[0], run.piercings), last], topology, run.title)
     plotter: Any = pv.Plotter(window_size=list(SIZE), title=f"suture view {run.name}")
     if plotter.render_window.GetClassName() in WINDOWS:
         sys.exit(
@@ -40,7 +36,7 @@ def show(folder: str) -> None:
         """Show a frame instead of the frame before."""
         while shown:
             plotter.renderer.RemoveViewProp(shown.pop())
-        shown.extend(props_of(read(run.frames[round(number)]), stage))
+        shown.extend(props_of(read_frame(run.frames[round(number)], run.piercings), stage))
         for prop in shown:
             plotter.renderer.AddViewProp(prop)
 

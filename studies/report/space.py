@@ -16,7 +16,7 @@ from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
 from studies.output.opened import OpenRun
-from studies.output.reading import FrameFiles, arrays_of, cells_of, evenly_spaced, nodal, pieces, refused_if_torn
+from studies.output.reading import FrameFiles, arrays_of, evenly_spaced, nodal, pieces, refused_if_torn, topology_of
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -26,6 +26,7 @@ FEWEST_NODES = 400  # of a surface
 SHORT, WIDE = 2**15 - 1, 2**16 - 1  # largest 16-bit numbers with and without a sign
 QUANTILE = 0.995  # of a field, at the end of its colours: high values at the holes must not hide the rest
 STRESSES = ("xx", "yy", "zz", "xy", "yz", "xz")
+CORNERS = 4  # nodes of a tetrahedron without mid-edge nodes
 THREAD_POINTS = 600  # largest number per frame
 
 
@@ -53,7 +54,8 @@ def view_record(run: OpenRun, name: str, budget: float = BYTES) -> dict[str, Any
 def organ_record(frames: Sequence[FrameFiles], budget: float) -> dict[str, Any]:
     """Return the organ of all frames, packed into about `budget` bytes."""
     first = frames[0].read("organ")
-    cells, points = cells_of(first), np.asarray(first.points, dtype=np.float64)
+    topology: Any = topology_of(frames[0])
+    points, cells = topology.points, topology.cells[:, :CORNERS]
     names = field_names(field_values(first, cells))
     per_node = 2.0 * (3 + len(names)) * len(frames)
     nodes, triangles = decimated(points, whole_skin(points, cells), max(FEWEST_NODES, int(budget / per_node)))

@@ -30,7 +30,7 @@ def run(count: int, seed: int, folder: Path) -> Tally:
     """Try so many mutated folders."""
     tally, whole = Tally(), record_run(folder / "whole")
     acts = (_report, _plot, _view, _open, _resume)
-    with patch.object(looking, "draw_scene", _drawn), patch("studies.pictures.looking.draw_picture", _drawn):
+    with patch.object(looking, "draw_scene", _drawn):
         for number in range(seed, seed + count):
             random, there = Random(number), folder / "mutated"
             shutil.rmtree(there, ignore_errors=True)

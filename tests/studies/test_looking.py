@@ -19,7 +19,7 @@ from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
 from studies.output.opened import open_run
-from studies.output.reading import ResultsError, read_table, snapshot_of, topology_of
+from studies.output.reading import ResultsError, read_table, topology_of
 from studies.output.records import ContactRecord, LoadRecord
 from studies.output.tables import CsvFile
 from studies.pictures import looking, section
@@ -83,11 +83,11 @@ def test_frames_read_back_as_they_were_recorded(run: Path) -> None:
     """Consistency check: what a picture is drawn from is the same from the files as from the run, within their
     precision."""
     results = open_run(run)
-    found, written = snapshot_of(results.frames[-1], results.piercings), frame(step(3).time)
+    found, written = looking.read_frame(results.frames[-1], results.piercings), frame(step(3).time)
     assert found.time == written.time and [hole.name for hole in found.piercings] == ["entry", "exit"]
     np.testing.assert_allclose(found.thread.points, written.thread.points, atol=SINGLE)
     for hole, given in zip(found.piercings, written.piercings, strict=True):
-        assert (hole.state, hole.slip) == (given.state, pytest.approx(given.slip, rel=SINGLE))
+        assert (hole.state, hole.s) == (given.state, pytest.approx(given.s, rel=SINGLE))
         np.testing.assert_allclose(hole.force, given.force, rtol=SINGLE)
     assert found.organ is not None and written.organ is not None
     np.testing.assert_allclose(found.organ.von_mises, written.organ.von_mises, rtol=SINGLE)
@@ -161,7 +161,7 @@ def test_a_dollar_in_a_title_or_a_name_begins_no_formula(tmp_path: Path) -> None
 def test_an_animation_has_a_picture_for_each_frame_to_one_scale(run: Path, tmp_path: Path) -> None:
     """Independent check: as many pictures as frames, which differ; one scale has the extremes of all frames."""
     results = open_run(run)
-    frames = [frame_of(snapshot_of(found, results.piercings)) for found in results.frames[1:3]]
+    frames = [looking.read_frame(found, results.piercings) for found in results.frames[1:3]]
     section.draw_section(frames, LINEAR, tmp_path / "film.gif", "title")
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 2

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from studies.arrays import Array
 from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
-from studies.pictures.picture import draw_picture, draw_scene
+from studies.pictures.picture import draw_scene
 from studies.pictures.scene import frame_of
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import (
@@ -44,7 +44,7 @@ def test_the_section_is_drawn(tmp_path: Path, topology: OrganTopology | None) ->
 
 
 def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
-    drawn = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png", "title")
+    drawn = draw_scene(([frame_of(frame(0.1))], LINEAR, "title"), tmp_path / "picture.png")
     assert is_drawn(tmp_path / "picture.png")
     assert not drawn.failure
     assert "3-D picture (VTK)" in drawn.line or "apt-get install" in drawn.line
@@ -156,7 +156,7 @@ def test_bars_have_round_numbers_with_zero_among_them(low: float, high: float) -
 def test_numbers_stand_over_their_places_on_a_bar(tmp_path: Path) -> None:
     """Independent check: the dark pixels of each number are centred over its share of the bar of stresses, which is
     found by the colours of its ends."""
-    drawn = draw_picture(frame(0.1), LINEAR, tmp_path / "picture.png")
+    drawn = draw_scene(SCENE, tmp_path / "picture.png")
     if "3-D picture" not in drawn.line:
         pytest.skip(drawn.line)
     image = imread(tmp_path / "picture.png")[..., :3]
