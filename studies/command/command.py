@@ -7,6 +7,7 @@ standard error, and nothing computed. 3 with ``--strict`` if a remark means an u
 
 import argparse
 import json
+import logging
 import os
 import signal
 import sys
@@ -17,6 +18,7 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from time import monotonic
 from types import FrameType
 from typing import Any
 
@@ -26,7 +28,7 @@ from meshes.errors import MeshError
 from studies.arrays import MILLI
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
-from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, StudyProgress, duration, stages
+from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, duration, stages
 from studies.command.summary import doubt_lines, place_lines, print_summary, remark_lines
 from studies.extras import missing
 from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
@@ -55,6 +57,8 @@ from studies.workers import WorkersError, workers_of
 from thread.catalogue import BRANDS, SOURCES, knot_pull, names, suture
 from thread.errors import ThreadError
 from tissue.errors import FactorError, TissueError
+
+log = logging.getLogger(__name__)
 
 REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
 FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
@@ -287,20 +291,31 @@ def run_study(options: argparse.Namespace) -> int:
     check_study_folder(folder, options.overwrite)
     checks = [f"independent  {found.independent}", f"consistency  {found.consistency}"]
     print_lines([found.question, *checks, ""])
-    progress = StudyProgress()
+    rows, began = list[Any](), monotonic()
+
+    def tell(done: Sequence[Any]) -> None:
+        words = words_of(done[-1])
+        if not rows or words != words_of(rows[-1]):
+            log.info("row %d, %s: %s", len(done), duration(monotonic() - began), words)
+        rows[:] = done
+
     try:
         workers = None if options.jobs == 1 else workers_of(options.jobs)
-        with stages(names=LOOP_LOGGERS):
-            carry_out(options.name, options.preset, given, folder, progress.update, workers)
-    except (CouplingError, FactorError, WorkersError, OSError) as error:
-        return _stopped(str(error), progress, folder, FAILED)
-    except KeyboardInterrupt:
-        return _stopped("interrupted", progress, folder, INTERRUPTED)
-    finally:
-        progress.close()
+        with stages(names=(*LOOP_LOGGERS, __name__)):
+            carry_out(options.name, options.preset, given, folder, tell, workers)
+    except (CouplingError, FactorError, WorkersError, OSError, KeyboardInterrupt) as error:
+        kept = f"; the completed rows are in {folder / 'runs.csv'}" if rows else ""
+        interrupted = isinstance(error, KeyboardInterrupt)
+        cause, status = ("interrupted", INTERRUPTED) if interrupted else (str(error), FAILED)
+        return complain(f"{cause}{kept}", status)
     print((folder / "table.md").read_text(encoding="utf-8"))
     print(f"table, numbers and figure ({options.preset} preset) are in {folder}")
     return 0
+
+
+def words_of(row: Any) -> str:
+    """Return the words of a study's row, as a title of its case."""
+    return ", ".join(value for value in vars(row).values() if isinstance(value, str) and value)
 
 
 def _draw(simulation: Simulation, recorder: Recorder) -> str:
@@ -412,13 +427,6 @@ def close_output() -> None:
         with suppress(OSError, ValueError):  # a stream without a file has no reader
             os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
-
-
-def _stopped(cause: str, progress: StudyProgress, folder: Path, status: int) -> int:
-    """Print why a study ended early, and where its completed rows are; return the exit status."""
-    progress.close()
-    kept = f"; the completed rows are in {folder / 'runs.csv'}" if progress.rows else ""
-    return complain(f"{cause}{kept}", status)
 
 
 if __name__ == "__main__":

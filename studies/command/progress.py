@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from time import monotonic
-from typing import Any, TextIO
+from typing import TextIO
 
 WIDTH = 30  # largest number of characters of the bar
 TICK = 1.0  # s between two updates of the elapsed time
@@ -169,39 +169,6 @@ def stages(
             logger.removeHandler(handler)
             logger.setLevel(level)
         handler.close()
-
-
-class StudyProgress:
-    """Progress of a study: the number of completed rows and the text of the last row.
-
-    A terminal has one overwritten line; elsewhere each new text has a line.
-    """
-
-    def __init__(self, stream: TextIO | None = None) -> None:
-        self._stream = stream or sys.stderr
-        self._is_terminal = self._stream.isatty()
-        self._start = monotonic()
-        self._open = False
-        self._told = ""
-        self.rows = 0
-
-    def update(self, rows: Sequence[Any]) -> None:
-        """Show the last row by its words, with the time since the start."""
-        self.rows = len(rows)
-        words = ", ".join(value for value in vars(rows[-1]).values() if isinstance(value, str) and value)
-        if words == self._told and not self._is_terminal:
-            return
-        self._told = words
-        text = f"row {self.rows}, {duration(monotonic() - self._start)}: {words}"
-        self._stream.write(f"\r\x1b[K{text[:TERMINAL]}" if self._is_terminal else f"{text}\n")
-        self._stream.flush()
-        self._open = self._is_terminal
-
-    def close(self) -> None:
-        """End the line."""
-        if self._open:
-            self._stream.write("\n")
-            self._open = False
 
 
 def duration(seconds: float) -> str:
