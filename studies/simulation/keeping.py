@@ -6,7 +6,6 @@ does not find the bases of an older one.
 """
 
 import hashlib
-import io
 import logging
 from dataclasses import asdict
 from pathlib import Path
@@ -16,8 +15,7 @@ from scipy.sparse import csr_matrix
 
 import tissue
 from studies.arrays import Array
-from studies.output.checkpoint import is_sealed, sealed
-from studies.output.files import write_bytes
+from studies.output.checkpoint import read_arrays, write_arrays
 from studies.scenario.table import refused
 
 log = logging.getLogger(__name__)
@@ -38,11 +36,9 @@ def kept_reduction(organ: tissue.DynamicOrgan, blocks: int, modes: int, folder: 
         log.info("basis of the organ: %d vectors from %s", found.size, file)
         return found
     basis = tissue.reduce_organ(organ, blocks, modes)
-    packed = io.BytesIO()
-    np.savez(packed, **asdict(basis))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(file, sealed(packed.getvalue()))
+        write_arrays(file, asdict(basis))
     except OSError as error:
         raise refused("tissue.reduction.keep", str(folder), "basis-folder", error=error) from error
     return basis
@@ -68,10 +64,7 @@ def _arrays(part: csr_matrix | Array) -> tuple[Array, ...]:
 def _read(file: Path) -> tissue.Reduction | None:
     """Return the reduction in a file, None if the file is missing or damaged."""
     try:
-        data = file.read_bytes()
+        found = read_arrays(file)
     except OSError:
         return None
-    if not is_sealed(data):
-        return None
-    with np.load(io.BytesIO(data), allow_pickle=False) as found:
-        return tissue.Reduction(**found)
+    return None if found is None else tissue.Reduction(**found)
