@@ -32,7 +32,7 @@ from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import with_places
-from studies.simulation.sharing import Shared, Store, body_key, mesh_key, organ_key, reduction_key, thread_key
+from studies.simulation.sharing import Shared, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
@@ -106,7 +106,7 @@ class Assembly:
         return start(self.system, self.s, points, stretch)
 
 
-def assemble(scenario: Scenario, store: Store | None = None, given: Given = NOTHING) -> Assembly:
+def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOTHING) -> Assembly:
     """Return the assembly of a scenario, built before the first step.
 
     Mesh, organ and factor come from the `store` if possible. Parts in `given` replace parts of the
@@ -206,7 +206,7 @@ def is_compiled(solve: model.Solve) -> bool:
     return kept
 
 
-def shareable(store: Store | None, given: Given) -> Store:
+def shareable(store: Shared | None, given: Given) -> Shared:
     """Return the store, or a new store if parts came from Python."""
     return Shared() if store is None or given.unrecorded else store
 
@@ -420,7 +420,7 @@ def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
 
 
 def stored_body(
-    scenario: Scenario, sites: Sequence[tissue.Site], mesh: skfem.MeshTet | None, store: Store, given: Given
+    scenario: Scenario, sites: Sequence[tissue.Site], mesh: skfem.MeshTet | None, store: Shared, given: Given
 ) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
     """Return the organ's discrete elasticity, and the refinement of its cells.
 
@@ -446,7 +446,7 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
     return tissue.relative_bounds(body, sites, table.clamp, table.roller, accuracy)
 
 
-def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Store) -> tissue.StressRecovery | None:
+def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Shared) -> tissue.StressRecovery | None:
     """Return the recovery of stress from displacement, from the store if possible.
 
     It is None without an organ.
@@ -456,7 +456,7 @@ def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: S
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
 
 
-def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Store, points: Array) -> Array:
+def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Shared, points: Array) -> Array:
     """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m].
 
     It is negative outside, and −∞ without an organ. The function comes from the store if possible.
@@ -479,7 +479,7 @@ def organ_of(
     body: tissue.Elasticity | None,
     fit: tissue.Fitted | None,
     given: Given,
-    store: Store,
+    store: Shared,
 ) -> AnyOrgan:
     """Return the organ with its holes at the `sites`, for the coupling.
 
@@ -530,7 +530,7 @@ def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
     return pays and tissue.has_space(full)
 
 
-def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Store) -> tissue.ReducedOrgan:
+def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Shared) -> tissue.ReducedOrgan:
     """Return an organ in a small basis, which has this `key` in the store. Raises `TissueError`."""
     make = partial(tissue.reduce_organ, full, table.blocks, table.modes)
     if table.keep is not None:

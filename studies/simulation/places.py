@@ -14,12 +14,12 @@ from studies.scenario.scenario import check_apart
 from studies.scenario.table import refused
 from studies.scenario.values import Vector
 from studies.simulation.meshing import check_smooth, mesh_of
-from studies.simulation.sharing import Store, places_key
+from studies.simulation.sharing import Shared, places_key
 
 Holes = tuple[model.Piercing, ...]
 
 
-def with_places(scenario: Scenario, store: Store, given: skfem.MeshTet | None = None) -> Scenario:
+def with_places(scenario: Scenario, store: Shared, given: skfem.MeshTet | None = None) -> Scenario:
     """Return the scenario with coordinates instead of every `at = "surface"`.
 
     The mesh is the one `given`, or generated. Places in the `store` are reused. Raises

@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from threading import RLock
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from studies.scenario import Scenario
 from studies.scenario.toml import tables, with_mesh_copy
@@ -29,15 +29,8 @@ OF_LENGTH = ("start", "dt", "duration", "load_steps")  # of a run: the thread is
 OF_MATERIAL = ("youngs_modulus", "poisson_ratio", "density", "dilatation")
 
 
-class Store(Protocol):
-    """A cache of expensive parts."""
-
-    def take(self, kind: str, key: str, make: Callable[[], Made]) -> Made:
-        """Return the cached part of a key, else the result of `make`."""
-
-
 class Shared:
-    """Stores the last part of each kind: if cases are sorted by organ, each organ is made once."""
+    """A cache of the last expensive part of each kind: if cases are sorted by organ, each organ is made once."""
 
     def __init__(self) -> None:
         self._kept: dict[str, tuple[str, Any]] = {}

@@ -40,7 +40,7 @@ from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
-from studies.simulation.sharing import Store, start_key
+from studies.simulation.sharing import Shared, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
 from studies.simulation.timing import timed
 from studies.simulation.tracts import of_piercings
@@ -379,7 +379,7 @@ def method(solve: Solve) -> Take:
 
 def prepare(
     scenario: Scenario,
-    store: Store | None = None,
+    store: Shared | None = None,
     mesh: object = None,
     *,
     basis: skfem.Basis | None = None,
@@ -441,7 +441,7 @@ def refuse_open_ties(simulation: Simulation) -> None:
         raise refused(("tie", error.piercing, "from"), 0.0, "tie-laid", cause=error.cause) from error
 
 
-def sound_start(assembly: Assembly, store: Store) -> State:
+def sound_start(assembly: Assembly, store: Shared) -> State:
     """Return the consistent start, from the `store` if possible. Raises `ScenarioError`.
 
     A scenario is refused if there is no start or the constraints cannot be met. Statics and a start
