@@ -36,7 +36,7 @@ from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unn
 from studies.lists import sentences
 from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
-from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Source, Wound
+from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Wound
 
 PLACES = 41  # number of places along the wound for the gaps
 CROSSED = 1e-9  # of the width: allowed overlap of the lips
@@ -164,46 +164,30 @@ def row_with(rows: Sequence[Row], wound: tuple[float, float], way: str) -> Row |
     return next((row for row in rows if (row.wound, row.way, row.variant) == (wound, way, "")), None)
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A published wound and its run.
+def comparisons(rows: Sequence[Row]) -> Iterator[SimpleNamespace]:
+    """Yield every published wound that was run together with the fitted wound of its pair.
 
-    `fitted` is the sheet's stiffness Et [N/m] from the first wound of the pair. `edges` is the
-    additional effect of the sheet's held edges, relative to the first wound [-].
+    It has its `source`, its `published` force [N] and its `row`. `fitted` is the sheet's stiffness
+    Et [N/m] from the first wound of the pair, `is_fit` whether this is the first wound. At this
+    stiffness the force is the `predicted_force` [N]. `edges` is the additional effect of the
+    sheet's held edges, relative to the first wound [-].
     """
-
-    source: Source
-    published: float
-    row: Row
-    fitted: float
-    edges: float
-
-    @property
-    def predicted_force(self) -> float:
-        """Force at the fitted stiffness [N]; for the first wound of a pair the published force."""
-        return self.row.comparable_force * self.fitted / STIFFNESS
-
-    @property
-    def is_fit(self) -> bool:
-        """Whether the stiffness was fitted to this wound."""
-        return self.row.wound == self.source.wounds[0]
-
-
-def comparisons(rows: Sequence[Row]) -> Iterator[Comparison]:
-    """Yield every published wound that was run together with the fitted wound of its pair."""
     for source in SOURCES:
         first, second = (row_with(rows, wound, source.way) for wound in source.wounds)
         for force, row in zip(source.forces, (first, second), strict=True):
             if first is not None and row is not None and first.closed and row.closed:
-                fitted = STIFFNESS * source.forces[0] / first.comparable_force
-                yield Comparison(source, force, row, fitted, row.uniform / first.uniform - 1.0)
+                found = SimpleNamespace(source=source, published=force, row=row, is_fit=row is first)
+                found.fitted = STIFFNESS * source.forces[0] / first.comparable_force
+                found.predicted_force = row.comparable_force * found.fitted / STIFFNESS
+                found.edges = row.uniform / first.uniform - 1.0
+                yield found
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for every wound and check."""
     compared = list(comparisons(rows))
 
-    def published(row: Row, cell: Callable[[Comparison], str]) -> str:
+    def published(row: Row, cell: Callable[[SimpleNamespace], str]) -> str:
         return "; ".join(cell(c) for c in compared if c.row == row)
 
     columns: Columns = (
@@ -248,7 +232,7 @@ def remarks(rows: Sequence[Row]) -> Iterator[str]:
     yield f"lips: smallest gap {gap:.0e} of the width, {pulls}, |force × gap| at most {worst:.0e} J"
 
 
-def sentence(c: Comparison) -> str:
+def sentence(c: SimpleNamespace) -> str:
     """Return a prediction and the published value, in words."""
     first = " × ".join(f"{x / MILLI:g}" for x in c.source.wounds[0])
     off = round(100.0 * (c.predicted_force / c.published - 1.0))
