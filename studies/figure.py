@@ -1,8 +1,8 @@
 """The style of the studies' figures: colours for colour-blind readers, and two formats.
 
-A figure has rows of panels (`draw`), and a panel has labels and items (`panel`). An item draws
-itself into axes: a `curve`, a curve for each group of rows (`series`), a `level`, a `band`, or a
-function of the axes.
+A figure has rows of panels (`draw`), and a panel has labels and items (`panel`). The labels of a
+study's panels are in its `study.toml` (`described`). An item draws itself into axes: a `curve`, a
+curve for each group of rows (`series`), a `level`, a `band`, or a function of the axes.
 """
 
 import io
@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.arrays import Array
-from studies.lists import list_of
+from studies.lists import list_of, study_list
 from studies.output.files import write_bytes
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe & Ito (2008)
@@ -39,12 +39,26 @@ Value = str | int | Callable[[Any], float]
 UNITS = {"mm": 1e-3, "ms": 1e-3, "mN": 1e-3, "mm/N": 1e-3, "kPa": 1e3, "MPa": 1e6, "%": 1e-2}
 
 
-def draw(*lines: Sequence[Item]) -> Figure:
+def draw(placed: Sequence[Item], columns: int = 2) -> Figure:
     """Return a figure of panels, row by row."""
-    drawing, grid = panels(len(lines), len(lines[0]))
-    for axes, item in zip(grid.ravel(), (item for line in lines for item in line), strict=True):
+    drawing, grid = panels(len(placed) // columns, columns)
+    for axes, item in zip(grid.ravel(), placed, strict=True):
         item(axes)
     return drawing
+
+
+def described(name: str, *items: Sequence[Any], **values: Any) -> list[Item]:
+    """Return the panels that a study's `study.toml` describes, each with its items.
+
+    The title of a panel can name `values`. Arguments of `panel` that depend on the rows are a dict
+    among its items.
+    """
+    out = []
+    for settings, own in zip(study_list(name)["panel"], items, strict=True):
+        more = dict(pair for item in own if isinstance(item, dict) for pair in item.items())
+        given = settings | {"title": settings.get("title", "").format(**values)} | more
+        out.append(panel(given.pop("x"), given.pop("y"), *filter(callable, own), **given))
+    return out
 
 
 def panel(

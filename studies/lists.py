@@ -20,7 +20,8 @@ def list_of(module: str, name: str) -> dict[str, Any]:
 def study_list(name: str) -> dict[str, Any]:
     """Return the content of a study's `study.toml`.
 
-    It has the question, the checks, published numbers, and the sentences of remarks.
+    It has the question, the checks, published numbers, the sentences of remarks, and the labels of
+    panels.
     """
     return list_of(__file__, f"{name}/study.toml")
 

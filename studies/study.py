@@ -3,14 +3,14 @@
 A study is a package with a module `study` and these parts:
 
 - `study.toml`: its question, its checks, the arguments of the preset "quick", published numbers,
-  and the sentences of its remarks (`studies.lists`),
+  the sentences of its remarks, and the labels of the panels of its figure (`studies.lists`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
 - `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs
   (`each`),
 - a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a
   run (`measured`),
 - `table`: the columns of its table (`Table.of`),
-- `figure`: the panels of its figure (`studies.figure`),
+- `figure`: the items of the panels of its figure (`studies.figure`),
 - `remarks`: findings, and numbers that a row does not support (`studies.verdicts`). They are
   printed with the table.
 

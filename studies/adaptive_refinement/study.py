@@ -236,4 +236,4 @@ def figure(rows: Sequence[Row]) -> Figure:
     points = series(adaptive, "error", "effectivity", "")
     places.append(panel(ERROR, "estimate over error", points, *bounds, log="x", ticks={"x": SHARES}, title="adaptive"))
     places += [Axes.set_axis_off] * (len(places) % 2)
-    return draw(*(places[k : k + 2] for k in range(0, len(places), 2)))
+    return draw(places)

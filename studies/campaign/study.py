@@ -147,4 +147,4 @@ def agreement(rows: Sequence[Row]) -> list[str]:
 def figure(rows: Sequence[Row]) -> Figure:
     """Return the figure of the ends of the cases over demand and span ratio, by cause."""
     ended = series(grouped(rows, lambda row: row.cause), "demand", "span_ratio", "", markersize=4)
-    return draw([panel("demand [footprints]", "span over √(EI/T) [-]", ended, log="x", title="where they ended")])
+    return draw([panel("demand [footprints]", "span over √(EI/T) [-]", ended, log="x", title="where they ended")], 1)

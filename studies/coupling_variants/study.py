@@ -31,7 +31,7 @@ from coupling.run import begin
 from coupling.step.stepping import Step, Take, try_step
 from coupling.system import State, System
 from studies.arrays import KILO, MILLI, Array
-from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series, unnamed
+from studies.figure import COLOURS, MARKERS, Item, curve, described, draw, level, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import Table, each, grouped, measure, measured, require, scene
@@ -48,7 +48,6 @@ WAY = 6e-3  # of the hand, out and back [m]
 CREATED = 0.1  # of the hand's work: a run that created more energy is unstable
 
 COMPARED = (3e-4, 1.2e-3, 5e-3)  # steps in the table [s]
-TICKS = (0.1, 0.3, 1.0, 3.0, 10.0)  # [ms]
 EQUAL = 500  # linear systems: the cost at which errors are compared
 SHOWN = 5e4  # stiffness in the panel of error over cost [Pa]
 COLOUR_OF = dict(zip(("monolithic", "staggered", "linear"), COLOURS, strict=False))
@@ -289,7 +288,8 @@ def figure(rows: Sequence[Row]) -> Figure:
 
     Each kind of organ has a row of panels.
     """
-    return draw(*map(panels_of, grouped(rows, lambda row: row.inertia).values()))
+    kinds = grouped(rows, lambda row: row.inertia).values()
+    return draw([item for kind in kinds for item in panels_of(kind)], 4)
 
 
 def panels_of(rows: Sequence[Row]) -> list[Item]:
@@ -304,8 +304,6 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
     organ: dict[str, Any] = {"colours": colours}
     organ["markers"] = [MARKERS[stiffnesses.index(runs[0].youngs_modulus)] for runs in by_organ.values()]
     hollow = organ | {"markerfacecolor": "white"}
-    step = "time step [ms]"
-    axis: dict[str, Any] = {"xlim": (0.06, 13.0), "ticks": {"x": TICKS}}
 
     def place(row: Row) -> float:
         return stiffnesses.index(row.youngs_modulus) + 0.25 * (1 - list(WAYS).index(row.way))
@@ -318,26 +316,21 @@ def panels_of(rows: Sequence[Row]) -> list[Item]:
         for (way, marker, _), runs in grouped(rows, lambda row: (row.way, "sx"[not row.completed], row.stable)).items()
     ]  # fmt: skip
     levels = [f"{E / KILO:g}" for E in stiffnesses]
-    return [
-        panel(
-            step, "Young's modulus [kPa]", *states, *(curve([], [], way, "s", COLOUR_OF[way]) for way in WAYS),
-            lambda axes: axes.set_yticks(range(len(levels)), levels), log="x", ylim=(-0.6, len(levels) - 0.1),
-            title=f"{kind}; □ creates energy, × breaks off", legend={"loc": "upper left", "ncols": 3}, **axis,
-        ),
-        panel(
-            "linear systems solved [-]", "error of the exit / its way [-]",
-            series(ways, "solves", "error", colours=[COLOUR_OF[way] for way in ways]),
-            log="xy", title=f"{shown / KILO:g} kPa, stable runs",
-        ),
-        panel(
-            step, "largest drift |P − x| [mm]", series(by_organ, "dt [ms]", "drift [mm]", **organ),
-            series(unnamed(unstable), "dt [ms]", "drift [mm]", "", **hollow), log="xy", legend={"fontsize": 6},
-            title="filled: stable, hollow: creates energy", **axis,
-        ),
-        panel(
-            step, "created energy / work of the hand [-]",
+    return described(
+        "coupling_variants",
+        [
+            *states, *(curve([], [], way, "s", COLOUR_OF[way]) for way in WAYS), {"ylim": (-0.6, len(levels) - 0.1)},
+            lambda axes: axes.set_yticks(range(len(levels)), levels),
+        ],
+        [series(ways, "solves", "error", colours=[COLOUR_OF[way] for way in ways])],
+        [
+            series(by_organ, "dt [ms]", "drift [mm]", **organ),
+            series(unnamed(unstable), "dt [ms]", "drift [mm]", "", **hollow),
+        ],
+        [
             series(unnamed(by_organ), "dt [ms]", "created", **organ),
             series(unnamed(unstable), "dt [ms]", "created", "", **hollow), level(CREATED),
-            lambda axes: axes.set_yscale("symlog", linthresh=CREATED), log="x", ylim=(-1.0, 1e3), **axis,
-        ),
-    ]  # fmt: skip
+            lambda axes: axes.set_yscale("symlog", linthresh=CREATED),
+        ],
+        kind=kind, shown=shown / KILO,
+    )  # fmt: skip

@@ -26,7 +26,7 @@ from coupling.run import begin
 from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
-from studies.figure import curve, draw, laws, panel, series
+from studies.figure import curve, described, draw, laws, series
 from studies.study import Job, StudyError, Table, each, grouped, unit_field
 from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
@@ -48,7 +48,6 @@ SUTURE = suture("2-0 polypropylene")
 LOOP_HOLD, LOOP_WAY, LOOP_TIME = 0.2, 3e-3, 1.0  # [N], out and back [m], each [s]
 LOOP_STEPS, LOOP_SPANS = 40, 20  # steps each way, and spans per hole in addition to its packet
 REST = 0.05  # settling time of the thread before it is drawn [s]
-PULLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # ticks [-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -351,36 +350,30 @@ def figure(rows: Sequence[Row]) -> Figure:
     loops = {f"N = {n}": rows_of_kind(rows, "loop", mu, n) for mu, n in loops_of(rows) if mu == middle}
     parts = [branch for run in loops.values() for branch in branches(run)]
     bent = {f"_{number}": part for number, part in enumerate(parts)}
-    return draw(
+    panels = described(
+        "friction",
         [
-            panel(
-                "turn θ [°]", "pull over hold at slip [-]", curve([], [], "(1 + μt)/(1 − μt)"),
-                laws([partial(over_degrees, point_ratio, mu) for mu in mus], angles),
-                laws([partial(over_degrees, capstan, mu) for mu in mus], angles, ":"),
-                series(by_coefficient(rows, "one hole"), "turn", "ratio", ""), curve([], [], "exp(μθ)", ":"),
-            ),
-            panel(
-                "turn θ [°]", "two passes over the exact law, less 1 [%]",
-                series(held, "turn", lambda row: above(row, row.exact)),
-                series(pulled, "turn", lambda row: above(row, row.exact), markerfacecolor="white"),
-                lambda axes: axes.set_yscale("symlog", linthresh=1.0), title="filled: hold given, hollow: pull given",
-            ),
+            curve([], [], "(1 + μt)/(1 − μt)"),
+            laws([partial(over_degrees, point_ratio, mu) for mu in mus], angles),
+            laws([partial(over_degrees, capstan, mu) for mu in mus], angles, ":"),
+            series(by_coefficient(rows, "one hole"), "turn", "ratio", ""), curve([], [], "exp(μθ)", ":"),
         ],
         [
-            panel(
-                "holes in a row N [-]", "ratio over exp(μθ), less 1 [%]",
-                series(many, "holes", lambda row: above(row, row.limit)),
-                curve(N, above(last[-1], last[-1].limit) * (N[-1] / N) ** 2, "N⁻²", ":"), log="xy",
-                ticks={"x": list(N)}, title=f"a turn of {last[0].turn:g}° by N holes",
-            ),
-            panel(
-                "way of the hand [mm]", "pull over hold [-]", series(loops, "way [mm]", "ratio", markers=[""]),
-                series(bent, "way [mm]", "theory", ":", [""], ["black"]), curve([], [], "a thread that bends", ":"),
-                log="y", ticks={"y": PULLS}, legend={"ncols": 2, "loc": "lower left"},
-                title=f"out and back, {parts[0][0].turn:g}° at each hole, μ = {middle:g}",
-            ),
+            series(held, "turn", lambda row: above(row, row.exact)),
+            series(pulled, "turn", lambda row: above(row, row.exact), markerfacecolor="white"),
+            lambda axes: axes.set_yscale("symlog", linthresh=1.0),
         ],
+        [
+            series(many, "holes", lambda row: above(row, row.limit)), {"ticks": {"x": list(N)}},
+            curve(N, above(last[-1], last[-1].limit) * (N[-1] / N) ** 2, "N⁻²", ":"),
+        ],
+        [
+            series(loops, "way [mm]", "ratio", markers=[""]),
+            series(bent, "way [mm]", "theory", ":", [""], ["black"]), curve([], [], "a thread that bends", ":"),
+        ],
+        turn=last[0].turn, loop_turn=parts[0][0].turn, mu=middle,
     )  # fmt: skip
+    return draw(panels)
 
 
 def over_degrees(law: Callable[[float, float], float], mu: float, angles: Array) -> list[float]:

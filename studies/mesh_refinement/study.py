@@ -309,10 +309,8 @@ def figure(rows: Sequence[Row]) -> Figure:
         ),
         log="xy", ticks={"x": sorted(run.h / MILLI for run in coupled)},
     )  # fmt: skip
-    return draw(
-        places[:2], places[2:4], [places[4], shrinking], [errors, together],
-        [changes(rows, "control points", "control_points", "-"), changes(rows, "time step", "dt [ms]", "ms")],
-    )  # fmt: skip
+    others = changes(rows, "control points", "control_points", "-"), changes(rows, "time step", "dt [ms]", "ms")
+    return draw([*places, shrinking, errors, together, *others])
 
 
 def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str) -> Item:

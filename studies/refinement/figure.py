@@ -22,7 +22,8 @@ def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:
     """
     what = KINDS[rungs.kinds[0]].words if len(rungs.kinds) == 1 else "cells, steps and spans"
     label, limits = f"{what}, over the coarsest", any(map(has_limit, found))
-    return draw(*([numbers(label, one), *([errors(label, one)] if limits else [])] for one in found))
+    shown = (numbers, errors) if limits else (numbers,)
+    return draw([drawn(label, one) for one in found for drawn in shown], len(shown))
 
 
 def has_limit(one: Refined) -> bool:

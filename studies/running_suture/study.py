@@ -34,7 +34,7 @@ from coupling.run.run import Run
 from coupling.step.stepping import try_step
 from coupling.system import State, System
 from studies.arrays import Array
-from studies.figure import curve, deviations, draw, panel, series, unnamed
+from studies.figure import curve, described, deviations, draw, series, unnamed
 from studies.scenario import Scenario
 from studies.simulation.assembly import assemble
 from studies.study import Job, Table, each, grouped, measure, measured, require, scene, unit_field
@@ -414,21 +414,18 @@ def figure(rows: Sequence[Row]) -> Figure:
     pulls |= {f"μ = {run[0].mu:.3g} calibrated": run for run in runs(rows, CALIBRATED)}
     followed = {name: list(found.values()) for name, found in second_stitches(rows).items()}
     later = range(2 + BACK, most + 1)
-    return draw(
+    panels = described(
+        "running_suture",
         [
-            panel(
-                "stitches back from the pull [-]", "tension [N]",
-                series(pulls, "stitches_back", "tension", "", markersize=4),
-                series(unnamed(pulls), "stitches_back", "law", ":", [""]),
-                curve([], [], "ring law, by the turns measured", ":"),
-                deviations([0, BACK], [PULL, LEFT], [PULL_SD, LEFT_SD], PUBLISHED), log="y", above=6.0,
-                ticks={"x": range(most)}, title="one pull", legend={"fontsize": 6.5, "loc": "upper right", "ncols": 2},
-            ),
-            panel(
-                "stitch that is pulled [-]", "tension of stitch 2 [N]",
-                series(followed, lambda row: row.stitches_back + 2, "tension", markersize=4),
-                deviations([2, *later], [PULL, *[LEFT] * len(later)], [PULL_SD, *[LEFT_SD] * len(later)], PUBLISHED),
-                ticks={"x": range(2, most + 1)}, title="stitches placed one by one", legend={"fontsize": 6.5},
-            ),
+            series(pulls, "stitches_back", "tension", "", markersize=4), {"ticks": {"x": range(most)}},
+            series(unnamed(pulls), "stitches_back", "law", ":", [""]),
+            curve([], [], "ring law, by the turns measured", ":"),
+            deviations([0, BACK], [PULL, LEFT], [PULL_SD, LEFT_SD], PUBLISHED),
+        ],
+        [
+            series(followed, lambda row: row.stitches_back + 2, "tension", markersize=4),
+            deviations([2, *later], [PULL, *[LEFT] * len(later)], [PULL_SD, *[LEFT_SD] * len(later)], PUBLISHED),
+            {"ticks": {"x": range(2, most + 1)}},
         ],
     )  # fmt: skip
+    return draw(panels)

@@ -32,7 +32,7 @@ from scipy.optimize import brentq
 
 from coupling.run.run import Run, begin
 from studies.arrays import Array
-from studies.figure import curve, deviations, draw, laws, level, panel, series
+from studies.figure import curve, described, deviations, draw, laws, level, series
 from studies.friction.study import laid_through
 from studies.lists import sentences
 from studies.study import Table, each, grouped, require, require_known, unit_field
@@ -368,38 +368,31 @@ def figure(rows: Sequence[Row]) -> Figure:
     law = partial(bent_ratio, fitted.mu)
     closing = [Way.of(stitch, fitted.throw, fitted.rings).closing(law) for stitch in stitches]
     marks = ("o", "s", "D", "x")  # the last is drawn over the one before, which has the same numbers
-    last, small = max(row.pull for steps in loads.values() for row in steps), {"fontsize": 7}
-    turn, high = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50), (0.0, 13.0)
-    return draw(
+    last = max(row.pull for steps in loads.values() for row in steps)
+    turn = np.linspace(0.0, max(row.turn for run in strands.values() for row in run), 50)
+    panels = described(
+        "stitch_patterns",
         [
-            panel(
-                "stitch", "pull that closes 5 N [N]",
-                series(predicted, lambda row: names.index(row.pattern) + 0.1, "closing_pull", ""),
-                deviations(
-                    range(len(names)), [stitch.published for stitch in stitches],
-                    [stitch.spread for stitch in stitches], "published, ± SD",
-                ),
-                lambda axes: axes.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names]),
-                ylim=high, legend=small,
+            series(predicted, lambda row: names.index(row.pattern) + 0.1, "closing_pull", ""),
+            deviations(
+                range(len(names)), [stitch.published for stitch in stitches],
+                [stitch.spread for stitch in stitches], "published, ± SD",
             ),
-            panel(
-                "turn of a strand in the throw [°]", "pull that closes 5 N [N]",
-                series(grouped(found, lambda row: row.pattern), "throw", "closing_pull", "", marks),
-                laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"), ylim=high, legend=small,
-            ),
+            lambda axes: axes.set_xticks(range(len(names)), [name.replace(" ", "\n") for name in names]),
         ],
         [
-            panel(
-                "pull of each hand [N]", "wound's tension [N]", series(loads, "pull", "tension", "", marks),
-                laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
-                level(WOUND, None, ":"), curve([], [], "a thread that bends and slides"), legend=small,
-                title=f"load steps, throw {fitted.throw:g}°",
-            ),
-            panel(
-                "turned since the nearer hand [°]", "tension over pull [-]",
-                series(strands, "turn", lambda row: row.tension / row.pull, "", marks),
-                curve(turn, np.exp(-fitted.mu * np.radians(turn)), "capstan, the same μ"), log="y",
-                title=f"along the thread, throw {fitted.throw:g}°", legend=small,
-            ),
+            series(grouped(found, lambda row: row.pattern), "throw", "closing_pull", "", marks),
+            laws(by_hand, np.linspace(90.0, 360.0, 28)), curve([], [], "capstan"),
         ],
+        [
+            series(loads, "pull", "tension", "", marks),
+            laws([partial(np.multiply, factor) for factor in closing], np.array([0.0, last])),
+            level(WOUND, None, ":"), curve([], [], "a thread that bends and slides"),
+        ],
+        [
+            series(strands, "turn", lambda row: row.tension / row.pull, "", marks),
+            curve(turn, np.exp(-fitted.mu * np.radians(turn)), "capstan, the same μ"),
+        ],
+        throw=fitted.throw,
     )  # fmt: skip
+    return draw(panels)

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 import tissue
 from coupling.errors import CouplingError
 from studies.arrays import KILO, MEGA, MILLI
-from studies.figure import COLOURS, MARKERS, Item, curve, draw, level, panel, series
+from studies.figure import COLOURS, MARKERS, Item, curve, described, draw, level, series
 from studies.lists import sentences, study_list
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
@@ -312,23 +312,16 @@ def figure(rows: Sequence[Row]) -> Figure:
     """Return the figure of force, stretch and bearing pressure, and of the uniaxial curves."""
     named = {f"{name}, {a / MILLI:g} mm, {v}".rstrip(", "): runs for (name, a, v), runs in runs_of(rows).items()}
     colour = dict(zip(dict.fromkeys(row.name for row in rows), COLOURS, strict=False))
-    small, colours = {"fontsize": 6}, [colour[runs[0].name] for runs in named.values()]
-    quantities = (
-        ("force [N]", "force", "force", "y", "dash-dotted: a suture gave way"),
-        ("largest stretch at the hole [-]", "stretch", "broken", "", "dash-dotted: strips broke"),
-        ("bearing pressure F/(d t) [MPa]", "bearing [MPa]", "", "y", ""),
-    )
+    colours = [colour[runs[0].name] for runs in named.values()]
+    quantities = (("force", "force"), ("stretch", "broken"), ("bearing [MPa]", ""))
     drawn = [
-        panel(
-            "drawn [mm]", label, series(named, "drawn [mm]", y, "-", MARKERS, colours),
+        [
+            series(named, "drawn [mm]", y, "-", MARKERS, colours),
             *(level(getattr(TISSUES[name], of), None, "-.", colour[name]) for name in colour if of),
-            log=log, title=title, legend=small,
-        )
-        for label, y, of, log, title in quantities
-    ]  # fmt: skip
-    fits = [item for name in colour for item in uniaxial(name, rows)]
-    fitted = panel("stretch [-]", "nominal stress [MPa]", *fits, log="y", legend=small)
-    return draw(drawn[:2], [drawn[2], fitted])
+        ]
+        for y, of in quantities
+    ]
+    return draw(described("suture_retention", *drawn, [item for name in colour for item in uniaxial(name, rows)]))
 
 
 def uniaxial(name: str, rows: Sequence[Row]) -> list[Item]:

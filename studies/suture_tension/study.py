@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import tissue
 from coupling.reports.observation import site_compliance, site_forces
 from studies.arrays import KILO, MILLI, Array
-from studies.figure import draw, level, panel, series
+from studies.figure import described, draw, level, series
 from studies.lists import sentences, study_list
 from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
@@ -334,24 +334,20 @@ def figure(rows: Sequence[Row]) -> Figure:
 
     The single changes are compared with theory.
     """
-    materials, small, tau = runs_by_material(rows), {"fontsize": 6}, "τ = T/(E a²) [-]"
+    materials = runs_by_material(rows)
     linear, changed = materials["linear"], grouped((row for row in rows if row.sweep in VARIED), lambda row: row.sweep)
     off = {name: [*zip(departures(linear, runs), runs, strict=True)] for name, runs in materials.items()}
-    return draw(
+    panels = described(
+        "suture_tension",
         [
-            panel(
-                tau, "displacement along over a [-]", series(materials, "scaled_load", "scaled_way"),
-                series({"half-space": linear}, "scaled_load", lambda row: row.theory_along / FOOTPRINT, "--"),
-                level(LINEAR, f"{LINEAR} footprints, assumed"), log="xy", legend=small,
-            ),
-            panel(
-                tau, "linear organ off by [%]",
-                series(off, lambda pair: pair[1].scaled_load, lambda pair: 100.0 * pair[0]),
-                *(level(100.0 * end, None, ":") for end in (-DEPARTURE, DEPARTURE)), log="x", legend=small,
-            ),
-            panel(
-                "what is changed alone [mm]", "displacement along over half-space [-]", level(1.0, None, "-"),
-                series(changed, varied, lambda row: row.exit_along / row.theory_along),
-            ),
+            series(materials, "scaled_load", "scaled_way"),
+            series({"half-space": linear}, "scaled_load", lambda row: row.theory_along / FOOTPRINT, "--"),
+            level(LINEAR, f"{LINEAR} footprints, assumed"),
         ],
-    )  # fmt: skip
+        [
+            series(off, lambda pair: pair[1].scaled_load, lambda pair: 100.0 * pair[0]),
+            *(level(100.0 * end, None, ":") for end in (-DEPARTURE, DEPARTURE)),
+        ],
+        [level(1.0, None, "-"), series(changed, varied, lambda row: row.exit_along / row.theory_along)],
+    )
+    return draw(panels, 3)

@@ -26,7 +26,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -34,7 +33,7 @@ from scipy.optimize import brentq
 
 from coupling.system import State
 from studies.arrays import MILLI, Array
-from studies.figure import COLOURS, curve, draw, level, panel, series, unnamed
+from studies.figure import COLOURS, curve, described, draw, level, series, unnamed
 from studies.lists import sentences
 from studies.study import Columns, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
@@ -271,31 +270,17 @@ def figure(rows: Sequence[Row]) -> Figure:
     top = 1.1 * max(most, default=1.0)
     pairs = grouped(ratios(rows), lambda ratio: f"{ratio.source}, {ratio.skin}")
     scalp = {"Ahmad 2019, scalp, by width": [(pull / STRIPS[11], w / 11.0) for w, pull in STRIPS.items() if w > 11]}
-    place, small = "place along the wound, over its half length [-]", {"fontsize": 6}
-    half: dict[str, Any] = {"xlim": (-1.0, 1.0), "ylim": (0.0, None)}
-    return draw(
+    panels = described(
+        "taut_skin",
+        [*legend, *(series(unnamed(of), 0, 1, styles[skin], [""]) for skin, of in forces.items())],
+        [level(1.0), series(shares, 0, 1)],
         [
-            panel(
-                place, "force of a stitch [N]", *legend,
-                *(series(unnamed(of), 0, 1, styles[skin], [""]) for skin, of in forces.items()),
-                title="stitches drawn all at once", above=1.4, legend={"fontsize": 6, "ncols": 2}, **half,
-            ),
-            panel(
-                place, "force / its share of σ₀ t L [-]", level(1.0), series(shares, 0, 1),
-                title="slits that gaped", legend=small, **half,
-            ),
+            series(gaped, "crack [mm]", lambda row: (row.opened - row.width) / MILLI, ""),
+            curve([0.0, top], [0.0, top], None, "--"), {"xlim": (0.0, top), "ylim": (0.0, top)},
         ],
         [
-            panel(
-                "crack in a large linear sheet, 2 σ₀ L/E [mm]", "opened beyond what was cut [mm]",
-                series(gaped, "crack [mm]", lambda row: (row.opened - row.width) / MILLI, ""),
-                curve([0.0, top], [0.0, top], None, "--"), title="how far stretched skin gapes", legend=small,
-                xlim=(0.0, top), ylim=(0.0, top),
-            ),
-            panel(
-                "published, second wound over first [-]", "this study [-]", series(pairs, "published", "found", ""),
-                series(scalp, 0, 1, "", ["x"], ["grey"]), curve([0.8, 4.0], [0.8, 4.0], None, "--"),
-                title="pairs of wounds", legend=small,
-            ),
+            series(pairs, "published", "found", ""), series(scalp, 0, 1, "", ["x"], ["grey"]),
+            curve([0.8, 4.0], [0.8, 4.0], None, "--"),
         ],
     )  # fmt: skip
+    return draw(panels)

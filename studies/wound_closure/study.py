@@ -32,7 +32,7 @@ from matplotlib.figure import Figure
 from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
 from studies.arrays import MILLI, Array
-from studies.figure import MARKERS, Item, curve, draw, level, panel, series, unnamed
+from studies.figure import MARKERS, Item, curve, described, draw, level, series, unnamed
 from studies.lists import sentences
 from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
@@ -279,31 +279,21 @@ def figure(rows: Sequence[Row]) -> Figure:
     top = 1.15 * max([c.published for c in compared] + [c.predicted_force for c in compared], default=1.0)
     by_source = {source.name: [c for c in compared if c.source == source] for source in SOURCES}
     fitted = {name: [c for c in found if c.is_fit] for name, found in by_source.items()}
-    return draw(
+    panels = described(
+        "wound_closure",
+        [along(together, "places", lambda row: np.array(row.tied) / row.theory), level(1.0)],
+        [along(together, "along", lambda row: 100.0 * np.array(row.gaps) / row.width)],
         [
-            along(together, "places", lambda row: np.array(row.tied) / row.theory, "force of a stitch / theory [-]",
-                  level(1.0), title="stitches drawn all at once"),
-            along(together, "along", lambda row: 100.0 * np.array(row.gaps) / row.width,
-                  "gap / width of the open wound [%]", title="lips after that"),
+            curve([0.0, top], [0.0, top], None, "--"), series(by_source, "published", "predicted_force", ""),
+            series(unnamed(fitted), "published", "predicted_force", "", markerfacecolor="white"),
+            {"xlim": (0.0, top), "ylim": (0.0, top)},
         ],
-        [
-            panel(
-                "published force [N]", "this study [N]", curve([0.0, top], [0.0, top], None, "--"),
-                series(by_source, "published", "predicted_force", ""),
-                series(unnamed(fitted), "published", "predicted_force", "", markerfacecolor="white"),
-                title="filled: predicted, hollow: fitted to", xlim=(0.0, top), ylim=(0.0, top),
-            ),
-            along(in_turn, "places", lambda row: np.array(row.tied) / row.theory, "force when tied / theory [-]",
-                  title="stitches tied one after another"),
-        ],
+        [along(in_turn, "places", lambda row: np.array(row.tied) / row.theory)],
     )  # fmt: skip
+    return draw(panels)
 
 
-def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array], name: str, *items: Item, title: str) -> Item:
-    """Return the panel of a quantity along the wounds."""
+def along(rows: Sequence[Row], places: str, of: Callable[[Row], Array]) -> Item:
+    """Return the curves of a quantity along the wounds."""
     pairs = {row.name: row.course(getattr(row, places), of(row)) for row in rows}
-    return panel(
-        "place along the wound, over its half length [-]", name,
-        series(pairs, 0, 1, "-", MARKERS if places == "places" else [""], markersize=4), *items,
-        legend={"title": "wound [mm]", "ncols": 2}, title=title, xlim=(-1.0, 1.0), ylim=(0.0, None),
-    )  # fmt: skip
+    return series(pairs, 0, 1, "-", MARKERS if places == "places" else [""], markersize=4)
