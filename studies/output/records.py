@@ -1,7 +1,7 @@
 """Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -218,64 +218,93 @@ class StepRecord:
         return None if self.kept is None else self.kept()
 
 
+def law_violations(step: StepRecord) -> list[float]:
+    """Return the violation of Coulomb's law at each hole while hands draw a tie [N], else zero."""
+    drawn = any(tie.state == "drawn" for tie in step.ties)
+    return [drawn * hole.cone_residual for hole in step.piercings]
+
+
+def largest_tension(step: StepRecord) -> float:
+    """Return the largest tension at holes and ends [N]."""
+    pulls = [pull for hole in step.piercings for pull in (hole.tension_before, hole.tension_after)]
+    ends = float(norm(step.start_reaction)), float(norm(step.end_reaction))
+    return max(*(pull for pull in pulls if np.isfinite(pull)), *ends)
+
+
+def turned_over(step: StepRecord) -> float:
+    """Return the kinetic plus elastic energy, or the external work if it is larger [J]."""
+    return max(step.energy.kinetic + step.energy.of_deformation, abs(step.energy.external_work))
+
+
 @dataclass(frozen=True)
 class Extremes:
     """The largest values of a run until now, and the forces of its last steps.
 
-    Values of the organ's cells and surfaces are taken from the frames, all others from the steps.
+    A field has the function that returns its value, or None, for a "step" or for the organ of a
+    "frame".
     """
 
-    mean_strain: Array  # (p,) mean strain of the tissue at each hole [-]
-    turn: Array  # (p,) turn of each hole [rad]
-    bearing_pressure: Array  # (p,) pressure of the thread on the tissue at each hole [Pa]
-    way: Array  # (p,) displacement of each hole from the reference shape [m]
-    difference: Array  # (p,) distance from the place with one block more of a small basis [m]
-    bound: Array  # (p,) bound of the distance from the place in the whole organ [m]
-    off_law: Array  # (p,) violation of Coulomb's law at each hole while hands draw a tie [N]
-    cell_strain: Array  # (p,) strain of the cells on which each hole bears [-]
-    cell_energy: Array  # (p,) strain energy per volume of these cells [Pa]
+    # (p,) mean strain of the tissue at each hole [-]
+    mean_strain: Array = field(metadata={"step": lambda step: [hole.mean_strain for hole in step.piercings]})
+    # (p,) turn of each hole [rad]
+    turn: Array = field(metadata={"step": lambda step: [hole.turn for hole in step.piercings]})
+    # (p,) pressure of the thread on the tissue at each hole [Pa]
+    bearing_pressure: Array = field(metadata={"step": lambda step: [hole.bearing_pressure for hole in step.piercings]})
+    # (p,) displacement of each hole from the reference shape [m]
+    way: Array = field(metadata={"step": lambda step: [float(norm(hole.displacement)) for hole in step.piercings]})
+    # (p,) distance from the place with one block more of a small basis [m]
+    difference: Array = field(metadata={"step": lambda step: step.reduction and step.reduction.difference})
+    # (p,) bound of the distance from the place in the whole organ [m]
+    bound: Array = field(metadata={"step": lambda step: step.reduction and step.reduction.bound})
+    # (p,) violation of Coulomb's law at each hole while hands draw a tie [N]
+    off_law: Array = field(metadata={"step": law_violations})
+    # (p,) strain of the cells on which each hole bears [-]
+    cell_strain: Array = field(metadata={"frame": lambda organ: organ.hole_strain})
+    # (p,) strain energy per volume of these cells [Pa]
+    cell_energy: Array = field(metadata={"frame": lambda organ: organ.hole_energy})
     forces: Array  # (SEEN + 1, p, 3) force of each hole on the thread at the last steps, NaN before the start [N]
     switches: Array  # (SWITCHES, p) step numbers of the last switches of each hole, NaN if there were fewer
     chattered: Array  # (p,) time of the first SWITCHES switches of a hole within SEEN steps [s], NaN if there was none
     locked: Array  # (t,) force at the locking of each tie [N], NaN before
-    tension: float = 0.0  # largest tension at holes and ends [N]
-    thread_strain: float = 0.0  # largest axial strain [-]
-    energy: float = 0.0  # largest of kinetic plus elastic energy, and of external work [J]
-    created: float = 0.0  # largest energy created by the integrator [J]
-    strain: float = 0.0  # largest strain of the organ's cells [-]
-    rotation: float = 0.0  # largest rotation of the organ's cells [rad]
-    strained: float = 0.0  # share of the strain energy in cells whose strain is not small [-]
-    rotated: float = 0.0  # share of the strain energy in cells whose rotation is not small [-]
-    pressed_turn: float = 0.0  # turn of a pressed surface [rad]
-    crossed: float = 0.0  # overlap of lips without contact, over their extent [-]
+    # largest tension at holes and ends [N]
+    tension: float = field(default=0.0, metadata={"step": largest_tension})
+    # largest axial strain [-]
+    thread_strain: float = field(default=0.0, metadata={"step": lambda step: step.max_strain})
+    # largest of kinetic plus elastic energy, and of external work [J]
+    energy: float = field(default=0.0, metadata={"step": turned_over})
+    # largest energy created by the integrator [J]
+    created: float = field(default=0.0, metadata={"step": lambda step: -step.energy.numerical_dissipation})
+    # largest strain of the organ's cells [-]
+    strain: float = field(default=0.0, metadata={"frame": lambda organ: organ.strain.max()})
+    # largest rotation of the organ's cells [rad]
+    rotation: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotation.max()})
+    # share of the strain energy in cells whose strain is not small [-]
+    strained: float = field(default=0.0, metadata={"frame": lambda organ: organ.strained})
+    # share of the strain energy in cells whose rotation is not small [-]
+    rotated: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotated})
+    # turn of a pressed surface [rad]
+    pressed_turn: float = field(default=0.0, metadata={"frame": lambda organ: organ.pressed_turn})
+    # overlap of lips without contact, over their extent [-]
+    crossed: float = field(default=0.0, metadata={"frame": lambda organ: organ.crossed})
     branches: float = 0.0  # number of load steps that followed a branch by arc length
-    fallen: float = 0.0  # decrease of the loads along a branch [s of their clock]
-    residual: float = 0.0  # residual of an organ in its Krylov space [-]
+    # decrease of the loads along a branch [s of their clock]
+    fallen: float = field(default=0.0, metadata={"step": lambda step: step.fallen})
+    # residual of an organ in its Krylov space [-]
+    residual: float = field(default=0.0, metadata={"step": lambda step: step.krylov and step.krylov.residual})
+
+    def after(self, at: str, source: Any) -> "Extremes":
+        """Return the extremes including the values of a step, or of the organ of a frame."""
+        return replace(self, **{name: larger(getattr(self, name), of(source)) for name, of in LARGEST[at]})
 
     def after_step(self, step: StepRecord) -> "Extremes":
         """Return the extremes including one more step."""
-        holes, energy, small = step.piercings, step.energy, step.reduction
-        drawn = any(tie.state == "drawn" for tie in step.ties)
         now = np.array([tie.force if tie.state in ("tied", "slips") else np.nan for tie in step.ties])
-        pulls = [pull for hole in holes for pull in (hole.tension_before, hole.tension_after) if np.isfinite(pull)]
+        forces = np.reshape([hole.force for hole in step.piercings], (1, -1, 3))
         return replace(
-            self,
-            mean_strain=np.maximum(self.mean_strain, [hole.mean_strain for hole in holes]),
-            turn=np.maximum(self.turn, [hole.turn for hole in holes]),
-            bearing_pressure=np.maximum(self.bearing_pressure, [hole.bearing_pressure for hole in holes]),
-            way=np.maximum(self.way, [float(norm(hole.displacement)) for hole in holes]),
-            off_law=np.maximum(self.off_law, [drawn * hole.cone_residual for hole in holes]),
-            forces=np.concatenate([self.forces[1:], np.reshape([hole.force for hole in holes], (1, -1, 3))]),
-            difference=self.difference if small is None else np.maximum(self.difference, small.difference),
-            bound=self.bound if small is None else np.maximum(self.bound, small.bound),
+            self.after("step", step),
+            forces=np.concatenate([self.forces[1:], forces]),
             locked=np.where(np.isnan(self.locked), now, self.locked),
-            tension=max(self.tension, *pulls, float(norm(step.start_reaction)), float(norm(step.end_reaction))),
-            thread_strain=max(self.thread_strain, step.max_strain),
-            energy=max(self.energy, energy.kinetic + energy.of_deformation, abs(energy.external_work)),
-            created=max(self.created, -energy.numerical_dissipation),
             branches=self.branches + (step.fallen is not None),
-            fallen=max(self.fallen, step.fallen or 0.0),
-            residual=self.residual if step.krylov is None else max(self.residual, step.krylov.residual),
         ).after_switches(step)
 
     def after_switches(self, step: StepRecord) -> "Extremes":
@@ -304,27 +333,22 @@ class Extremes:
 
     def after_frame(self, organ: OrganRecord | None) -> "Extremes":
         """Return the extremes including one more frame of the organ, None without an organ."""
-        if organ is None:
-            return self
-        return replace(
-            self,
-            cell_strain=at_least(self.cell_strain, organ.hole_strain),
-            cell_energy=at_least(self.cell_energy, organ.hole_energy),
-            strain=max(self.strain, float(organ.strain.max())),
-            rotation=max(self.rotation, float(organ.rotation.max())),
-            strained=max(self.strained, organ.strained),
-            rotated=max(self.rotated, organ.rotated),
-            pressed_turn=max(self.pressed_turn, organ.pressed_turn),
-            crossed=max(self.crossed, organ.crossed),
-        )
+        return self if organ is None else self.after("frame", organ)
 
 
-def at_least(met: Array, now: Array | None) -> Array:
-    """Return the larger of the earlier and the new values, shape `(p,)`.
+LARGEST = {
+    at: [(each.name, each.metadata[at]) for each in fields(Extremes) if at in each.metadata] for at in ("step", "frame")
+}
+
+
+def larger(met: Any, now: Any) -> Any:
+    """Return the larger of the earlier and the new values, numbers or `(p,)`.
 
     None means no new values.
     """
-    return met if now is None else np.asarray(np.maximum(met, now))
+    if now is None:
+        return met
+    return np.maximum(met, now) if isinstance(met, np.ndarray) else max(met, float(now))
 
 
 def nothing_met(piercings: int, ties: int) -> Extremes:
