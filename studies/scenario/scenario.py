@@ -20,7 +20,7 @@ from studies.scenario.piercing import Piercing, grips, place_refused
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import WHOLE, Output, Solve
 from studies.scenario.stitch import Stitch, long_form
-from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, refused, repetition
+from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, refuse, refused, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
 from studies.scenario.tie import Tie, check_ties
 from studies.scenario.tract import Tract, check_tracts
@@ -286,8 +286,7 @@ def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None =
     for hole, s in placed:
         check_within(hole, s, length)
     for (before, low), (after, high) in pairwise(placed):
-        if high <= low:
-            raise refused(after.key("s"), high, "holes-order", key=before.key("s"), low=low)
+        refuse(high <= low, after.key("s"), high, "holes-order", key=before.key("s"), low=low)
 
 
 def check_within(hole: Piercing, s: float, length: float | None) -> None:
@@ -308,8 +307,7 @@ def check_within(hole: Piercing, s: float, length: float | None) -> None:
 def check_cuts(cuts: Sequence[float], length: float, key: str = "thread.cuts") -> None:
     """Refuse cuts of this `key` that lie outside the thread of this length [m]."""
     for s in cuts:
-        if s >= length:
-            raise refused(key, s, "cut-outside", length=length)
+        refuse(s >= length, key, s, "cut-outside", length=length)
 
 
 def check_spans(
@@ -320,8 +318,7 @@ def check_spans(
     `ends` are the ends of the pieces and `breaks` the ends of the spans [m].
     """
     for before, after in pairwise(ends) if cuts else ():
-        if sum(before <= s <= after for s in breaks) < 3:
-            raise refused(key, cuts, "piece-short", begins=before, ends=after)
+        refuse(sum(before <= s <= after for s in breaks) < 3, key, cuts, "piece-short", begins=before, ends=after)
 
 
 def check_control_points(control_points: int, piercings: int) -> None:

@@ -37,6 +37,12 @@ def refused(key: str | Iterable[object], value: object, reason: str, /, **values
     return ScenarioError(refusal(name, value, because(reason, **values)))
 
 
+def refuse(wrong: object, key: str | Iterable[object], value: object, reason: str, /, **values: object) -> None:
+    """Raise the error for a value if it is wrong; the arguments are those of `refused`."""
+    if wrong:
+        raise refused(key, value, reason, **values)
+
+
 def plain_values(value: Any) -> Any:
     """Return tables, lists and numbers as in a file, with Python's numbers instead of numpy's."""
     match value:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from studies.scenario.piercing import Friction, Piercing
-from studies.scenario.table import SUBGRID, ScenarioTable, refused
+from studies.scenario.table import SUBGRID, ScenarioTable, refuse, refused
 from studies.scenario.values import Positive, Text
 
 
@@ -35,23 +35,18 @@ def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: b
     names = [hole.name for hole in holes]
     for k, tract in enumerate(tracts):
         key, value = f"tract.{k}.between", tract.between
-        if not in_organ:
-            raise refused(key, value, "tract-organ")
-        if scheme == "linear":
-            raise refused(key, value, "tract-linear")
+        refuse(not in_organ, key, value, "tract-organ")
+        refuse(scheme == "linear", key, value, "tract-linear")
         for name in value:
             if name not in names:
                 known = ", ".join(map(repr, names)) or "none"
                 raise refused(key, value, "tract-unknown", name=name, known=known)
-        if any(value == other.between for other in tracts[:k]):
-            raise refused(key, value, "tract-twice")
+        refuse(any(value == other.between for other in tracts[:k]), key, value, "tract-twice")
         (one, other), (first, last) = value, map(names.index, value)
         if last != first + 1:
             following = f"; after {one!r} it passes {names[first + 1]!r}" if first + 1 < len(names) else ""
             raise refused(key, value, "tract-apart", one=one, other=other, following=following)
         ends = holes[first : last + 1]
         for hole in ends:
-            if hole.from_ > 0.0 or hole.until is not None:
-                raise refused(key, value, "tract-passing", hole=hole.key())
-        if tract.radius is None and not min(hole.footprint for hole in ends):
-            raise refused(key, value, "tract-radius", number=k)
+            refuse(hole.from_ > 0.0 or hole.until is not None, key, value, "tract-passing", hole=hole.key())
+        refuse(tract.radius is None and not min(hole.footprint for hole in ends), key, value, "tract-radius", number=k)

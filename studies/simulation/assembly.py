@@ -22,7 +22,7 @@ from studies.scenario import Scenario
 from studies.scenario.course import Timed
 from studies.scenario.organ import ACCURACY, LIPS, Reduction
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
-from studies.scenario.table import refused
+from studies.scenario.table import refuse, refused
 from studies.scenario.values import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
@@ -222,8 +222,7 @@ def length_of(scenario: Scenario, path: RoundedPath | LaidPath) -> float:
     Raises `ScenarioError` if it differs too much from the path.
     """
     length = scenario.thread.length or path.length
-    if path.length > STRETCH * length:
-        raise refused("thread.length", length, "thread-short", path=path.length)
+    refuse(path.length > STRETCH * length, "thread.length", length, "thread-short", path=path.length)
     if length > STRETCH * path.length:
         share = path.length / length
         raise refused("thread.length", length, "thread-long", path=path.length, share=share)

@@ -30,7 +30,7 @@ from studies.arrays import GIGA, Array
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.organ import idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
-from studies.scenario.table import refused
+from studies.scenario.table import refuse, refused
 
 log = logging.getLogger(__name__)
 
@@ -123,8 +123,7 @@ def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
     """Refuse a held boundary with facets inside the organ. Raises `ScenarioError`."""
     for name in names:
         inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
-        if inside:
-            raise refused(f"tissue.{key}", list(names), "facets-inside", count=inside, name=name)
+        refuse(inside, f"tissue.{key}", list(names), "facets-inside", count=inside, name=name)
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:
@@ -249,10 +248,8 @@ def check_loaded(mesh: skfem.MeshTet, table: model.Tissue) -> None:
     held = np.asarray(tissue.held_components(mesh, table.clamp, table.roller).all(axis=1))
     for number, load in enumerate(table.load):
         facets, key = (mesh.boundaries or {})[load.boundary], f"tissue.load.{number}.boundary"
-        if held[mesh.facets[:, facets]].all():
-            raise refused(key, load.boundary, "load-held")
-        if np.any(mesh.f2t[1, facets] >= 0):
-            raise refused(key, load.boundary, "load-inside")
+        refuse(held[mesh.facets[:, facets]].all(), key, load.boundary, "load-held")
+        refuse(np.any(mesh.f2t[1, facets] >= 0), key, load.boundary, "load-inside")
 
 
 def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
@@ -278,8 +275,7 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
     centres = mesh.p[:, mesh.facets[:, surface]].mean(axis=1)
     for box in boxes:
         key = "tissue", "boundary", box.name
-        if box.name in named:
-            raise refused(key, box.name, "boundary-twice")
+        refuse(box.name in named, key, box.name, "boundary-twice")
         named[box.name] = surface[is_inside(centres, np.array(box.box))]
         if named[box.name].size == 0:
             raise empty_place(mesh, (*key, "box"), box.box, "surface facet")

@@ -11,7 +11,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario
 from studies.scenario.scenario import check_spans
-from studies.scenario.table import refused
+from studies.scenario.table import refuse, refused
 from thread.cutting import SLIVER, cut
 from thread.errors import ThreadError
 from thread.spline import Spline
@@ -54,8 +54,7 @@ def check_stubs(cuts: Sequence[float], ends: Sequence[float], diameter: float, k
     """
     every = list(ends)
     for s in cuts:
-        if min(abs(end - s) for end in every) < diameter:
-            raise refused(key, s, "stub", diameter=diameter)
+        refuse(min(abs(end - s) for end in every) < diameter, key, s, "stub", diameter=diameter)
         every.append(s)
 
 
@@ -95,8 +94,7 @@ def check_draws(holes: Sequence[model.Piercing], spline: Spline, s: Sequence[flo
         if hole.draw and (way.min() <= start or way.max() >= end):
             raise refused(key, hole.draw, "drawn-out", at=at, begins=start, ends=end)
         name, last = before.get(piece, ("", np.full(way.shape, -np.inf)))
-        if np.any(way <= last):
-            raise refused(key, hole.draw, "drawn-past", name=name)
+        refuse(np.any(way <= last), key, hole.draw, "drawn-past", name=name)
         before[piece] = (hole.name, way)
 
 

@@ -20,7 +20,7 @@ from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario
 from studies.scenario.meanings import because
-from studies.scenario.table import refused
+from studies.scenario.table import refuse, refused
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
 
@@ -95,12 +95,9 @@ class Stepper:
 
     def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
         scenario = simulation.scenario
-        if end not in ENDS:
-            raise refused("end", end, "end-unknown")
-        if deadline is not None and not deadline >= 0.0:
-            raise refused("deadline", deadline, "deadline")
-        if scenario.solve.kind == "static":
-            raise refused("solve.kind", "static", "stepper-static")
+        refuse(end not in ENDS, "end", end, "end-unknown")
+        refuse(deadline is not None and not deadline >= 0.0, "deadline", deadline, "deadline")
+        refuse(scenario.solve.kind == "static", "solve.kind", "static", "stepper-static")
         self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
         self._now = simulation.beginning()
         if not is_led(self._now.system.ends[self._side]):

@@ -11,7 +11,7 @@ import tissue
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Piercing, Scenario, Tract
-from studies.scenario.table import refused
+from studies.scenario.table import refuse, refused
 from thread.path import RoundedPath
 
 Distances = Callable[[Array], Array]
@@ -54,12 +54,10 @@ def with_balls(
         first, last = (next(k for k, hole in enumerate(holes) if hole.name == name) for name in tract.between)
         low, high = places[first], places[last]
         for cut in scenario.thread.cuts:
-            if low < cut < high:
-                raise refused(f"tract.{number}.between", tract.between, "tract-cut", cut=cut)
+            refuse(low < cut < high, f"tract.{number}.between", tract.between, "tract-cut", cut=cut)
         radius, ends = radius_of(tract, holes), (low * path.length / length, high * path.length / length)
         deep = deep_parts(path, *ends, radius, depths)
-        if not len(deep):
-            raise refused(f"tract.{number}.between", tract.between, "tract-shallow", radius=radius, number=number)
+        refuse(not len(deep), f"tract.{number}.between", tract.between, "tract-shallow", radius=radius, number=number)
         balls = balls_of(tract, path, deep, radius)
         shares = [(at - ends[0]) / (ends[1] - ends[0]) for at, _ in balls]
         holes[last:last] = [ball for _, ball in balls]
