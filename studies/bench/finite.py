@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 import tissue
 from coupling.run import begin
 from studies.arrays import MILLI
-from studies.bench.rows import Numbers, keep, printed
+from studies.bench.rows import Numbers, keep, printed, steps_in_turn
 from studies.bench.step import COUPLED, FIXED, SCENES, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -79,16 +79,9 @@ def measure_step(case: str, overrides: list[str]) -> Numbers:
     scenarios = [load(COUPLED, [*FIXED, *overrides, *more]) for more in (STIFFENING, [])]
     assemblies = [assemble(scenario) for scenario in scenarios]
     runs, dt = [begin(each.system, each.start()) for each in assemblies], scenarios[0].solve.dt
-    times: list[list[float]] = [[], []]
-    corrections: list[list[int]] = [[], []]
-    for _ in range(WARM_UP + STEPS):
-        for k, run in enumerate(runs):
-            began = process_time()
-            runs[k] = run.step(dt)
-            times[k].append(process_time() - began)
-            corrections[k].append(runs[k].iterations)
-    step, linear = (median(each[WARM_UP:]) / MILLI for each in times)
-    counts = [sum(each[WARM_UP:]) / STEPS for each in corrections]
+    taken = list(steps_in_turn(runs, dt, WARM_UP + STEPS))[WARM_UP:]
+    step, linear = (median(times[k] for _, times in taken) / MILLI for k in (0, 1))
+    counts = [sum(made[k].iterations for made, _ in taken) / STEPS for k in (0, 1)]
     found = {"case": case, "tissue_unknowns": int(assemblies[0].organ.size)}
     found |= {"step": step, "linear": linear}
     found |= dict(zip(("corrections", "linear_corrections"), counts, strict=True))

@@ -25,7 +25,7 @@ from coupling.run import begin
 from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import MEGA, MILLI, Array
-from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, steps_in_turn, time_call
 from studies.bench.step import COMPILED, COUPLED, FIXED, SIZES
 from studies.scenario import load
 from studies.simulation.assembly import assemble
@@ -88,15 +88,9 @@ def measure_job(case: str, mesh: Sequence[str]) -> Numbers:
     assert isinstance(full, tissue.DynamicOrgan) and isinstance(organ, tissue.ReducedOrgan)
     runs = [begin(assembly.system, assembly.start(), bdf2_step) for assembly in (whole, small)]
     dt = whole.scenario.solve.dt
-    times: list[list[float]] = [[], []]
-    pairs = []
-    for _ in range(STEPS):
-        for k, run in enumerate(runs):
-            began = process_time()
-            runs[k] = run.step(dt)
-            times[k].append(process_time() - began)
-        pairs.append((runs[0].state.organ, runs[1].state.organ))
-    step, whole_step = (median(each[STEPS // 2 :]) / MILLI for each in times[::-1])
+    taken = list(steps_in_turn(runs, dt, STEPS))
+    runs, pairs = taken[-1][0], [(one.state.organ, other.state.organ) for (one, other), _ in taken]
+    step, whole_step = (median(times[k] for _, times in taken[STEPS // 2 :]) / MILLI for k in (1, 0))
     at_once = median(time_call(lambda: runs[1].steps(dt, STEPS)) for _ in range(REPEATED)) / STEPS / MILLI
     parts = time_organ(organ, runs[1].state.organ, dt), time_organ(full, runs[0].state.organ, dt)
     sizes = {"case": case, "tissue_unknowns": full.size, "vectors": organ.reduction.size}

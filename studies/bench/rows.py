@@ -1,6 +1,6 @@
 """Printing and storage of the benchmarks' measurements, row by row, and the clock."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from studies.lists import list_of
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
+from studies.simulation.memory import OrganRun
 
 Numbers = dict[str, Any]  # the numbers of a case by name; None for a number that does not apply
 SCALES = {"MB": 1e6, "ms": 1e-3}
@@ -56,6 +57,21 @@ def time_call(call: Callable[[], object]) -> float:
     began = process_time()
     call()
     return process_time() - began
+
+
+def steps_in_turn(runs: Sequence[OrganRun], dt: float, count: int) -> Iterator[tuple[list[OrganRun], list[float]]]:
+    """Yield runs after each of a number of steps, which they make in turn.
+
+    The processor times of the steps are given too [s].
+    """
+    now = list(runs)
+    for _ in range(count):
+        times = []
+        for k, run in enumerate(now):
+            began = process_time()
+            now[k] = run.step(dt)
+            times.append(process_time() - began)
+        yield list(now), times
 
 
 def keep(path: Path | None, found: Mapping[str, Any]) -> int:
