@@ -39,7 +39,7 @@ from matplotlib.figure import Figure
 
 from coupling.reports.observation import site_compliance
 from studies.arrays import MILLI
-from studies.figure import COLOURS, MARKERS, Item, both, curve, draw, laws, panel, series, several, value
+from studies.figure import COLOURS, MARKERS, Item, both, curve, described, draw, laws, panel, series, several, value
 from studies.lists import study_list
 from studies.simulation import prepare
 from studies.study import Columns, Job, Table, each, grouped, measure, measured, require, scene, unit_field
@@ -289,28 +289,23 @@ def figure(rows: Sequence[Row]) -> Figure:
     radii = runs_of_ladder(rows, "footprint", FITTED)
     a, (along, normal) = np.array([run.footprint for run in radii]) / MILLI, list(QUANTITIES)[:2]
     inverse = [lambda x, key=key: getattr(radii[0], key) / MILLI * a[0] / x for key in (along, normal)]
-    shrinking = panel(
-        "footprint a [mm]", "compliance [mm/N]",
-        several(radii, "footprint [mm]", {QUANTITIES[key][0]: f"{key} [mm/N]" for key in (along, normal)}),
-        laws(inverse, a, ":"), curve([], [], "1/a", ":"), log="xy", ticks={"x": sorted(a), "y": DECADE},
-    )  # fmt: skip
-    limit = verdict_on(cells[FOOTPRINT_P2], along).limit
-    errors = panel(
-        "cells h [mm]", "error of the compliance along the surface [-]",
-        *(error_of(cells[name], k, along, limit, name) for k, name in enumerate(VARIANTS) if k),
-        log="xy", ticks=sizes,
-    )  # fmt: skip
-    coupled = runs_of_ladder(rows, "coupled", FOOTPRINT_P1)
-    together = panel(
-        "cells h, with spans and steps [mm]", "error [-]",
-        *(
-            error_of(coupled, k, key, verdict_on(coupled, key).limit, name)
-            for k, (key, (name, _)) in enumerate(QUANTITIES.items()) if can_change("coupled", key)
-        ),
-        log="xy", ticks={"x": sorted(run.h / MILLI for run in coupled)},
+    limit, coupled = verdict_on(cells[FOOTPRINT_P2], along).limit, runs_of_ladder(rows, "coupled", FOOTPRINT_P1)
+    together = [
+        error_of(coupled, k, key, verdict_on(coupled, key).limit, name)
+        for k, (key, (name, _)) in enumerate(QUANTITIES.items())
+        if can_change("coupled", key)
+    ]
+    panels = described(
+        "mesh_refinement",
+        [
+            several(radii, "footprint [mm]", {QUANTITIES[key][0]: f"{key} [mm/N]" for key in (along, normal)}),
+            laws(inverse, a, ":"), curve([], [], "1/a", ":"), {"ticks": {"x": sorted(a), "y": DECADE}},
+        ],
+        [*(error_of(cells[name], k, along, limit, name) for k, name in enumerate(VARIANTS) if k), {"ticks": sizes}],
+        [*together, {"ticks": {"x": sorted(run.h / MILLI for run in coupled)}}],
     )  # fmt: skip
     others = changes(rows, "control points", "control_points", "-"), changes(rows, "time step", "dt [ms]", "ms")
-    return draw([*places, shrinking, errors, together, *others])
+    return draw([*places, *panels, *others])
 
 
 def error_of(runs: Sequence[Row], k: int, quantity: str, limit: float, name: str) -> Item:
