@@ -4,7 +4,7 @@ They are next to its modules, and each study has its `study.toml`.
 """
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +26,13 @@ def study_list(name: str) -> dict[str, Any]:
     return list_of(__file__, f"{name}/study.toml")
 
 
-def sentences(name: str) -> Callable[..., str]:
-    """Return the function that makes a sentence of a study's `[words]`.
+def sentences(words: Mapping[str, str]) -> Callable[..., str]:
+    """Return the function that makes a sentence of a list of words.
 
     Its arguments are the values that the sentence names.
     """
-    words = study_list(name)["words"]
 
-    def say(which: str, **values: Any) -> str:
+    def say(which: str, /, **values: Any) -> str:
         return str(words[which].format(**values))
 
     return say

@@ -8,6 +8,7 @@ import numpy as np
 
 from studies.arrays import MILLI
 from studies.command.lines import print_lines
+from studies.lists import list_of, sentences
 from studies.output.columns import ENDS
 from studies.output.folder import Recorder
 from studies.output.manifest import files_of
@@ -16,23 +17,19 @@ from studies.output.remarks import Remark
 from studies.output.tally import Status
 from studies.scenario import Piercing, PulledEnd, Scenario, Thread
 
+say = sentences(list_of(__file__, "summary.toml"))
 SEEN = 1e-6  # m: a smaller distance from the intended place is not shown
 
 
 def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     """Return the summary of a run in lines for a person."""
-    iterations = summary["newton_iterations"] / max(summary["steps"], 1)
-    pace = summary["seconds_per_step"]
-    begun = " from rest" if scenario.solve.start == "rest" else ""
-    speed = f" and {pace / MILLI:.3g} ms" if pace is not None else ""
-    lines = [
-        f"{scenario.title or 'run'}: {summary['status']} at t = {summary['time']:.6g} s "
-        f"after {summary['steps']} steps{begun} ({iterations:.2g} Newton iterations{speed} a step)",
-    ]
+    pace, rest = summary["seconds_per_step"], scenario.solve.start == "rest"
+    words = {"title": scenario.title or "run", "begun": " from rest" if rest else ""}
+    words["speed"] = f" and {pace / MILLI:.3g} ms" if pace is not None else ""
+    lines = [say("run", iterations=summary["newton_iterations"] / max(summary["steps"], 1), run=summary, **words)]
     if "energy" in summary:
-        lines += ["", *_energy_lines(summary["energy"])]
-        strain = f"{100 * summary['thread']['max_strain']:.3g} %"
-        lines.append(f"thread     at most {summary['constraint_max']:.0e} m from its holes, largest strain {strain}")
+        lines += ["", *say("energy", **summary["energy"]).splitlines()]
+        lines.append(say("thread", strain=100 * summary["thread"]["max_strain"], far=summary["constraint_max"]))
     return lines
 
 
@@ -48,25 +45,7 @@ def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
 def _piercing_line(piercing: PiercingRecord, width: int) -> str:
     x = " ".join(f"{value / MILLI:z6.2f}" for value in piercing.x)
     force = float(np.linalg.norm(piercing.force))
-    return (
-        f"{piercing.name:{width}} {piercing.state:8} {x} {piercing.slip / MILLI:z9.3f} {force:9.4g} "
-        f"{piercing.tension_before:9.4g} | {piercing.tension_after:9.4g}"
-    )
-
-
-def _energy_lines(energy: dict[str, float]) -> list[str]:
-    names = {
-        "work": "external_work",
-        "kinetic": "kinetic",
-        "thread": "elastic_thread",
-        "tissue": "elastic_tissue",
-        "friction": "friction_dissipation",
-        "viscous": "viscous_dissipation",
-        "numerical": "numerical_dissipation",
-        "balance": "balance_error",
-    }
-    terms = [f"{short} {energy[name]:.3g}" for short, name in names.items()]
-    return [f"energy [J] {', '.join(terms[:4])}", f"           {', '.join(terms[4:])}"]
+    return say("piercing", hole=piercing, width=width, x=x, slip=piercing.slip / MILLI, force=force)
 
 
 def remark_lines(remarks: Sequence[Remark]) -> list[str]:
@@ -118,13 +97,9 @@ def load_lines(thread: Thread) -> list[str]:
 
 def contact_line(contact: ContactRecord) -> str:
     """Return the line on two surfaces in contact."""
-    rubs = f", friction {contact.friction:.3g} N, {contact.slipping} pairs slip" if contact.friction else ""
-    return (
-        f"contact    {contact.pair}: {contact.pressed} of {contact.pairs} node pairs are pressed, largest "
-        f"pressure {contact.largest_pressure:.3g} Pa, total force {contact.force:.3g} N{rubs}; gap "
-        f"{contact.smallest_gap / MILLI:.3g} to {contact.largest_gap / MILLI:.3g} mm, open area "
-        f"{contact.open_area / MILLI**2:.3g} mm²"
-    )
+    rubs = say("rubs", contact=contact) if contact.friction else ""
+    gaps = {"low": contact.smallest_gap / MILLI, "high": contact.largest_gap / MILLI}
+    return say("contact", contact=contact, rubs=rubs, area=contact.open_area / MILLI**2, **gaps)
 
 
 def wound_lines(contact: ContactRecord) -> list[str]:
@@ -136,20 +111,15 @@ def wound_lines(contact: ContactRecord) -> list[str]:
     angle = contact.eversion
     way = "in" if angle is not None and angle < 0.0 else "out"
     turned = "" if angle is None else f", and its edges are turned {way} by {abs(np.degrees(angle)):.2g}°"
-    return [
-        f"wound      {contact.pair}: closure force {contact.closure_force:.3g} N{most}; "
-        f"{100 * contact.approximation:.3g} % of its area is closed{turned}"
-    ]
+    closed = 100 * contact.approximation
+    return [say("wound", contact=contact, most=most, closed=closed, turned=turned)]
 
 
 def range_line(met: Mapping[str, Any]) -> str:
     """Return the line on strains and rotations of the tissue, from `range` of `summary.json`."""
     holes = met["piercings"].values()
     strain, turn = (max((hole[name] for hole in holes), default=0.0) for name in ("mean_strain", "turn"))
-    return (
-        f"tissue     largest strain {strain:.2g} at a hole and {met['largest_strain']:.2g} in a cell, largest "
-        f"rotation {turn:.2g} rad at a hole and {met['largest_rotation']:.2g} rad in a cell"
-    )
+    return say("range", strain=strain, turn=turn, met=met)
 
 
 def print_summary(scenario: Scenario, recorder: Recorder, status: Status, picture: str = "") -> None:

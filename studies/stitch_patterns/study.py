@@ -34,7 +34,7 @@ from coupling.run.run import Run, begin
 from studies.arrays import Array
 from studies.figure import curve, described, deviations, draw, laws, level, series
 from studies.friction.study import laid_through
-from studies.lists import sentences
+from studies.lists import sentences, study_list
 from studies.study import Table, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
@@ -82,7 +82,7 @@ PATTERNS = {
     "vertical mattress": Pattern(7.25, 1.33, -X, (*LOOP, *BACK, (-X, LEFT))),
     "horizontal mattress": Pattern(8.11, 1.00, -Y, (*LOOP[:3], (Y, RIGHT), *BACK, (-Y, LEFT))),
 }
-say = sentences("stitch_patterns")
+say = sentences(study_list("stitch_patterns")["words"])
 FITTED = "single"  # stitch of the fit of μ
 
 

@@ -42,7 +42,7 @@ LEG, OFFSET, DIP = 0.02, 4e-3, 1e-3  # of the loop: beyond the strip, of either 
 NEAR = 2.0  # footprints around the hole in which the largest stretch is sought
 MIDDLE = 0.15  # of the strip's length: its middle part, stretched as in a uniaxial test
 LINEAR, COARSER = "linear organ", "coarser cells"
-say = sentences("suture_retention")
+say = sentences(study_list("suture_retention")["words"])
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ SIX = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]  # xx, yy, zz, xy, yz, xz of a tens
 DEPARTURE = 0.05  # relative error of the linear organ's displacement at the end of its range
 
 TISSUES = study_list("suture_tension")["published"]
-say = sentences("suture_tension")
+say = sentences(study_list("suture_tension")["words"])
 MATERIALS = study_list("suture_tension")["materials"]  # with the same E and ν at small strain
 VARIED = {"cells": "cells", "bite width": "bite", "bite depth": "depth"}  # field by sweep
 

@@ -34,7 +34,7 @@ from scipy.optimize import brentq
 from coupling.system import State
 from studies.arrays import MILLI, Array
 from studies.figure import COLOURS, curve, described, draw, level, series, unnamed
-from studies.lists import sentences
+from studies.lists import sentences, study_list
 from studies.study import Columns, Table, each, grouped, measure, measured, require
 from studies.theory import Fibrous
 from studies.wounds import MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
@@ -49,7 +49,7 @@ WOUNDS = (SLIT, *(wound for source in MEASURED for wound in source.wounds))
 POUND = 4.4482216  # pound-force [N]
 STRIPS = {10: 0.90, 11: 2.693, 12: 2.445, 13: 2.545, 14: 2.701, 15: 3.063}  # width [mm]: pull [lbf], Ahmad 2019
 LINEAR_SHEET = "linear sheet"
-say = sentences("taut_skin")
+say = sentences(study_list("taut_skin")["words"])
 
 
 @dataclass(frozen=True)

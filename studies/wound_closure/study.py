@@ -33,7 +33,7 @@ from coupling.arrays import Flags
 from coupling.joins.contact import observe_contact
 from studies.arrays import MILLI, Array
 from studies.figure import MARKERS, Item, curve, described, draw, level, series, unnamed
-from studies.lists import sentences
+from studies.lists import sentences, study_list
 from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Wound
@@ -41,7 +41,7 @@ from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOU
 PLACES = 41  # number of places along the wound for the gaps
 CROSSED = 1e-9  # of the width: allowed overlap of the lips
 CONVERGED = 0.05  # allowed relative change of the compared force by a check
-say = sentences("wound_closure")
+say = sentences(study_list("wound_closure")["words"])
 VERDICTS = {True: "agrees", False: "DISAGREES"}
 FINER, LARGER, NEARER, HALVES = CHECKS = ("finer mesh", "larger sheet", "lips twice as near", "half the pitch and bite")
 
