@@ -157,7 +157,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
         compiled=is_compiled(scenario.solve),
         contact=None if body is None else contact_of(scenario, holes, path, at, depths),
     )
-    recovery = partial(stored_recovery, scenario, body, store)
+    recovery = cache(partial(stored_recovery, scenario, body, store))
     return Assembly(whole, holes, system, organ, laid, at, np.array(s), body, recovery, depths, given, fit)
 
 

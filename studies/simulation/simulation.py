@@ -169,11 +169,6 @@ class Simulation:
         """Return the record of a step whose computation took `seconds`."""
         return step_record(now, seconds, self.open_lips)
 
-    @cached_property
-    def recovery(self) -> tissue.StressRecovery | None:
-        """Stress from displacement, None without an organ."""
-        return self.assembly.recovery()
-
     def advance(self, memory: Arrays | None = None) -> Moments:
         """Yield the start, then every step, each with a function that makes its frame.
 
@@ -322,9 +317,10 @@ class Simulation:
     def _linear_fields(self, body: tissue.Elasticity, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
         """Return the stress at the nodes of a linear organ, and other fields by their names."""
         organ: Any = self.assembly.organ
-        assert self.recovery is not None
+        recovery = self.assembly.recovery()
+        assert recovery is not None
         U = organ.displacement(state)
-        stress = self.recovery.stress(U)
+        stress = recovery.stress(U)
         if isinstance(organ, tissue.RelaxingOrgan):
             stress = stress - organ.relaxed_stress(state)
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
