@@ -53,7 +53,7 @@ def in_python(key: str, value: Any) -> Any:
     if isinstance(value, str) and value.startswith("@"):
         module, _, name = value[1:].partition(":")
         return getattr(import_module(module), name)
-    return KINDS.get(value, value) if key in ("type", "action") else value
+    return KINDS.get(value, value) if key == "type" else value
 
 
 def read(arguments: Sequence[str] | None = None) -> argparse.Namespace:
@@ -111,23 +111,9 @@ def _levels(text: str) -> int:
     return int(text)
 
 
-class Columns(argparse.Action):
-    """Accept two or three names."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
-    ) -> None:
-        """Store the names, or end the process for another number of names."""
-        names = list(values) if isinstance(values, list) else []
-        if len(names) not in (2, 3):
-            parser.error(f"{option} needs two columns, x and y, or three, x, y and by; got {len(names)}")
-        setattr(namespace, self.dest, names)
-
-
-KINDS: dict[str, Callable[..., Any]] = {  # of the values of `type` and `action` in the list
+KINDS: dict[str, Callable[..., Any]] = {  # of the values of `type` in the list
     "path": Path,
     "float": float,
     "count": _count,
     "levels": _levels,
-    "columns": Columns,
 }

@@ -13,6 +13,7 @@ from studies.extras import installation
 from studies.output.files import as_json
 from studies.refinement.refine import in_words, refine
 from studies.refinement.refined import Refined
+from studies.scenario import ScenarioError
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
@@ -28,12 +29,14 @@ def run_sweep(options: argparse.Namespace) -> int:
 
     A failed case is a row of the table; the exit status is still 0.
     """
-    cases = cases_of(options)
+    cases, wanted = cases_of(options), options.plot or []
+    if len(wanted) not in (0, 2, 3):
+        raise ScenarioError(f"--plot needs two columns, x and y, or three, x, y and by; got {len(wanted)}")
     base = read(options.file, options.set)
     teller = Teller(options.json)
     teller.begin(len(cases) or 1)
     try:
-        workers, wanted = workers_of(options.jobs, options.dask), options.plot or []
+        workers = workers_of(options.jobs, options.dask)
         if wanted:
             from studies.figure import write_figure  # refused before the runs if matplotlib is missing
             from studies.sweeps.figure import figure
