@@ -118,5 +118,5 @@ def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = 
 
 
 def view_controls() -> str:
-    """Return the place of the view in space with its controls."""
+    """Return the section of the view in space with its controls."""
     return (HERE / "view.html").read_text(encoding="utf-8")

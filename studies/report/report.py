@@ -175,11 +175,6 @@ def run_sections(runs: Mapping[str, OpenRun], charts: Sequence[str], has_views: 
         yield page.side_by_side(last_picture(run), doubts(run) + page.table(["quantity", ""], hole_rows([run])))
     yield f'<div class="charts">{"".join(places[:FIRST])}</div>'
     if has_views:
-        yield page.heading("In space")
-        yield page.paragraph(
-            "Deformations are to scale. The thread is coloured by its tension; arrows are forces of the holes on the "
-            "thread, all to the same scale. Drag to turn, scroll to zoom."
-        )
         yield page.view_controls()
     yield page.heading("Summary")
     yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
