@@ -31,7 +31,7 @@ from threadpoolctl import threadpool_limits
 
 from studies.lists import study_list
 from studies.output.files import comma_separated, read_json, unfinished, write_json, write_text
-from studies.output.lock import foreign_file, locked
+from studies.output.lock import locked, refuse_foreign_files, refused
 from studies.output.provenance import provenance
 from studies.scenario.refusal import as_toml, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
@@ -248,18 +248,11 @@ def check_folder(folder: Path, overwrite: bool = False) -> None:
 
     It holds other files, or an earlier study that may not be replaced.
 
-    Raises `StudyError`.
+    Raises `ScenarioError`.
     """
-    if folder.exists() and not folder.is_dir():
-        raise StudyError(f"--out {folder} is refused: it is a file; give a folder")
-    if other := foreign_file(folder, WRITTEN, holds_study(folder)):
-        reason = f"it holds files that no study wrote ({other}); give a new or empty folder"
-        raise StudyError(f"--out {folder} is refused: {reason}")
+    refuse_foreign_files(folder, WRITTEN, holds_study(folder), "study")
     if holds_study(folder) and not overwrite:
-        raise StudyError(
-            f"--out {folder} is refused: it already holds a study; add --overwrite to replace it, or give another "
-            "folder"
-        )
+        raise refused(folder, "it already holds a study; add --overwrite to replace it, or give another folder")
 
 
 def holds_study(folder: Path) -> bool:

@@ -37,6 +37,15 @@ def foreign_file(folder: Path, names: Collection[str], known: bool) -> str:
     return next((name for name in there if name not in begun and not (known and name in names)), "")
 
 
+def refuse_foreign_files(folder: Path, names: Collection[str], known: bool, what: str) -> None:
+    """Refuse a folder with files that no `what` wrote; the others are as in `foreign_file`.
+
+    Raises `ScenarioError`.
+    """
+    if other := foreign_file(folder, names, known):
+        raise refused(folder, f"it holds files that no {what} wrote ({other}); give a new or empty folder")
+
+
 @contextmanager
 def locked(folder: Path | str) -> Iterator[None]:
     """Lock a folder for a run; a missing folder is made.

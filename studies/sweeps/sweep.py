@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from studies.output.files import as_json, read_json, unfinished, write_json
-from studies.output.lock import folder_of, foreign_file, locked, refused
+from studies.output.lock import folder_of, locked, refuse_foreign_files
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
 from studies.scenario import Scenario, ScenarioError
@@ -147,8 +147,7 @@ def planned_case(settings: Settings, data: dict[str, Any]) -> Planned:
 def check_folder(folder: Path, kind: str = "sweep") -> None:
     """Refuse a folder with files of another kind. Raises `ScenarioError`."""
     refuse_links(folder, [CASES])
-    if other := foreign_file(folder, OWN, holds_sweep(folder, kind)):
-        raise refused(folder, f"it holds files that no {kind} wrote ({other}); give a new or empty folder")
+    refuse_foreign_files(folder, OWN, holds_sweep(folder, kind), kind)
 
 
 def holds_sweep(folder: Path, kind: str = "sweep") -> bool:

@@ -195,12 +195,12 @@ def test_a_folder_of_somebody_else_is_refused(sample: None, tmp_path: Path, caps
     assert command.main(["study", "sample", "--out", str(tmp_path)]) == 2
     assert "files that no study wrote (letter.txt)" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
-    with pytest.raises(StudyError, match="it is a file"):
-        check_folder(tmp_path / "letter.txt")
+    with pytest.raises(ScenarioError, match="it is a file"):
+        carry_out("sample", "quick", {}, tmp_path / "letter.txt", lambda rows: None)
     (tmp_path / "letter.txt").unlink()
     for name, text in (("table.csv", "mine"), ("study.json", '{"study": "mine"}')):
         (tmp_path / name).write_text(text)
-        with pytest.raises(StudyError, match=r"files that no study wrote \(study\.json\)|\(table\.csv\)"):
+        with pytest.raises(ScenarioError, match=r"files that no study wrote \(study\.json\)|\(table\.csv\)"):
             check_folder(tmp_path, overwrite=True)
 
 
