@@ -48,21 +48,6 @@ BOUNDS |= {"SEEN": SEEN, "SWITCHES": SWITCHES}
 
 
 @dataclass(frozen=True)
-class Kind:
-    """A kind of remark.
-
-    `bound` is the condition of the remark and `reason` its explanation, both for the manual.
-    `message` is the text of the remark, with names in braces for its values.
-    """
-
-    code: str
-    bound: str
-    reason: str
-    message: str
-    severity: Severity = "unsupported"
-
-
-@dataclass(frozen=True)
 class Remark:
     """A remark on a run; `where` names a piercing, a key, or a part of the run."""
 
@@ -86,13 +71,15 @@ class Remark:
         return asdict(self)
 
 
-CATALOGUE = {code: Kind(code, **table) for code, table in list_of(__file__, "remarks.toml").items()}
+# A remark by its code: the condition `bound` and its `reason`, both for the manual, and the `message` with names in
+# braces for its values.
+CATALOGUE = {code: {"severity": "unsupported", **table} for code, table in list_of(__file__, "remarks.toml").items()}
 
 
 def remark(code: str, where: str, **values: object) -> Remark:
     """Return a remark of the catalogue by its code, with the values that its message names."""
     kind = CATALOGUE[code]
-    return Remark(code, kind.severity, kind.message.format(where=where, **BOUNDS, **values), where)
+    return Remark(code, kind["severity"], kind["message"].format(where=where, **BOUNDS, **values), where)
 
 
 def judged(deserved: bool, code: str, where: str, **values: object) -> list[Remark]:
@@ -111,8 +98,8 @@ def markdown() -> str:
     for severity in get_args(Severity):
         lines += ["", f"Severity `{severity}`:", ""]
         lines += [
-            f"- `{kind.code}`: {kind.bound.format(**BOUNDS)}. {kind.reason[0].upper()}{kind.reason[1:]}."
-            for kind in CATALOGUE.values()
-            if kind.severity == severity
+            f"- `{code}`: {kind['bound'].format(**BOUNDS)}. {kind['reason'][0].upper()}{kind['reason'][1:]}."
+            for code, kind in CATALOGUE.items()
+            if kind["severity"] == severity
         ]
     return "\n".join([*lines, "", ""])
