@@ -8,6 +8,7 @@ its turns. The hands draw both ends of a stitch equally.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +40,10 @@ MOVES = 30  # largest number of moves of the hands
 TOGETHER, IN_TURN = "all at once", "one after another"
 
 
-@dataclass(frozen=True)
-class Source:
-    """A published pair of wounds: length and width [m], and the largest force of a stitch [N]."""
-
-    name: str
-    wounds: tuple[tuple[float, float], ...]
-    forces: Sequence[float]
-    way: str  # order in which the stitches are drawn here for comparison
-
-
+# Published pairs of wounds, by their `name`: `wounds` are lengths and widths [m], `forces` the largest forces of a
+# stitch [N], and `way` the order in which the stitches are drawn here for comparison.
 SOURCES = tuple(
-    Source(name, tuple((length, width) for length, width in of["wounds"]), of["forces"], of["way"])
+    SimpleNamespace(name=name, **of | {"wounds": tuple(map(tuple, of["wounds"]))})
     for name, of in study_list("wound_closure")["published"].items()
 )
 WOUNDS = tuple(dict.fromkeys(wound for source in SOURCES for wound in source.wounds))
