@@ -30,6 +30,7 @@ UNENDED = (
     "The run has not ended, or its summary is damaged. If it was killed, continue it with --resume. Its results so far "
     "follow."
 )
+ORIGIN = ("over", "base", "code", "preset", "arguments", "provenance")  # of a sweep or a study
 MOST_ROWS = 200  # of a table; more rows are left out
 HOLE_LINES = ("state", "slip", "force", "normal_force", "tangential_force", "tension_before", "tension_after")
 PAGE_COLOURS = {
@@ -97,25 +98,24 @@ def read_rows(folder: Path) -> Rows:
         raise ResultsError(f"{folder} is refused: it holds no run, study or sweep; give a folder with one of them")
     if not (folder / "table.csv").is_file():
         raise ResultsError(f"{folder} is refused: it has no table.csv yet; wait until its command ends, or continue it")
-    return read_sweep(folder) if swept else read_study(folder)
+    asked, shown = read_json(folder / (MARK if swept else "study.json")), read_table(folder / "table.csv")
+    if swept:
+        name, table, remarks = folder.resolve().name, shown, sweep_remarks(folder, shown)
+        title = asked["title"] or "a scenario without a title"
+        question = f"A {asked['kind']} of {title}: {counted(asked['cases'])}"
+    else:
+        name, table, remarks = str(asked["study"]), read_table(folder / "runs.csv"), asked.get("remarks", ())
+        question = str(asked.get("question", ""))
+    origin = {key: asked[key] for key in ORIGIN if key in asked}
+    return Rows(name, question, tuple(map(str, remarks)), table, shown, drawn(folder / "figure.png"), origin)
 
 
-def read_sweep(folder: Path) -> Rows:
-    """Read a sweep, or a refinement with its verdicts."""
-    asked, table = read_json(folder / MARK), read_table(folder / "table.csv")
+def sweep_remarks(folder: Path, table: Table) -> list[str]:
+    """Return the verdicts of a refinement, and the number of cases with unsupported numbers."""
     found = read_json(folder / "verdict.json").get("quantities", ())
-    doubted = int(np.count_nonzero(table.columns["unsupported"]))
     remarks = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
-    remarks += [f"{counted(doubted)} with unsupported numbers: see the column remarks"] if doubted else []
-    return Rows(
-        folder.resolve().name,
-        f"A {asked['kind']} of {asked['title'] or 'a scenario without a title'}: {counted(asked['cases'])}",
-        tuple(remarks),
-        table,
-        table,
-        drawn(folder),
-        {key: asked[key] for key in ("over", "base", "code", "provenance") if key in asked},
-    )
+    doubted = int(np.count_nonzero(table.columns["unsupported"]))
+    return remarks + [f"{counted(doubted)} with unsupported numbers: see the column remarks"] * bool(doubted)
 
 
 def estimated(one: Mapping[str, Any]) -> str:
@@ -127,24 +127,9 @@ def estimated(one: Mapping[str, Any]) -> str:
     return f"; estimated error of the holes' compliance {100.0 * known[-1]:.2g} %" if known else ""
 
 
-def drawn(folder: Path) -> str:
-    """Return the figure of a folder in base64; empty without a figure."""
-    figure = folder / "figure.png"
+def drawn(figure: Path) -> str:
+    """Return a figure in base64; empty if there is no such file."""
     return base64.b64encode(figure.read_bytes()).decode() if figure.is_file() else ""
-
-
-def read_study(folder: Path) -> Rows:
-    """Read a study."""
-    asked = read_json(folder / "study.json")
-    return Rows(
-        str(asked["study"]),
-        str(asked.get("question", "")),
-        tuple(map(str, asked.get("remarks", ()))),
-        read_table(folder / "runs.csv"),
-        read_table(folder / "table.csv"),
-        drawn(folder),
-        {key: asked[key] for key in ("preset", "arguments", "provenance") if key in asked},
-    )
 
 
 def report_text(runs: Mapping[str, OpenRun], others: Sequence[Rows]) -> str:
@@ -193,9 +178,9 @@ def run_sections(runs: Mapping[str, OpenRun], charts: Sequence[str], has_views: 
 
 def last_picture(run: OpenRun) -> str:
     """Return the picture in a run's folder, or a note on how to draw it."""
-    if not (run.folder / "picture.png").is_file():
-        return page.paragraph("There is no picture; draw it into the folder by suture view with --out picture.png.")
-    return page.figure(base64.b64encode((run.folder / "picture.png").read_bytes()).decode(), "the end of the run")
+    if picture := drawn(run.folder / "picture.png"):
+        return page.figure(picture, "the end of the run")
+    return page.paragraph("There is no picture; draw it into the folder by suture view with --out picture.png.")
 
 
 def doubts(run: OpenRun) -> str:
