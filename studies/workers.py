@@ -40,7 +40,7 @@ class WorkersError(RuntimeError):
 
 
 def nothing(item: object) -> None:
-    """Prepare nothing before the work."""
+    """Do nothing: no preparation of a work, or no report on its progress."""
 
 
 def in_turn(

@@ -33,7 +33,7 @@ from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
 from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
-from studies.output.tally import Judge, Status, Tally, nothing_to_say
+from studies.output.tally import Judge, Status, Tally
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_copy
 
@@ -56,7 +56,7 @@ class Recorder:
         topology: OrganTopology | None = None,
         tissue_dofs: int = 0,
         checkpoint: Arrays | None = None,
-        judge: Judge = nothing_to_say,
+        judge: Judge | None = None,
         methods: Mapping[str, str | None] | None = None,
         refinement: Mapping[str, Any] | None = None,
     ) -> None:

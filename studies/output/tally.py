@@ -19,11 +19,6 @@ Status = Literal["completed", "failed", "interrupted"]
 Judge = Callable[[Ending | None], Sequence[Remark]]  # returns remarks at the end of a run; None: before its start
 
 
-def nothing_to_say(ending: Ending | None) -> list[Remark]:
-    """Return no remark."""
-    return []
-
-
 class Tally:
     """Collects the summary of a run; the ``memory`` of a checkpoint continues it.
 
@@ -34,7 +29,7 @@ class Tally:
         self,
         scenario: Scenario,
         tissue_dofs: int = 0,
-        judge: Judge = nothing_to_say,
+        judge: Judge | None = None,
         memory: Arrays | None = None,
         refinement: Mapping[str, Any] | None = None,
     ) -> None:
@@ -86,7 +81,7 @@ class Tally:
     def remarks(self) -> list[Remark]:
         """Remarks on the run up to its last step."""
         ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
-        return [*self._judge(ending), *self.own]
+        return [*(self._judge(ending) if self._judge else ()), *self.own]
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:
         """Return the contents of ``summary.json`` after the last step, without the provenance."""

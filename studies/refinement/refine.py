@@ -13,10 +13,10 @@ from studies.refinement.refined import Refined
 from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
 from studies.study import Table
-from studies.sweeps.sweep import Base, Tell, base_tables, sweep, tell_nothing
+from studies.sweeps.sweep import Base, Tell, base_tables, sweep
 from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import verdict
-from studies.workers import Workers
+from studies.workers import Workers, nothing
 
 ADAPTIVE = "accuracy"  # the kind of levels of `adaptive`
 ESTIMATE = "compliance_error"  # of a piercing in the summary
@@ -30,7 +30,7 @@ def refine(
     levels: int = LEVELS,
     ratio: float | None = None,
     workers: Workers | None = None,
-    tell: Tell = tell_nothing,
+    tell: Tell = nothing,
     adaptive: bool = False,
 ) -> tuple[Refined, ...]:
     """Refine a scenario level by level into a folder, and return the result for each quantity.

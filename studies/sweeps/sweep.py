@@ -24,7 +24,7 @@ from studies.status import COMPLETED, REFUSED
 from studies.sweeps.case import Result, case_digest, code_version, make_ready, run_case, run_start
 from studies.sweeps.grid import Settings, check_count, grid
 from studies.sweeps.table import Case, SweepTable, table_of, write_tables
-from studies.workers import Workers, in_turn
+from studies.workers import Workers, in_turn, nothing
 
 MARK = "sweep.json"
 CASES = "cases"
@@ -67,16 +67,12 @@ class Planned:
     refused: str = ""
 
 
-def tell_nothing(progress: SweepProgress) -> None:
-    """Report nothing on the progress of a sweep."""
-
-
 def sweep(
     base: Base,
     over: Mapping[str, Sequence[Any]] | Sequence[Settings],
     folder: Path | str,
     workers: Workers | None = None,
-    tell: Tell = tell_nothing,
+    tell: Tell = nothing,
     kind: str = "sweep",
     check: Check | None = None,
 ) -> SweepTable:
