@@ -12,7 +12,7 @@ from studies.lists import list_of, sentences
 from studies.output.columns import ENDS
 from studies.output.folder import Recorder
 from studies.output.manifest import files_of
-from studies.output.records import ContactRecord, PiercingRecord
+from studies.output.records import PiercingRecord, Record
 from studies.output.remarks import Remark
 from studies.output.tally import Status
 from studies.scenario import Piercing, PulledEnd, Scenario, Thread
@@ -95,14 +95,14 @@ def load_lines(thread: Thread) -> list[str]:
     ]
 
 
-def contact_line(contact: ContactRecord) -> str:
+def contact_line(contact: Record) -> str:
     """Return the line on two surfaces in contact."""
     rubs = say("rubs", contact=contact) if contact.friction else ""
     gaps = {"low": contact.smallest_gap / MILLI, "high": contact.largest_gap / MILLI}
     return say("contact", contact=contact, rubs=rubs, area=contact.open_area / MILLI**2, **gaps)
 
 
-def wound_lines(contact: ContactRecord) -> list[str]:
+def wound_lines(contact: Record) -> list[str]:
     """Return the line on a stitched wound: closure force, closed area and eversion."""
     if not contact.stitches:
         return []

@@ -2,8 +2,8 @@
 
 A `Column` gives the heading of a CSV table, the name of an array in a frame, a key of
 ``summary.json`` and a line of the manual. ``python -m studies.output.columns`` updates those lines
-of the manual. To add a quantity, add its field to a record of ``studies.output.records``, and a
-line with its name, unit and meaning to ``columns.toml``.
+of the manual. To add a quantity, add a line with its name, unit and meaning to
+``columns.toml``, and its field to a record of ``studies.output.records`` that is not made from it.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,10 +15,9 @@ import numpy as np
 from numpy.linalg import norm
 from numpy.typing import NDArray
 
-from studies.lists import list_of
 from studies.manual import with_blocks
 from studies.output import remarks
-from studies.output.records import APART, Extremes, ReductionRecord, StepRecord
+from studies.output.records import APART, LIST, Extremes, ReductionRecord, StepRecord
 from studies.scenario import Piercing, PulledEnd, Thread
 
 Row = TypeVar("Row")
@@ -97,7 +96,6 @@ def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
 # -- the quantities --------------------------------------------------------------------------------------------------
 
 
-LIST = list_of(__file__, "columns.toml")
 NUMBERS = {
     "APART": APART,
     "SMALL_STRAIN": remarks.SMALL_STRAIN,

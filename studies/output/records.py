@@ -1,7 +1,7 @@
 """Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from coupling.reports.observation import PiercingObservation
 from coupling.run.events import Event
 from coupling.run.tying import TieObservation
 from studies.arrays import Array
+from studies.lists import list_of
 from studies.output.fields import OrganRecord, ThreadRecord
 
 SEEN = 10  # number of last steps in which a swing of forces is sought
@@ -25,62 +26,25 @@ EnergyRecord = Energies
 TieRecord = TieObservation
 
 
-@dataclass(frozen=True)
-class StitchRecord:
-    """The closing forces of one stitch at one time."""
-
-    stitch: str  # name of its tie, its tract or its only hole
-    pair: str  # the surfaces that it draws together
-    left_force: float  # closing force on the first surface [N]
-    right_force: float  # closing force on the second surface [N]
-    load_share: float | None  # share of the closing forces of all stitches [-], None if their sum is zero
+LIST = list_of(__file__, "columns.toml")
+Record = Any  # an object of a class that `record_of` returns
 
 
-@dataclass(frozen=True)
-class ContactRecord:
-    """Two surfaces that can touch, of a wound or others, at one time."""
+def record_of(group: str, **more: Any) -> Any:
+    """Return the class of the records of a group of the list: a field for each of its columns.
 
-    pair: str  # their names
-    pairs: int  # number of node pairs that face each other
-    pressed: int  # number of pairs under a force
-    smallest_gap: float  # [m]
-    largest_pressure: float  # [Pa]
-    area: float  # under pressure [m²]
-    slide: float  # largest sliding distance of a pair [m]
-    force: float  # sum of the contact forces [N]
-    complementarity: float  # largest |force times gap| of a pair [J]
-    largest_gap: float = 0.0  # largest gap of facing pairs [m]
-    open_area: float = 0.0  # area of facing pairs that are apart [m²]
-    gap_volume: float = 0.0  # volume between the surfaces [m³]
-    slipping: int = 0  # number of pressed pairs at their limit of friction
-    friction: float = 0.0  # magnitude of the resultant along the surfaces [N]
-    approximation: float = 0.0  # share of the area with a gap below APART in magnitude [-]
-    closure_force: float = 0.0  # force of the thread that closes the pair [N]
-    eversion: float | None = None  # rise of the outer surface towards both edges [rad]; None without edges
-    stitches: tuple[StitchRecord, ...] = ()  # stitches of this pair
+    `more` are other fields with their defaults.
+    """
+    others = [(name, Any, value) for name, value in more.items()]
+    return make_dataclass(group, [*LIST[group], *others], frozen=True, kw_only=True)
 
 
-@dataclass(frozen=True)
-class StrandsRecord:
-    """Strands of the thread outside the organ at one time."""
-
-    pressed: int  # points under a force of the organ's surface
-    force: float  # sum of the forces across the surface [N]
-    friction: float  # sum of the forces along the surface [N]
-    depth: float  # largest depth of the thread's axis below the surface; negative above it [m]
-    s: float  # abscissa of the largest depth [m]
-
-
-@dataclass(frozen=True)
-class GapRecord:
-    """A place on the rim of the first of two surfaces that can touch, at one time."""
-
-    pair: str
-    way: float  # length along the rim in the reference shape [m]
-    x: Array  # (3,) place [m]
-    edge_gap: float | None  # gap at the rim [m], None if the rim faces nothing
-    largest_gap: float | None  # largest gap of the surface below this place [m], None if it faces nothing
-    largest_pressure: float  # at this place [Pa]
+StitchRecord = record_of("stitch")  # the closing forces of one stitch at one time
+ContactRecord = record_of("contact", stitches=())  # two surfaces that can touch, with the stitches of this pair
+StrandsRecord = record_of("strands", s=np.nan)  # strands outside the organ, with the abscissa of the largest depth [m]
+GapRecord = record_of("gap_profile")  # a place on the rim of the first of two surfaces that can touch
+LoadRecord = record_of("load")  # a load on a boundary of the organ at one time
+KrylovRecord = record_of("krylov")  # size and residual of an organ's Krylov space at one time
 
 
 @dataclass(frozen=True)
@@ -130,16 +94,6 @@ class TractRecord:
 
 
 @dataclass(frozen=True)
-class LoadRecord:
-    """A load on a boundary of the organ at one time."""
-
-    boundary: str
-    share: float  # of the load that acts [-]
-    area: float  # of the boundary in the reference shape [m²]
-    force: Array  # (3,) total force on the organ [N]
-
-
-@dataclass(frozen=True)
 class ReductionRecord:
     """Error estimates of an organ's small basis at its holes at one time."""
 
@@ -147,14 +101,6 @@ class ReductionRecord:
     difference: Array  # (p,) distance of a hole from its place with one block more [m]
     bound: Array  # (p,) bound of the distance from the hole's place in the whole organ [m]
     stiffness: Array  # (p,) largest static stiffness of the hole [N/m]
-
-
-@dataclass(frozen=True)
-class KrylovRecord:
-    """Size and residual of an organ's Krylov space at one time."""
-
-    vectors: int  # number of vectors of the space; 0 after a change to the whole organ
-    residual: float  # residual of all equations of motion over the largest forces until then [-]
 
 
 @dataclass(frozen=True)
@@ -174,17 +120,17 @@ class StepRecord:
     spans: Callable[[], float]  # computes `span_ratio`, used only for the last step
     apart: Callable[[], float]  # computes `spans_between`, used only for the last step
     stays: Callable[[], bool]  # computes `would_stay`, used only for the last step
-    outside: Callable[[], StrandsRecord | None]  # computes `strands`, used only for the last step
+    outside: Callable[[], Record | None]  # computes `strands`, used only for the last step
     seconds: float  # wall-clock time of this step without compilation [s]
     fallen: float | None = None  # decrease of the loads along a branch [s of their clock], None without one
     events: tuple[Event, ...] = ()
-    contact: tuple[ContactRecord, ...] = ()  # of all surfaces that can touch
-    loads: tuple[LoadRecord, ...] = ()
+    contact: tuple[Record, ...] = ()  # of all surfaces that can touch
+    loads: tuple[Record, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # None unless the organ is in a small basis
-    krylov: KrylovRecord | None = None  # None unless the organ is in its Krylov space
+    krylov: Record | None = None  # None unless the organ is in its Krylov space
     ties: tuple[TieRecord, ...] = ()
-    profile: Callable[[], tuple[GapRecord, ...]] = tuple  # computes the gaps along all rims, only for the last step
+    profile: Callable[[], tuple[Record, ...]] = tuple  # computes the gaps along all rims, only for the last step
     torques: tuple[float, float] | None = None  # of the holders at start and end about the tangent [N m]; or None
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # computes `memory`, at a checkpoint
 
@@ -203,7 +149,7 @@ class StepRecord:
         return number if np.isfinite(number) else None
 
     @property
-    def strands(self) -> StrandsRecord | None:
+    def strands(self) -> Record | None:
         """The strands outside the organ, None without such strands."""
         return self.outside()
 

@@ -70,7 +70,7 @@ def would_stay_after(now: OrganRun) -> bool:
     )
 
 
-def strands_record(system: System, state: State) -> records.StrandsRecord | None:
+def strands_record(system: System, state: State) -> records.Record | None:
     """Return the strands outside the organ, None if there are none."""
     organ: Any = system.organ
     s = np.zeros(0) if system.contact is None else abscissae(system, state, SAMPLES)
@@ -130,17 +130,17 @@ def observe_apart(gaps: tissue.Gaps, points: Array) -> ContactObservation:
     return ContactObservation(gaps.apart(displacement), none, gaps.slides(displacement), np.zeros((k, 3)), slips)
 
 
-def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.ContactRecord, ...]:
+def contact_records(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.Record, ...]:
     """Return the surfaces of wounds, pair by pair."""
     return tuple(contact_record(*observed) for observed in observed_wounds(now, open_lips))
 
 
-def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.GapRecord, ...]:
+def gap_profile(now: OrganRun, open_lips: tissue.Gaps | None = None) -> tuple[records.Record, ...]:
     """Return the gaps of wounds along their rims."""
     return tuple(gap for wound, lips, points in observed_wounds(now, open_lips) for gap in wound.profile(lips, points))
 
 
-def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> records.ContactRecord:
+def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> records.Record:
     """Return one pair of surfaces.
 
     The gap of a node that faces nothing is the extent of the surfaces.
@@ -170,7 +170,7 @@ def contact_record(wound: Wound, lips: ContactObservation, points: Array) -> rec
     )
 
 
-def load_records(system: System, state: State) -> tuple[records.LoadRecord, ...]:
+def load_records(system: System, state: State) -> tuple[records.Record, ...]:
     """Return the loads on the organ's boundaries in a state."""
     organ: Any = system.organ
     if state.organ.shares is None:
@@ -178,7 +178,10 @@ def load_records(system: System, state: State) -> tuple[records.LoadRecord, ...]
     loads = organ.surface
     shares, forces = state.organ.shares.tolist(), organ.load_resultants(state.organ)
     numbers = zip(loads.each, shares, loads.areas.tolist(), forces, strict=True)
-    return tuple(records.LoadRecord(load.boundary, share, area, share * force) for load, share, area, force in numbers)
+    return tuple(
+        records.LoadRecord(boundary=load.boundary, share=share, area=area, force=share * force)
+        for load, share, area, force in numbers
+    )
 
 
 def reduction_record(system: System, state: State) -> records.ReductionRecord | None:
@@ -194,12 +197,12 @@ def reduction_record(system: System, state: State) -> records.ReductionRecord | 
     return records.ReductionRecord(small.size, *(values[own] for values in each))
 
 
-def krylov_record(system: System, state: State) -> records.KrylovRecord | None:
+def krylov_record(system: System, state: State) -> records.Record | None:
     """Return the Krylov space of the organ in a state, None for an organ without a Krylov space."""
     organ = system.organ
     if not isinstance(organ, tissue.KrylovOrgan):
         return None
-    return records.KrylovRecord(organ.vectors(state.organ), organ.residual(state.organ))
+    return records.KrylovRecord(vectors=organ.vectors(state.organ), residual=organ.residual(state.organ))
 
 
 def lip_fields(system: System, state: State, nodes: int) -> tuple[Array, Array] | tuple[None, None]:

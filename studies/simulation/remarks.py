@@ -500,7 +500,7 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
 
 
 def sunk(
-    strands: records.StrandsRecord | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
+    strands: records.Record | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
 ) -> list[Remark]:
     """Return a remark if strands outside the organ end in the tissue.
 

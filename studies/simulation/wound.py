@@ -20,7 +20,7 @@ from coupling.joins.contact import ContactObservation
 from coupling.reports.observation import PiercingObservation
 from coupling.system import System
 from studies.arrays import Array
-from studies.output.records import GapRecord, StitchRecord
+from studies.output.records import GapRecord, Record, StitchRecord
 
 CROSSINGS = 3  # of a pulley stitch, whose thread changes sides most often of all single stitches
 BALANCED = 1e-9  # of the holes' forces: a smaller sum is round-off
@@ -65,7 +65,7 @@ class Wound:
         return 0.5 * sum(bite.drawn for bite in self.bites)
 
     @property
-    def stitches(self) -> tuple[StitchRecord, ...]:
+    def stitches(self) -> tuple[Record, ...]:
         """Closing force of each stitch."""
         total, size = 2.0 * self.closure_force, sum(abs(bite.drawn) for bite in self.bites)
         out = []
@@ -73,7 +73,8 @@ class Wound:
             own = [bite for bite in self.bites if bite.stitch == stitch]
             left, right = (sum(bite.drawn for bite in own if bite.right is side) for side in SIDES)
             share = (left + right) / total if total > BALANCED * size else None
-            out.append(StitchRecord(stitch, self.pair, left, right, share))
+            forces = {"left_force": left, "right_force": right, "load_share": share}
+            out.append(StitchRecord(stitch=stitch, pair=self.pair, **forces))
         return tuple(out)
 
     @cached_property
@@ -89,7 +90,7 @@ class Wound:
         """
         return sum(rim.turn(points) for rim in self.rims) if all(len(rim.edges) for rim in self.rims) else None
 
-    def profile(self, lips: ContactObservation, points: Array) -> tuple[GapRecord, ...]:
+    def profile(self, lips: ContactObservation, points: Array) -> tuple[Record, ...]:
         """Return the gaps along the left rim from the contact of its `lips`.
 
         All nodes of the organ are at `points` `(n, 3)` [m].
@@ -104,7 +105,8 @@ class Wound:
             own, here = lips.gap[(part.left == vertex) & faces], (below == k) & faces
             edge = float(own[0]) if own.size else None
             deep = float(lips.gap[here].max()) if here.any() else None
-            out.append(GapRecord(self.pair, far, points[vertex], edge, deep, float(pressure[here].max(initial=0.0))))
+            known = {"edge_gap": edge, "largest_gap": deep, "largest_pressure": float(pressure[here].max(initial=0.0))}
+            out.append(GapRecord(pair=self.pair, way=far, x=points[vertex], **known))
         return tuple(out)
 
 

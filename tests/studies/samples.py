@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
-from studies.output.records import Ending, EnergyRecord, PiercingRecord, Snapshot, StepRecord
+from studies.output.records import (
+    LIST,
+    ContactRecord,
+    Ending,
+    EnergyRecord,
+    PiercingRecord,
+    Record,
+    Snapshot,
+    StepRecord,
+)
 from studies.output.remarks import Remark
 from studies.scenario import Scenario
 
@@ -161,6 +170,13 @@ def frame(time: float, topology: OrganTopology | None = LINEAR) -> Snapshot:
 def framing(time: float) -> Callable[[], Snapshot]:
     """A frame that is made when it is needed."""
     return lambda: frame(time)
+
+
+def contact(pair: str, gap: float, force: float = 0.3, stitches: tuple[Record, ...] = ()) -> Record:
+    """Two surfaces in contact; what is not given is zero."""
+    given = {"pair": pair, "pairs": 6, "pressed": 2, "slipping": 0, "eversion": None, "stitches": stitches}
+    numbers = {"smallest_gap": gap, "largest_pressure": 120.0, "area": 1e-6, "slide": 2e-4, "force": force}
+    return ContactRecord(**dict.fromkeys(LIST["contact"], 0.0) | numbers | given | {"complementarity": 1e-22})
 
 
 def step(number: int, dt: float = 0.1) -> StepRecord:

@@ -30,7 +30,6 @@ from studies.output.columns import (
     REDUCTION,
     RUN,
     STATE_CODES,
-    STITCH,
     TABLES,
     THREAD_ARRAYS,
     Column,
@@ -43,9 +42,7 @@ from studies.output.columns import (
 from studies.output.fields import OrganRecord, ThreadRecord
 from studies.output.files import write_json
 from studies.output.records import (
-    ContactRecord,
     EnergyRecord,
-    GapRecord,
     LoadRecord,
     PiercingRecord,
     StepRecord,
@@ -54,7 +51,7 @@ from studies.output.records import (
     TractRecord,
 )
 from studies.output.tables import CsvFile
-from tests.studies.samples import frame, step
+from tests.studies.samples import contact, frame, step
 
 UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N/m", "N s", "J", "Pa", "m²", "m³"}
 PARTS = ("organ", "thread", "piercings")
@@ -70,14 +67,17 @@ GROUPS: dict[str, Sequence[Column[Any]]] = {
     "gap profile": GAP_PROFILE,
 }
 BEGINS = Event(0.1, "begins", 'a "b", c', 0.02, 1e-4, 0.1, 2e-6, 1e-6, (0.0, 1 / 3, -0.0))
-STITCHED = StitchRecord("knot", "a - b", 1 / 3, 0.25, None)
+STITCHED = StitchRecord(stitch="knot", pair="a - b", left_force=1 / 3, right_force=0.25, load_share=None)
 ONE_ROW = ("contact", "stitches", "ties", "tracts")
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "cut", control_points=31)),
     ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
-    loads=(LoadRecord("top", 0.5, 1e-4, np.array([0.0, 1 / 3, -1.0])), LoadRecord("left", 1.0, 2e-4, np.ones(3))),
-    contact=(ContactRecord("a - b", 6, 2, -0.0, 120.0, 1e-6, 2e-4, 1 / 3, 1e-22, stitches=(STITCHED,)),),
+    loads=(
+        LoadRecord(boundary="top", share=0.5, area=1e-4, force=np.array([0.0, 1 / 3, -1.0])),
+        LoadRecord(boundary="left", share=1.0, area=2e-4, force=np.ones(3)),
+    ),
+    contact=(contact("a - b", -0.0, 1 / 3, (STITCHED,)),),
     tracts=(TractRecord("a-b", tuple(replace(hole, tract="a-b", bearing=1e-3) for hole in step(1).piercings)),),
     torques=(1e-6, -2e-6),
 )
@@ -142,9 +142,6 @@ OFF_FRAMES = {"strained", "rotated", "pressed_turn", "sprung", "crossed", "hole_
     ("columns", "record", "elsewhere"),
     [
         (ENERGY, EnergyRecord, {"loan"}),
-        (CONTACT, ContactRecord, {"pair", "stitches"}),
-        (STITCH, StitchRecord, {"stitch", "pair"}),
-        (GAP_PROFILE, GapRecord, set()),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel", "tract", "bearing"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v", "tract", "bearing"}),
         ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, OFF_FRAMES),

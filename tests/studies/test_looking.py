@@ -20,7 +20,7 @@ from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
 from studies.output.opened import open_run
 from studies.output.reading import ResultsError, read_table, topology_of
-from studies.output.records import ContactRecord, LoadRecord
+from studies.output.records import LoadRecord, Record
 from studies.output.tables import CsvFile
 from studies.pictures import looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
@@ -28,7 +28,7 @@ from studies.pictures.scene import frame_of
 from studies.pictures.view import aimed_at, force_text, legend, scale_of
 from studies.report.charts import series_of
 from studies.report.plotting import line_of
-from tests.studies.samples import LINEAR, frame, step
+from tests.studies.samples import LINEAR, contact, frame, step
 from tests.studies.test_report import record_run
 
 SIZE, MARGINS = (1500, 1000), (60.0, 40.0, 170.0, 110.0)
@@ -236,16 +236,14 @@ def test_pairs_and_loads_are_curves_of_their_own(run: Path, tmp_path: Path) -> N
     """Independent check: two pairs of surfaces and three loads, two on one boundary, are five items with a row a step,
     each with its own numbers, in the figure and in the report."""
 
-    def lips(pair: str, gap: float) -> ContactRecord:
-        return ContactRecord(pair, 6, 2, gap, 120.0, 1e-6, 2e-4, 0.3, 1e-22)
-
-    def load(boundary: str, share: float) -> LoadRecord:
-        return LoadRecord(boundary, share, 1e-4, np.ones(3))
+    def load(boundary: str, share: float) -> Record:
+        return LoadRecord(boundary=boundary, share=share, area=1e-4, force=np.ones(3))
 
     for layout in (CONTACTS, LOADS):
         table = CsvFile(tmp_path / f"{layout.name}.csv", layout.columns)
         for n in range(3):
-            pairs, loads = (lips("a - b", n), lips("c - d", 10.0 + n)), (("top", n), ("top", 10.0 + n), ("left", 20.0))
+            pairs = contact("a - b", n), contact("c - d", 10.0 + n)
+            loads = ("top", n), ("top", 10.0 + n), ("left", 20.0)
             table.append(layout.rows(replace(step(n), contact=pairs, loads=tuple(load(*one) for one in loads))))
         table.close()
     tables = {name: read_table(tmp_path / f"{name}.csv") for name in ("contact", "loads")}

@@ -137,7 +137,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "in-tissue": (
         IN_TISSUE * 3e-4,
         1,
-        lambda x: judging.sunk(StrandsRecord(0, 0.0, 0.0, x, 0.01), [], [], 3e-4, False),
+        lambda x: judging.sunk(StrandsRecord(pressed=0, force=0.0, friction=0.0, depth=x, s=0.01), [], [], 3e-4, False),
     ),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),

@@ -26,7 +26,6 @@ from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE
 from studies.output.columns import state_summary
 from studies.output.quantities import quantities
-from studies.output.records import ContactRecord
 from studies.output.version import ROOT
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
@@ -45,7 +44,7 @@ from studies.sweeps.sweep import SweepProgress, sweep
 from studies.sweeps.table import Column, drawn_columns, table_of
 from studies.workers import Workers, WorkersError, in_order, in_processes, in_turn, on_cluster, workers_of
 from tests.bounds import IDENTITY
-from tests.studies.samples import step
+from tests.studies.samples import contact, step
 from thread.catalogue import suture
 from tissue.organs import quasi_static
 from tissue.solvers import choice
@@ -154,7 +153,7 @@ def test_every_quantity_has_its_unit() -> None:
     """Independent check: forces in newton, lengths in metre, words without; a vector by its components, a load by its
     number."""
     summary = summary_of(changed(ORGAN, {"tissue.load": [{"boundary": "top", "traction": [0.0, 0.0, 10.0]}]}))
-    lips = ContactRecord("lip_a - lip_b", 6, 2, 0.0, 120.0, 1e-6, 2e-4, 0.3, 1e-22)
+    lips = contact("lip_a - lip_b", 0.0)
     summary |= {"contact": state_summary(replace(step(0), contact=(lips,)))["contact"]}
     found = quantities(summary)
     units = {
