@@ -35,31 +35,3 @@ class OrganTopology:
 
     points: Array  # (nodes, 3) [m]
     cells: NDArray[np.int64]  # (cells, 4), or (cells, 10) with the mid-edge nodes 01 12 02 03 13 23
-
-
-@dataclass(frozen=True)
-class OrganRecord:
-    """The organ at one time."""
-
-    displacement: Array  # (nodes, 3) [m]
-    stress: Array  # (nodes, 6) xx yy zz xy yz xz [Pa]
-    von_mises: Array  # (nodes,) [Pa]
-    principal_stress: Array  # (nodes, 3) falling [Pa]
-    first_direction: Array  # (nodes, 3) direction of the largest principal stress, unit
-    third_direction: Array  # (nodes, 3) direction of the smallest principal stress, unit
-    strain: Array  # (cells,) largest principal strain in each cell, in magnitude [-]
-    rotation: Array  # (cells,) largest |½ curl U| in each cell [rad]
-    energy_density: Array  # (cells,) mean strain energy per volume in each cell [Pa]
-    volume_ratio: Array  # (cells,) volume between the corners of each cell over its reference volume [-]
-    nodal_volume_ratio: Array  # (nodes,) J averaged at the vertices; at a mid-edge node the mean of both ends [-]
-    strained: float  # share of the strain energy in cells whose strain is not small [-]
-    rotated: float  # share of the strain energy in cells whose rotation is not small [-]
-    pressed_turn: float = 0.0  # largest angle between a pressed normal and its reference direction [rad]
-    contact_pressure: Array | None = None  # (nodes,) [Pa], zero outside the lips; None without contact
-    lip_gap: Array | None = None  # (nodes,) [m], not a number outside the lips
-    crossed: float = 0.0  # overlap of lips without contact, over their extent [-]
-    principal_stretch: Array | None = None  # (cells, 3) falling [-]; None for a linear organ
-    first_stretch: Array | None = None  # (cells, 3) direction of the largest stretch in the deformed shape, unit
-    third_stretch: Array | None = None  # (cells, 3) direction of the smallest stretch, unit
-    hole_strain: Array | None = None  # (p,) largest `strain` of the cells on which each hole bears [-]
-    hole_energy: Array | None = None  # (p,) largest `energy_density` of these cells [Pa]

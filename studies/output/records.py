@@ -14,7 +14,7 @@ from coupling.run.events import Event
 from coupling.run.tying import TieObservation
 from studies.arrays import Array
 from studies.lists import list_of
-from studies.output.fields import OrganRecord, ThreadRecord
+from studies.output.fields import ThreadRecord
 
 SEEN = 10  # number of last steps in which a swing of forces is sought
 SWITCHES = 6  # between stick and slip within SEEN steps: three periods, which these steps do not resolve
@@ -30,13 +30,14 @@ LIST = list_of(__file__, "columns.toml")
 Record = Any  # an object of a class that `record_of` returns
 
 
-def record_of(group: str, **more: Any) -> Any:
-    """Return the class of the records of a group of the list: a field for each of its columns.
+def record_of(*groups: str, **more: Any) -> Any:
+    """Return the class of the records of groups of the list: a field for each of their columns.
 
-    `more` are other fields with their defaults.
+    `more` are other fields, or the same, with their defaults.
     """
+    named = [name for group in groups for name in LIST[group] if name not in more]
     others = [(name, Any, value) for name, value in more.items()]
-    return make_dataclass(group, [*LIST[group], *others], frozen=True, kw_only=True)
+    return make_dataclass(groups[0], [*named, *others], frozen=True, kw_only=True)
 
 
 StitchRecord = record_of("stitch")  # the closing forces of one stitch at one time
@@ -44,6 +45,19 @@ ContactRecord = record_of("contact", stitches=())  # two surfaces that can touch
 StrandsRecord = record_of("strands", s=np.nan)  # strands outside the organ, with the abscissa of the largest depth [m]
 GapRecord = record_of("gap_profile")  # a place on the rim of the first of two surfaces that can touch
 LoadRecord = record_of("load")  # a load on a boundary of the organ at one time
+# The organ at one time: arrays of its nodes `(nodes, …)` and of its cells `(cells, …)`. The lips are None without
+# contact, the stretches for a linear organ.
+OrganRecord = record_of(
+    "organ_arrays",
+    "organ_cells",
+    **dict.fromkeys(("contact_pressure", "lip_gap", "principal_stretch", "first_stretch", "third_stretch")),
+    strained=0.0,  # share of the strain energy in cells whose strain is not small [-]
+    rotated=0.0,  # share of the strain energy in cells whose rotation is not small [-]
+    pressed_turn=0.0,  # largest angle between a pressed normal and its reference direction [rad]
+    crossed=0.0,  # overlap of lips without contact, over their extent [-]
+    hole_strain=None,  # (p,) largest `strain` of the cells on which each hole bears [-]
+    hole_energy=None,  # (p,) largest `energy_density` of these cells [Pa]
+)
 KrylovRecord = record_of("krylov")  # size and residual of an organ's Krylov space at one time
 
 
@@ -277,7 +291,7 @@ class Extremes:
         course = np.linspace(self.forces[0], self.forces[-1], len(self.forces))
         return float(norm(self.forces - course, axis=2).max()) / largest
 
-    def after_frame(self, organ: OrganRecord | None) -> "Extremes":
+    def after_frame(self, organ: Record | None) -> "Extremes":
         """Return the extremes including one more frame of the organ, None without an organ."""
         return self if organ is None else self.after("frame", organ)
 
@@ -318,5 +332,5 @@ class Snapshot:
     time: float  # [s]
     thread: ThreadRecord
     piercings: tuple[PiercingRecord, ...]
-    organ: OrganRecord | None = None
+    organ: Record | None = None
     ties: tuple[TieRecord, ...] = ()

@@ -32,9 +32,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from studies.output import columns
 from studies.output.columns import Column, values
-from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
+from studies.output.fields import OrganTopology, ThreadRecord
 from studies.output.files import UNFINISHED, write_bytes, write_text
-from studies.output.records import Snapshot
+from studies.output.records import Record, Snapshot
 
 CELL_TYPES = {4: 10, 10: 24}  # VTK_TETRA, VTK_QUADRATIC_TETRA by nodes per cell
 TYPE_NAMES = {"f4": "Float32", "i4": "Int32", "i8": "Int64", "u1": "UInt8"}
@@ -192,7 +192,7 @@ def encode_mesh(topology: OrganTopology) -> Markup:
     return places + _joined(_array(name, _small(*given), given[1]) for name, given in named.items()).within("Cells")
 
 
-def organ_file(mesh: Markup, organ: OrganRecord) -> bytes:
+def organ_file(mesh: Markup, organ: Record) -> bytes:
     """Return the organ of one frame as a ``.vtu`` file."""
     data = _arrays("PointData", values(columns.ORGAN_ARRAYS, organ), 'Vectors="displacement"', as_it_is)
     data += _arrays("CellData", values(columns.ORGAN_CELLS, organ), 'Scalars="strain"', as_it_is)

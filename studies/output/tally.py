@@ -8,8 +8,7 @@ import numpy as np
 
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
 from studies.output.columns import RUN, range_summary, reduction_summary, state_summary, values
-from studies.output.fields import OrganRecord
-from studies.output.records import Ending, StepRecord, nothing_met
+from studies.output.records import Ending, Record, StepRecord, nothing_met
 from studies.output.remarks import Remark
 from studies.scenario import Scenario, ScenarioError
 
@@ -69,7 +68,7 @@ class Tally:
         number: int = self._totals["whole_from"]
         return None if number == NEVER else number
 
-    def see(self, organ: OrganRecord | None) -> None:
+    def see(self, organ: Record | None) -> None:
         """Add the organ of a frame, None without an organ."""
         self._extremes = self._extremes.after_frame(organ)
 

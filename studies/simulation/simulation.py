@@ -26,8 +26,8 @@ from coupling.step.stepping import Take, try_step
 from coupling.system import State
 from studies.arrays import Array
 from studies.output.checkpoint import Arrays
-from studies.output.fields import OrganRecord, OrganTopology
-from studies.output.records import Ending, Snapshot, StepRecord
+from studies.output.fields import OrganTopology
+from studies.output.records import Ending, OrganRecord, Record, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.meanings import because
@@ -282,7 +282,7 @@ class Simulation:
         organ: Any = self.assembly.organ
         return tuple(of_piercings(self.assembly.holes, tissue.cells_at(organ.elasticity, organ.sites)))
 
-    def organ_record(self, state: State) -> OrganRecord | None:
+    def organ_record(self, state: State) -> Record | None:
         """Return the displacement, stress and strain of the organ, None without one."""
         body, organ = self.assembly.body, self.assembly.organ
         if body is None or isinstance(organ, tissue.FixedSites):

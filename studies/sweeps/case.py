@@ -12,8 +12,7 @@ from typing import Any
 
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
-from studies.output.fields import OrganRecord
-from studies.output.records import Snapshot, StepRecord
+from studies.output.records import Record, Snapshot, StepRecord
 from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError
@@ -139,7 +138,7 @@ def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
     return (tally.summary("completed") if error is None else tally.summary("failed", in_words(error))), error
 
 
-def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> OrganRecord | None:
+def drawn(simulation: Simulation, step: StepRecord, frame: Callable[[], Snapshot]) -> Record | None:
     """Return the organ of a frame.
 
     The frame at the start is cached for cases with the same start.

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from studies.output.fields import OrganRecord, OrganTopology, ThreadRecord
+from studies.output.fields import OrganTopology, ThreadRecord
 from studies.output.records import (
     LIST,
     ContactRecord,
     Ending,
     EnergyRecord,
+    OrganRecord,
     PiercingRecord,
     Record,
     Snapshot,
@@ -126,13 +127,25 @@ def quadratic() -> OrganTopology:
     return OrganTopology(np.concatenate([CORNERS, middles.reshape(-1, 3)]), cells)
 
 
-def organ(topology: OrganTopology, time: float) -> OrganRecord:
+def organ(topology: OrganTopology, time: float) -> Record:
     nodes = len(topology.points)
     stress = np.arange(6.0 * nodes).reshape(nodes, 6)
     strain = np.linspace(0.0, time, len(topology.cells))
-    at_nodes = stress, np.arange(1.0, nodes + 1), stress[:, 2::-1], np.ones((nodes, 3)), -np.ones((nodes, 3))
-    in_cells = strain, 0.5 * strain, 30.0 * strain, 1.0 + strain
-    return OrganRecord(time * topology.points, *at_nodes, *in_cells, np.linspace(1.0, 1.0 + time, nodes), 0.25, 0.125)
+    return OrganRecord(
+        displacement=time * topology.points,
+        stress=stress,
+        von_mises=np.arange(1.0, nodes + 1),
+        principal_stress=stress[:, 2::-1],
+        first_direction=np.ones((nodes, 3)),
+        third_direction=-np.ones((nodes, 3)),
+        strain=strain,
+        rotation=0.5 * strain,
+        energy_density=30.0 * strain,
+        volume_ratio=1.0 + strain,
+        nodal_volume_ratio=np.linspace(1.0, 1.0 + time, nodes),
+        strained=0.25,
+        rotated=0.125,
+    )
 
 
 def piercing(name: str, time: float) -> PiercingRecord:

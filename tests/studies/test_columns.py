@@ -39,7 +39,7 @@ from studies.output.columns import (
     state_summary,
     values,
 )
-from studies.output.fields import OrganRecord, ThreadRecord
+from studies.output.fields import ThreadRecord
 from studies.output.files import write_json
 from studies.output.records import (
     EnergyRecord,
@@ -135,16 +135,12 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
     assert (lips["pairs [-]"], lips["smallest_gap [m]"], lips["force [N]"]) == ("6", "-0.0", repr(1 / 3))
 
 
-OFF_FRAMES = {"strained", "rotated", "pressed_turn", "sprung", "crossed", "hole_strain", "hole_energy"}
-
-
 @pytest.mark.parametrize(
     ("columns", "record", "elsewhere"),
     [
         (ENERGY, EnergyRecord, {"loan"}),
         (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel", "tract", "bearing"}),
         (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v", "tract", "bearing"}),
-        ((*ORGAN_ARRAYS, *ORGAN_CELLS), OrganRecord, OFF_FRAMES),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
 )
