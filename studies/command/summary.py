@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from coupling.reports.observation import PiercingObservation
 from studies.arrays import MILLI
 from studies.command.lines import print_lines
 from studies.lists import list_of, sentences
 from studies.output.columns import ENDS
 from studies.output.folder import Recorder
 from studies.output.manifest import files_of
-from studies.output.records import PiercingRecord, Record
+from studies.output.records import Record
 from studies.output.remarks import Remark
 from studies.output.tally import Status
 from studies.scenario import Piercing, PulledEnd, Scenario, Thread
@@ -33,7 +34,7 @@ def summary_lines(scenario: Scenario, summary: dict[str, Any]) -> list[str]:
     return lines
 
 
-def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
+def piercing_lines(piercings: Sequence[PiercingObservation]) -> list[str]:
     """Return a table of the piercings."""
     if not piercings:
         return []
@@ -42,7 +43,7 @@ def piercing_lines(piercings: Sequence[PiercingRecord]) -> list[str]:
     return [head, *(_piercing_line(piercing, width) for piercing in piercings)]
 
 
-def _piercing_line(piercing: PiercingRecord, width: int) -> str:
+def _piercing_line(piercing: PiercingObservation, width: int) -> str:
     x = " ".join(f"{value / MILLI:z6.2f}" for value in piercing.x)
     force = float(np.linalg.norm(piercing.force))
     return say("piercing", hole=piercing, width=width, x=x, slip=piercing.slip / MILLI, force=force)

@@ -21,10 +21,6 @@ SWITCHES = 6  # between stick and slip within SEEN steps: three periods, which t
 STILL = 1e-9  # of the largest tension: smaller forces are round-off
 APART = 1e-6  # m: a smaller gap counts as closed, because body fluid hardly passes it and tissue is rougher
 
-PiercingRecord = PiercingObservation
-EnergyRecord = Energies
-TieRecord = TieObservation
-
 
 LIST = list_of(__file__, "columns.toml")
 Record = Any  # an object of a class that `record_of` returns
@@ -69,7 +65,7 @@ class TractRecord:
     """
 
     tract: str  # its name
-    balls: tuple[PiercingRecord, ...]
+    balls: tuple[PiercingObservation, ...]
 
     @property
     def force(self) -> Array:
@@ -123,8 +119,8 @@ class StepRecord:
 
     time: float  # [s]
     step: int
-    piercings: tuple[PiercingRecord, ...]
-    energy: EnergyRecord
+    piercings: tuple[PiercingObservation, ...]
+    energy: Energies
     newton_iterations: int  # of this step
     constraint_max: float  # largest |P(s) - x| of the thread at its holes [m]
     start_reaction: Array  # (3,) force of the holder on the thread [N]
@@ -143,7 +139,7 @@ class StepRecord:
     tracts: tuple[TractRecord, ...] = ()
     reduction: ReductionRecord | None = None  # None unless the organ is in a small basis
     krylov: Record | None = None  # None unless the organ is in its Krylov space
-    ties: tuple[TieRecord, ...] = ()
+    ties: tuple[TieObservation, ...] = ()
     profile: Callable[[], tuple[Record, ...]] = tuple  # computes the gaps along all rims, only for the last step
     torques: tuple[float, float] | None = None  # of the holders at start and end about the tangent [N m]; or None
     kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # computes `memory`, at a checkpoint
@@ -331,6 +327,6 @@ class Snapshot:
 
     time: float  # [s]
     thread: ThreadRecord
-    piercings: tuple[PiercingRecord, ...]
+    piercings: tuple[PiercingObservation, ...]
     organ: Record | None = None
-    ties: tuple[TieRecord, ...] = ()
+    ties: tuple[TieObservation, ...] = ()

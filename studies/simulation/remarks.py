@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 import tissue
+from coupling.reports.audit import Energies
+from coupling.reports.observation import PiercingObservation
 from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
 from studies import scenario as model
@@ -182,7 +184,7 @@ def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[f
         yield from judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
 
 
-def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[records.PiercingRecord]) -> Iterator[Remark]:
+def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[PiercingObservation]) -> Iterator[Remark]:
     """Yield a remark on an assumed channel whose length affects friction.
 
     The hole is named whose friction depends most on this length.
@@ -255,7 +257,7 @@ def has_slid(assembly: Assembly, step: records.StepRecord) -> bool:
     return bool(assembly.system.rough.any()) and any(abs(hole.slip) > limit for hole in step.piercings)
 
 
-def audited(energy: records.EnergyRecord, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
+def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
     """Return remarks on energy that the time steps created or dissipated.
 
     `rough`: the run has friction. `slid`: the thread slid far.
@@ -277,12 +279,12 @@ def audited(energy: records.EnergyRecord, extremes: records.Extremes, rough: boo
     return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 
 
-def moves(energy: records.EnergyRecord) -> bool:
+def moves(energy: Energies) -> bool:
     """Return whether a dynamic run still moves at its end, by its kinetic energy."""
     return unrest(energy.kinetic, energy.of_deformation) > SETTLED
 
 
-def unsettled(energy: records.EnergyRecord, slide: float, diameter: float) -> list[Remark]:
+def unsettled(energy: Energies, slide: float, diameter: float) -> list[Remark]:
     """Return a remark if a run did not come to rest.
 
     One criterion is its kinetic energy. The other is the length `slide` [m] that a thread of

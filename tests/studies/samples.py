@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from coupling.reports.audit import Energies
+from coupling.reports.observation import PiercingObservation
 from studies.output.fields import OrganTopology, ThreadRecord
 from studies.output.records import (
     LIST,
     ContactRecord,
     Ending,
-    EnergyRecord,
     OrganRecord,
-    PiercingRecord,
     Record,
     Snapshot,
     StepRecord,
@@ -148,8 +148,8 @@ def organ(topology: OrganTopology, time: float) -> Record:
     )
 
 
-def piercing(name: str, time: float) -> PiercingRecord:
-    return PiercingRecord(
+def piercing(name: str, time: float) -> PiercingObservation:
+    return PiercingObservation(
         name=name,
         s=0.02 + time / 3,
         slip=time / 3,
@@ -198,7 +198,7 @@ def step(number: int, dt: float = 0.1) -> StepRecord:
         time=time,
         step=number,
         piercings=frame(time).piercings,
-        energy=EnergyRecord(1 / 3, 0.2, 0.3, 0.4, 0.0, 0.0, 0.1, 1e-17, prestretch=0.05),
+        energy=Energies(1 / 3, 0.2, 0.3, 0.4, 0.0, 0.0, 0.1, 1e-17, prestretch=0.05),
         newton_iterations=3 if number else 0,
         constraint_max=1e-6,
         start_reaction=np.zeros(3),

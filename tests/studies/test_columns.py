@@ -13,7 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from coupling.reports.audit import Energies
+from coupling.reports.observation import PiercingObservation
 from coupling.run.events import Event
+from coupling.run.tying import TieObservation
 from studies.manual import with_blocks
 from studies.output.columns import (
     CONTACT,
@@ -42,12 +45,9 @@ from studies.output.columns import (
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_json
 from studies.output.records import (
-    EnergyRecord,
     LoadRecord,
-    PiercingRecord,
     StepRecord,
     StitchRecord,
-    TieRecord,
     TractRecord,
 )
 from studies.output.tables import CsvFile
@@ -72,7 +72,7 @@ ONE_ROW = ("contact", "stitches", "ties", "tracts")
 FULL = replace(
     step(1),
     events=(BEGINS, Event(0.05, "halved"), Event(0.1, "cut", control_points=31)),
-    ties=(TieRecord("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
+    ties=(TieObservation("knot", 0.01, 0.03, 0.02, 1.0, np.ones(3), 0.0, 1e-3, "tied"),),
     loads=(
         LoadRecord(boundary="top", share=0.5, area=1e-4, force=np.array([0.0, 1 / 3, -1.0])),
         LoadRecord(boundary="left", share=1.0, area=2e-4, force=np.ones(3)),
@@ -138,9 +138,9 @@ def test_cells_are_what_the_records_say(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "record", "elsewhere"),
     [
-        (ENERGY, EnergyRecord, {"loan"}),
-        (PIERCING_ARRAYS, PiercingRecord, {"name", "x", "channel", "tract", "bearing"}),
-        (HOLE_SUMMARY, PiercingRecord, {"name", "u", "v", "tract", "bearing"}),
+        (ENERGY, Energies, {"loan"}),
+        (PIERCING_ARRAYS, PiercingObservation, {"name", "x", "channel", "tract", "bearing"}),
+        (HOLE_SUMMARY, PiercingObservation, {"name", "u", "v", "tract", "bearing"}),
         (THREAD_ARRAYS, ThreadRecord, {"points", "pieces"}),
     ],
 )
@@ -151,7 +151,7 @@ def test_no_field_of_a_record_is_forgotten(columns: Sequence[Column[Any]], recor
 
 def test_each_column_takes_its_own_field() -> None:
     """Independent check: a column gives the field of its name, whichever record it is asked for."""
-    hole, energy, thread = FULL.piercings[0], EnergyRecord(*np.arange(8.0)), frame(0.3).thread
+    hole, energy, thread = FULL.piercings[0], Energies(*np.arange(8.0)), frame(0.3).thread
     for columns, record in ((HOLE_SUMMARY, hole), (ENERGY, energy), (CONTACT, FULL.contact[0])):
         for name, value in values(columns, record).items():
             assert value is getattr(record, name)

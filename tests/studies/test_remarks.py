@@ -14,6 +14,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+from coupling.reports.audit import Energies
 from coupling.rest import equilibrium
 from coupling.run.events import Event
 from coupling.run.tying import TieObservation, TieState
@@ -25,7 +26,6 @@ from studies.output.records import (
     STILL,
     SWITCHES,
     Ending,
-    EnergyRecord,
     Extremes,
     StepRecord,
     StrandsRecord,
@@ -89,8 +89,8 @@ def hole(**keys: Any) -> Any:
     return parse(table).piercing[0]
 
 
-def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, numerical: float = 0.0) -> EnergyRecord:
-    return EnergyRecord(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
+def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, numerical: float = 0.0) -> Energies:
+    return Energies(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
 
 
 TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, speed=0.05)
