@@ -23,7 +23,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from studies.output import manifest
-from studies.output.checkpoint import ANEW, Arrays, changes, first_in_words, write_checkpoint
+from studies.output.checkpoint import ANEW, changes, first_in_words, write_checkpoint
 from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.fields import OrganTopology
 from studies.output.files import read_json, write_bytes, write_json, write_text
@@ -33,7 +33,7 @@ from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
 from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
-from studies.output.tally import Judge, Status, Tally
+from studies.output.tally import NEVER, Status, Tally
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_copy
 
@@ -45,30 +45,26 @@ class Recorder:
     """Writes a run into a folder; leaving the ``with`` block writes the summary.
 
     The last frame is written even if it is not due, so a frame is passed as a function that makes
-    it. With the folder's ``checkpoint`` a run is resumed. Rows and frames after the checkpoint are
+    it. A tally from the folder's checkpoint resumes a run. Rows and frames after the checkpoint are
     removed. The first recorded step must be the step of the checkpoint.
     """
 
     def __init__(
         self,
         folder: Path | str,
-        scenario: Scenario,
+        tally: Tally,
         topology: OrganTopology | None = None,
-        tissue_dofs: int = 0,
-        checkpoint: Arrays | None = None,
-        judge: Judge | None = None,
         methods: Mapping[str, str | None] | None = None,
-        refinement: Mapping[str, Any] | None = None,
     ) -> None:
+        scenario = tally.scenario
         self.folder = Path(folder)
         self._outcome: tuple[Status, str] | None = None
         self.last_frame: Snapshot | None = None
         self._every = scenario.output.every
         self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
-        self.tally = Tally(scenario, tissue_dofs, judge, checkpoint, refinement)  # can refuse, so comes first
-        self._recorded = -1 if checkpoint is None else int(checkpoint["step"])  # last step in the tables
-        if checkpoint is None:
+        self.tally, self._recorded = tally, tally.begun  # last step in the tables
+        if tally.begun == NEVER:
             manifest.refuse_foreign(self.folder, scenario)
             manifest.clear(self.folder)
             self.provenance = _write_beginning(self.folder, scenario, methods or {})

@@ -19,7 +19,7 @@ Judge = Callable[[Ending | None], Sequence[Remark]]  # returns remarks at the en
 
 
 class Tally:
-    """Collects the summary of a run; the ``memory`` of a checkpoint continues it.
+    """Collects the summary of a run of a scenario; the ``memory`` of a checkpoint continues it.
 
     Raises `ScenarioError` for an incomplete checkpoint.
     """
@@ -33,7 +33,8 @@ class Tally:
         refinement: Mapping[str, Any] | None = None,
     ) -> None:
         self._judge = judge
-        self._scenario = scenario
+        self.scenario = scenario
+        self.begun = NEVER  # the step of the checkpoint
         self._names = [hole.name for hole in scenario.piercing]
         self._tissue_dofs = tissue_dofs
         self.own: list[Remark] = []
@@ -44,7 +45,7 @@ class Tally:
         self._extremes = nothing_met(len(self._names), len(scenario.tie))
         if memory is not None:
             try:
-                self._extremes = unpack(self._extremes, memory, "extremes")
+                self.begun, self._extremes = int(memory["step"]), unpack(self._extremes, memory, "extremes")
             except KeyError as error:
                 raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
@@ -88,7 +89,7 @@ class Tally:
         ended = {"status": status, "error": error, "last": step, "tissue_dofs": self._tissue_dofs}
         head = values(RUN, SimpleNamespace(**ended, **self._totals))
         parts: dict[str, Any] = {"remarks": [remark.record() for remark in self.remarks]}
-        if self._scenario.tissue is not None:
+        if self.scenario.tissue is not None:
             parts["range"] = range_summary(self._names, self._extremes)
         if step is not None and step.reduction is not None:
             parts["reduction"] = reduction_summary(self._names, self._extremes, step.reduction)
@@ -96,7 +97,7 @@ class Tally:
             parts["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
         if "rounds" in self.refinement:
             parts["mesh"] = {"rounds": self.refinement["rounds"]}
-        state = state_summary(step, self._scenario.piercing, self._scenario.thread) if step else {}
+        state = state_summary(step, self.scenario.piercing, self.scenario.thread) if step else {}
         sources = {"compliance_error": "errors", "bounds": "bounds"}
         for name, hole in state.get("piercings", {}).items():
             known = {key: self.refinement.get(of, {}).get(name) for key, of in sources.items()}

@@ -81,14 +81,4 @@ def begin(simulation: Simulation, folder: Path, resume: bool = False) -> tuple[R
     if checkpoint is None:
         check_disk(folder, simulation.scenario, simulation.topology)
     moments = simulation.advance(checkpoint)
-    recorder = Recorder(
-        folder,
-        simulation.scenario,
-        simulation.topology,
-        simulation.tissue_dofs,
-        checkpoint,
-        judge=simulation.remarks,
-        methods=simulation.methods,
-        refinement=simulation.refinement,
-    )
-    return recorder, moments
+    return Recorder(folder, simulation.tally(checkpoint), simulation.topology, simulation.methods), moments

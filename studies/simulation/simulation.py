@@ -29,6 +29,7 @@ from studies.output.checkpoint import Arrays
 from studies.output.fields import OrganTopology
 from studies.output.records import Ending, OrganRecord, Record, Snapshot, StepRecord
 from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
+from studies.output.tally import Tally
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.meanings import because
 from studies.scenario.organ import LIPS
@@ -128,6 +129,10 @@ class Simulation:
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         """Return the remarks on the run before the first step and, if given, up to an `ending`."""
         return [*self.foreseen, *(met(self.assembly, ending) if ending else [])]
+
+    def tally(self, memory: Arrays | None = None) -> Tally:
+        """Return the tally of a run, continued from the `memory` of a step's record."""
+        return Tally(self.scenario, self.tissue_dofs, self.remarks, memory, self.refinement)
 
     @property
     def methods(self) -> dict[str, str | None]:

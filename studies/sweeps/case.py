@@ -13,7 +13,6 @@ from typing import Any
 from coupling.errors import CouplingError
 from meshes.errors import MeshError
 from studies.output.records import Record, Snapshot, StepRecord
-from studies.output.tally import Tally
 from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.toml import changed, parsed, tables, with_mesh_copy
@@ -93,7 +92,7 @@ def run_start(data: Mapping[str, Any]) -> Result | None:
             step, frame = next(simulation.advance())
         except (*REFUSALS, *SHORTAGES, CouplingError):
             return None
-        tally = tally_of(simulation)
+        tally = simulation.tally()
         tally.count(step)
         tally.see(drawn(simulation, step, frame))
     return Result(COMPLETED, tally.summary("completed"), perf_counter() - began)
@@ -111,17 +110,12 @@ def make_ready(data: Mapping[str, Any]) -> None:
         run_case(changed(data, {"solve.duration": min(solve.duration, 2 * solve.dt)}))
 
 
-def tally_of(simulation: Simulation) -> Tally:
-    """Return the tally of a simulation."""
-    return Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks, refinement=simulation.refinement)
-
-
 def simulate(simulation: Simulation) -> tuple[dict[str, Any], Exception | None]:
     """Run a simulation without files; return the summary of `suture run`, and the error.
 
     The error is None for a completed run.
     """
-    tally = tally_of(simulation)
+    tally = simulation.tally()
     error: Exception | None = None
     last = None
     try:

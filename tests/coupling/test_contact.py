@@ -387,7 +387,7 @@ def resumed(file: Path, last: int) -> StepRecord:
     """Interrupt a run after a step and go on with it, to the bytes of the one in `whole`; the record of that step."""
     out, whole = file.parent / "interrupted", file.parent / "whole"
     simulation, seen = prepare(load(file)), []
-    recorder = Recorder(out, simulation.scenario, simulation.topology, simulation.tissue_dofs)
+    recorder = Recorder(out, simulation.tally(), simulation.topology)
     with pytest.raises(KeyboardInterrupt), recorder:
         for step, frame in simulation.advance():
             recorder.record(step, frame)

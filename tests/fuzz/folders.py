@@ -11,6 +11,7 @@ from random import Random
 from unittest.mock import patch
 
 from studies.command.command import REFUSALS, main
+from studies.output import tally
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder
 from studies.output.opened import open_run
@@ -108,7 +109,7 @@ def _resume(folder: Path) -> str:
     if not can_resume(folder, scenario):
         return "begun anew"
     kept = read_checkpoint(folder)
-    with Recorder(folder, scenario, LINEAR, checkpoint=kept) as recorder:
+    with Recorder(folder, tally.Tally(scenario, memory=kept), LINEAR) as recorder:
         for number in range(0 if kept is None else int(kept["step"]), 4):
             recorder.record(step(number), framing(step(number).time))
     return "resumed"

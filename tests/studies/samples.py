@@ -8,6 +8,7 @@ import numpy as np
 
 from coupling.reports.audit import Energies
 from coupling.reports.observation import PiercingObservation
+from studies.output.checkpoint import Arrays
 from studies.output.fields import OrganTopology, ThreadRecord
 from studies.output.records import (
     LIST,
@@ -19,6 +20,7 @@ from studies.output.records import (
     StepRecord,
 )
 from studies.output.remarks import Remark
+from studies.output.tally import Tally
 from studies.scenario import Scenario
 
 ANCHORED = """
@@ -230,6 +232,9 @@ class Stub:
 
     def remarks(self, ending: Ending | None = None) -> list[Remark]:
         return list(self.said)
+
+    def tally(self, memory: Arrays | None = None) -> Tally:
+        return Tally(self.scenario, self.tissue_dofs, self.remarks, memory, self.refinement)
 
     def advance(self, memory: object = None) -> Iterator[tuple[StepRecord, Callable[[], Snapshot]]]:
         for number in range(self.steps + 1):

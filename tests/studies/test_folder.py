@@ -23,6 +23,7 @@ from studies.output.lock import locked
 from studies.output.manifest import MARK
 from studies.output.provenance import provenance
 from studies.output.tables import CsvFile
+from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load, parse
 from studies.scenario.toml import tables
 from tests.studies.samples import CONTRACT, LINEAR, framing, step
@@ -32,7 +33,7 @@ SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
 
 
 def recorded(folder: Path, steps: int = 7) -> Path:
-    with Recorder(folder, SCENARIO, LINEAR, tissue_dofs=12) as recorder:
+    with Recorder(folder, Tally(SCENARIO, 12), LINEAR) as recorder:
         for number in range(steps + 1):
             recorder.record(step(number), framing(step(number).time))
     return folder
@@ -96,7 +97,7 @@ def test_the_mesh_file_is_kept_with_the_results(tmp_path: Path) -> None:
     mesh = tmp_path / "organ.msh"
     mesh.write_text("a mesh", encoding="utf-8")
     data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh), "accuracy": "given"}, "clamp": ["bottom"]}
-    with Recorder(tmp_path / "out", parse(data)):
+    with Recorder(tmp_path / "out", Tally(parse(data))):
         pass
     mesh.unlink()
     scenario = load(tmp_path / "out" / "scenario.toml")
@@ -113,7 +114,7 @@ def test_the_mesh_file_is_kept_with_the_results(tmp_path: Path) -> None:
 def test_a_run_that_ends_early_keeps_what_was_written(
     tmp_path: Path, error: BaseException, status: str, text: str
 ) -> None:
-    with pytest.raises(type(error)), Recorder(tmp_path, SCENARIO, LINEAR) as recorder:
+    with pytest.raises(type(error)), Recorder(tmp_path, Tally(SCENARIO), LINEAR) as recorder:
         for number in range(5):
             recorder.record(step(number), framing(step(number).time))
         raise error
@@ -124,7 +125,7 @@ def test_a_run_that_ends_early_keeps_what_was_written(
 
 
 def test_a_run_that_fails_at_the_start_has_a_summary(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), Recorder(tmp_path, SCENARIO, LINEAR):
+    with pytest.raises(RuntimeError), Recorder(tmp_path, Tally(SCENARIO), LINEAR):
         raise RuntimeError("the start is inconsistent")
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert (summary["status"], summary["steps"], summary["seconds_per_step"]) == ("failed", 0, None)
@@ -166,8 +167,8 @@ def test_results_are_not_replaced_by_the_scenario_they_hold(tmp_path: Path) -> N
 KILLED = """
 import sys
 sys.path[:0] = [{root!r}]
-from tests.studies.test_folder import SCENARIO, LINEAR, Recorder, framing, step
-with Recorder({folder!r}, SCENARIO, LINEAR) as recorder:
+from tests.studies.test_folder import SCENARIO, LINEAR, Recorder, Tally, framing, step
+with Recorder({folder!r}, Tally(SCENARIO), LINEAR) as recorder:
     for number in range(10**9):
         recorder.record(step(number), framing(step(number).time))
         print(number, flush=True)

@@ -11,7 +11,6 @@ import pytest
 import tissue
 from coupling.step import solver
 from studies.output.records import StepRecord
-from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
 from studies.simulation.recorded import begin
@@ -199,7 +198,7 @@ def test_the_summary_says_how_the_organ_was_solved() -> None:
     said = {}
     for way in (KRYLOV, WHOLE):
         simulation = prepared("solve.duration=0.02", way)
-        tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks)
+        tally = simulation.tally()
         for step, _ in simulation.advance():
             tally.count(step)
             tally.last_step = step

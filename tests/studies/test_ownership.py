@@ -22,6 +22,7 @@ from studies.output.folder import Recorder, can_resume, check_folder, completed_
 from studies.output.lock import LOCK, locked
 from studies.output.log import LOG
 from studies.output.manifest import MARK, files_of
+from studies.output.tally import Tally
 from studies.output.version import ROOT
 from studies.scenario import Scenario, ScenarioError, load, parse, schema
 from studies.scenario.toml import tables
@@ -33,7 +34,7 @@ SCENARIO = parse(tomllib.loads(CONTRACT.replace("every = 10", "every = 3")))
 
 
 def recorded(folder: Path, scenario: Scenario = SCENARIO, steps: int = 7) -> Path:
-    with Recorder(folder, scenario, LINEAR, tissue_dofs=12) as recorder:
+    with Recorder(folder, Tally(scenario, 12), LINEAR) as recorder:
         for number in range(steps + 1):
             recorder.record(step(number), framing(step(number).time))
     return folder
@@ -64,7 +65,7 @@ def test_another_provenance_makes_no_results_folder(tmp_path: Path, text: str) -
     with pytest.raises(ScenarioError, match=r"holds files that no run wrote \(provenance\.json"):
         check_folder(tmp_path, overwrite=True)
     with pytest.raises(ScenarioError, match=r"would overwrite provenance\.json, which no run wrote; move"):
-        Recorder(tmp_path, SCENARIO, LINEAR)
+        Recorder(tmp_path, Tally(SCENARIO), LINEAR)
     assert (tmp_path / MARK).read_text(encoding="utf-8") == text
 
 
@@ -265,7 +266,7 @@ def test_the_disk_that_a_run_takes(tmp_path: Path) -> None:
     """Independent check: rows and frames of a run with an organ, within a factor of two."""
     organ = "tissue.mesh={kind='block',size=[0.04,0.03,0.02],h=3e-3,accuracy='given'}"
     simulation = prepare(load("two_piercings", [organ, "solve.duration=0.01", "output.every=5"]))
-    with Recorder(tmp_path, simulation.scenario, simulation.topology) as recorder:
+    with Recorder(tmp_path, simulation.tally(), simulation.topology) as recorder:
         for moment in simulation.advance():
             recorder.record(*moment)
     frames = sum(path.stat().st_size for path in (tmp_path / "frames").iterdir())
@@ -381,7 +382,7 @@ TORN = {
 
 def checkpointed(folder: Path) -> Path:
     """A run of seven steps that keeps the step's number alone."""
-    with pytest.raises(KeyboardInterrupt), Recorder(folder, SCENARIO, LINEAR) as recorder:
+    with pytest.raises(KeyboardInterrupt), Recorder(folder, Tally(SCENARIO), LINEAR) as recorder:
         for number in range(8):
             kept = {"step": number}
             recorder.record(replace(step(number), kept=lambda kept=kept: kept), framing(step(number).time))
@@ -393,7 +394,7 @@ def resumed(folder: Path) -> None:
     check_folder(folder, SCENARIO, resume=True)
     assert can_resume(folder, SCENARIO)
     assert completed_run(folder, SCENARIO) is None
-    with Recorder(folder, SCENARIO, LINEAR, checkpoint=read_checkpoint(folder)) as recorder:
+    with Recorder(folder, Tally(SCENARIO, memory=read_checkpoint(folder)), LINEAR) as recorder:
         recorder.record(step(6), framing(step(6).time))
 
 

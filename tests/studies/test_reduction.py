@@ -28,7 +28,7 @@ SMALL = "tissue.reduction={ blocks = 2 }"
 
 def stepped(simulation: Simulation) -> tuple[list[StepRecord], Tally]:
     """All steps of a run, and what they come to, with its first and last frame."""
-    tally = Tally(simulation.scenario, simulation.tissue_dofs, simulation.remarks)
+    tally = simulation.tally()
     steps = []
     for step, frame in simulation.advance():
         steps.append(step)

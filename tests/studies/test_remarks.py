@@ -61,6 +61,7 @@ from studies.output.remarks import (
     Remark,
     remark,
 )
+from studies.output.tally import Tally
 from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import demand, prepare
@@ -618,7 +619,7 @@ def test_an_organ_in_millimetres_and_kilopascals_is_foreseen(scene: Path) -> Non
 
 def recorded(folder: Path, judge: Any, steps: Sequence[StepRecord]) -> dict[str, Any]:
     scenario = parse(tables(load_contract(folder)))
-    with Recorder(folder / "out", scenario, LINEAR, judge=judge) as recorder:
+    with Recorder(folder / "out", Tally(scenario, judge=judge), LINEAR) as recorder:
         for each in steps:
             recorder.record(each, framing(each.time))
     found: dict[str, Any] = json.loads((folder / "out" / "summary.json").read_text())

@@ -39,7 +39,7 @@ def record_run(folder: Path, title: str = "a title") -> Path:
               "mesh": {"kind": "block", "size": [0.1, 0.1, 0.1], "h": 0.05, "accuracy": "given"}}  # fmt: skip
     scenario = parse({"title": title, "thread": table, "tissue": tissue, "piercing": holes,
                       "solve": {"dt": 0.1, "duration": 0.3}, "output": {"every": 1}})  # fmt: skip
-    with Recorder(folder, scenario, LINEAR, judge=Stub(scenario).remarks) as recorder:
+    with Recorder(folder, Stub(scenario).tally(), LINEAR) as recorder:
         for number in range(STEPS + 1):
             recorder.record(step(number), framing(step(number).time))
     return folder

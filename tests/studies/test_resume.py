@@ -21,6 +21,7 @@ from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_
 from studies.output.folder import Recorder, can_resume
 from studies.output.manifest import MARK
 from studies.output.records import StepRecord
+from studies.output.tally import Tally
 from studies.scenario import ScenarioError, dump, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import prepare
@@ -240,7 +241,7 @@ def test_only_the_duration_may_grow(file: Path, whole: Path, capsys: pytest.Capt
     held = parse(tomllib.loads(SCENARIO)).model_copy(update={"piercing": ()})
     longer = [held.model_copy(update={"solve": held.solve.model_copy(update={"kind": "static", "duration": at})})
               for at in (0.1, 0.2)]  # fmt: skip
-    with Recorder(file.parent / "static", longer[0]):
+    with Recorder(file.parent / "static", Tally(longer[0])):
         pass
     with pytest.raises(ScenarioError, match=r"solve\.duration was 0\.1 and is 0\.2"):
         can_resume(file.parent / "static", longer[1])
@@ -338,7 +339,7 @@ def test_another_mesh_is_refused(tmp_path: Path) -> None:
     mesh.write_text("a mesh", encoding="utf-8")
     data = tables(parse(tomllib.loads(SCENARIO)))
     data["tissue"] |= {"mesh": {"kind": "file", "path": str(mesh), "accuracy": "given"}, "clamp": ["bottom"]}
-    with Recorder(tmp_path / "out", parse(data)):
+    with Recorder(tmp_path / "out", Tally(parse(data))):
         pass
     assert can_resume(tmp_path / "out", parse(data))
     mesh.write_text("another mesh", encoding="utf-8")

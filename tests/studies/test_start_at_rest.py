@@ -182,7 +182,7 @@ def test_a_run_says_how_its_dead_load_grows(
     pull = np.linalg.norm(record.start_reaction)
     assert abs(pull - (PULL if grows == 0.0 else 0.0)) < TWO_SOLVERS * PULL
     assert [said.code for said in simulation.foreseen if said.where == "thread.start"] == remarks
-    with Recorder(tmp_path, simulation.scenario) as recorder:
+    with Recorder(tmp_path, simulation.tally()) as recorder:
         recorder.record(record, frame)
     print_summary(simulation.scenario, recorder, "completed")
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("load")]
