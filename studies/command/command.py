@@ -339,7 +339,7 @@ def _try_remedies(
     """Add a remark on a remedy for a failed run, unless the user interrupts the search."""
     store = Shared()
     with stages(options.quiet or options.json), suppress(KeyboardInterrupt):
-        scenario, last = simulation.scenario, recorder.last_step
+        scenario, last = simulation.scenario, recorder.tally.last_step
         recorder.remark(try_remedies(scenario, failure, last, lambda copy: prepare(copy, store)))
 
 
@@ -380,7 +380,7 @@ def _simulate(
 
 
 def _where(recorder: Recorder, error: BaseException) -> str:
-    done = recorder.last_step
+    done = recorder.tally.last_step
     place = "at the start" if done is None else f"in step {done.step + 1}, after t = {done.time:.6g} s"
     return f"the run failed {place}: {error or type(error).__name__}"
 

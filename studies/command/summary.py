@@ -125,7 +125,7 @@ def range_line(met: Mapping[str, Any]) -> str:
 
 def print_summary(scenario: Scenario, recorder: Recorder, status: Status, picture: str = "") -> None:
     """Print the end of a run; `picture` is the line on the picture, empty without a picture."""
-    step, summary = recorder.last_step, recorder.summary(status)
+    step, summary = recorder.tally.last_step, recorder.summary(status)
     lines = [*summary_lines(scenario, summary)]
     table = piercing_lines(step.piercings) if step else []
     folder = recorder.folder

@@ -61,7 +61,6 @@ class Recorder:
         self._outcome: tuple[Status, str] | None = None
         self.last_frame: Snapshot | None = None
         self._every = scenario.output.every
-        self._wounds = bool(scenario.wounds)
         self._pending: Callable[[], Snapshot] | None = None
         self.tally, self._recorded = tally, tally.begun  # last step in the tables
         if tally.begun == NEVER:
@@ -118,13 +117,8 @@ class Recorder:
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
             write_json(self.folder / manifest.MARK, self._origin())
-            if self._wounds and self.last_step is not None:
-                write_bytes(self.folder / manifest.PROFILE, whole_table(GAP_PROFILE, self.last_step.profile()))
-
-    @property
-    def last_step(self) -> StepRecord | None:
-        """The last recorded step, None before the start."""
-        return self.tally.last_step
+            if self.tally.scenario.wounds and self.tally.last_step is not None:
+                write_bytes(self.folder / manifest.PROFILE, whole_table(GAP_PROFILE, self.tally.last_step.profile()))
 
     def remark(self, remark: Remark) -> None:
         """Add a remark on the files; an existing summary is updated."""
@@ -145,11 +139,11 @@ class Recorder:
         return self.provenance | {"methods": methods}
 
     def _write_frame(self) -> None:
-        if self._pending is not None and self.last_step is not None:
+        if self._pending is not None and self.tally.last_step is not None:
             self.last_frame = self._pending()
             self._pending = None
             self.tally.see(self.last_frame.organ)
-            self._series.write(self.last_step.step, self.last_frame)
+            self._series.write(self.tally.last_step.step, self.last_frame)
 
 
 def _refuse_lost_rows(folder: Path, step: int, layouts: Iterable[Layout[Any]]) -> None:

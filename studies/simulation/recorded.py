@@ -54,7 +54,7 @@ def run(
             except CouplingError as failure:
                 if remedies:
                     make = partial(prepare, store=Shared(), **simulation.assembly.given.parts)
-                    recorder.remark(try_remedies(simulation.scenario, failure, recorder.last_step, make))
+                    recorder.remark(try_remedies(simulation.scenario, failure, recorder.tally.last_step, make))
                 raise
     return open_run(folder)
 
