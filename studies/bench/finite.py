@@ -79,7 +79,7 @@ def measure_step(case: str, overrides: list[str]) -> Numbers:
     scenarios = [load(COUPLED, [*FIXED, *overrides, *more]) for more in (STIFFENING, [])]
     assemblies = [assemble(scenario) for scenario in scenarios]
     runs, dt = [begin(each.system, each.start()) for each in assemblies], scenarios[0].solve.dt
-    taken = list(steps_in_turn(runs, dt, WARM_UP + STEPS))[WARM_UP:]
+    taken = list(steps_in_turn(runs, lambda run: run.step(dt), WARM_UP + STEPS))[WARM_UP:]
     step, linear = (median(times[k] for _, times in taken) / MILLI for k in (0, 1))
     counts = [sum(made[k].iterations for made, _ in taken) / STEPS for k in (0, 1)]
     found = {"case": case, "tissue_unknowns": int(assemblies[0].organ.size)}

@@ -59,8 +59,10 @@ def time_call(call: Callable[[], object]) -> float:
     return process_time() - began
 
 
-def steps_in_turn(runs: Sequence[OrganRun], dt: float, count: int) -> Iterator[tuple[list[OrganRun], list[float]]]:
-    """Yield runs after each of a number of steps, which they make in turn.
+def steps_in_turn(
+    runs: Sequence[OrganRun], take: Callable[[OrganRun], OrganRun], count: int
+) -> Iterator[tuple[list[OrganRun], list[float]]]:
+    """Yield runs after each of a number of steps, which they `take` in turn.
 
     The processor times of the steps are given too [s].
     """
@@ -69,7 +71,7 @@ def steps_in_turn(runs: Sequence[OrganRun], dt: float, count: int) -> Iterator[t
         times = []
         for k, run in enumerate(now):
             began = process_time()
-            now[k] = run.step(dt)
+            now[k] = take(run)
             times.append(process_time() - began)
         yield list(now), times
 

@@ -19,10 +19,9 @@ import numpy as np
 import tissue
 from coupling.integrators import BDF2
 from studies.arrays import MILLI
-from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, time_call
+from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, steps_in_turn, time_call
 from studies.scenario import Scenario, load
 from studies.simulation import prepare
-from studies.simulation.memory import OrganRun
 
 SCENES = Path(__file__).parents[1] / "scenario" / "scenes"
 COUPLED = SCENES / "two_piercings.toml"
@@ -67,8 +66,9 @@ def measure_case(case: str, scenario: Scenario) -> Numbers:
     ready.beginning().steps(dt, WARM_UP)
     alone, iterations, began = list[float](), 0, process_time()
     while not alone or (len(alone) + ready.steps <= MOST and process_time() - began < LONGEST):
-        times, corrections = each_alone(ready.beginning(), dt, ready.steps)
-        alone, iterations = [*alone, *times], iterations + corrections
+        for [run], times in steps_in_turn([ready.beginning()], lambda run: run.steps(dt, 1), ready.steps):
+            alone += times
+            iterations += run.iterations
     begun = ready.beginning()
     at_once = [time_call(lambda: begun.steps(dt, ready.steps)) for _ in range(REPEATED)]
     recorded = [time_call(lambda: deque(ready.advance(), maxlen=0)) for _ in range(REPEATED)]
@@ -80,17 +80,6 @@ def measure_case(case: str, scenario: Scenario) -> Numbers:
     found |= {"at_once": median(at_once) / ready.steps / MILLI}
     found |= {"recorded": median(recorded) / ready.steps / MILLI}
     return found | {"floor": floor_of(ready.assembly.organ, BDF2(dt, dt))}
-
-
-def each_alone(run: OrganRun, dt: float, steps: int) -> tuple[list[float], int]:
-    """Return the times of single steps [s], and the number of their Newton iterations."""
-    times, iterations = list[float](), 0
-    for _ in range(steps):
-        began = process_time()
-        run = run.steps(dt, 1)
-        times.append(process_time() - began)
-        iterations += run.iterations
-    return times, iterations
 
 
 def floor_of(organ: object, scheme: BDF2) -> float | None:
