@@ -288,6 +288,7 @@ SUMMARY: dict[tuple[str, ...], Sequence[Column[Any]]] = {  # by the place in ``s
     ("contact", ANY): CONTACT,
     ("contact", ANY, "stitches", ANY): STITCH,
     ("ties", ANY): TIE,
+    ("tracts", ANY): TRACT,
     ("loads", ANY): LOAD,
     ("range",): RANGE,
     ("range", "piercings", ANY): HOLE_RANGE,
@@ -330,7 +331,7 @@ def _in_short(parts: tuple[str, ...]) -> str:
 
 def manual_tables() -> dict[str, str]:
     """Return the tables of the manual by the name of their file."""
-    tables = {*HOLE, *ENERGY, *CONTACT, *STITCH, *TIE, *LOAD}  # these have their own table
+    tables = {*HOLE, *ENERGY, *CONTACT, *STITCH, *TIE, *LOAD, *TRACT}  # these have their own table
     keys = [
         replace(column, name=".".join(["NAME" if part == ANY else part for part in place] + [column.name]))
         for place, columns in SUMMARY.items()

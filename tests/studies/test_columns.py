@@ -44,6 +44,7 @@ from studies.output.columns import (
 )
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_json
+from studies.output.quantities import quantities
 from studies.output.records import (
     LoadRecord,
     StepRecord,
@@ -169,6 +170,14 @@ def summary(record: StepRecord, folder: Path) -> dict[str, Any]:
     write_json(folder / "summary.json", values(RUN, run) | state_summary(record))
     found: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return found
+
+
+def test_each_number_of_a_summary_has_a_unit(tmp_path: Path) -> None:
+    """Independent check: the last step of a run with every table gives no number without its unit."""
+    found = quantities(summary(FULL, tmp_path)).values()
+    numbers = [one for one in found if isinstance(one.value, float)]
+    assert {one.name.partition(".")[0] for one in numbers} >= {"thread", "piercings", "contact", "ties", "tracts"}
+    assert [one.name for one in numbers if not one.unit] == []
 
 
 def test_the_summary_has_the_names_users_rely_on(tmp_path: Path) -> None:
