@@ -16,7 +16,7 @@ import tissue
 from coupling.run import begin
 from studies.arrays import MILLI
 from studies.bench.rows import Numbers, keep, printed, steps_in_turn
-from studies.bench.step import COUPLED, FIXED, SCENES, SIZES
+from studies.bench.step import COUPLED, FIXED, SCENES, SIZES, sized
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 
@@ -45,11 +45,6 @@ def main(
         step = measure_step("10k", [*sized(in_time), choice])
     print(IN_TIME.format(**step))
     return keep(json_path, {"finite_at_rest": rows, "finite_in_time": step})
-
-
-def sized(mesh: tuple[float, float]) -> list[str]:
-    """Return the overrides for the size of cells far from and at the holes [m]."""
-    return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}", "tissue.mesh.accuracy=given"]
 
 
 def measure_pull(case: str, overrides: list[str]) -> Numbers:

@@ -26,7 +26,7 @@ from coupling.step.stepping import bdf2_step
 from meshes.block import block
 from studies.arrays import MEGA, MILLI, Array
 from studies.bench.rows import EVERY_CASE, Numbers, keep, printed, steps_in_turn, time_call
-from studies.bench.step import COMPILED, COUPLED, FIXED, SIZES
+from studies.bench.step import COMPILED, COUPLED, FIXED, SIZES, sized
 from studies.scenario import load
 from studies.simulation.assembly import assemble
 from studies.simulation.sharing import Shared
@@ -65,8 +65,8 @@ def main(
 
 def measurements(meshes: Mapping[str, tuple[float, float]]) -> Iterator[Numbers]:
     """Yield the measurements of the main job on each mesh, then of the soft block."""
-    for size, (h, h_site) in meshes.items():
-        yield measure_job(f"main job {size}", [f"tissue.mesh.h={h}", f"tissue.mesh.h_site={h_site}"])
+    for size, mesh in meshes.items():
+        yield measure_job(f"main job {size}", sized(mesh))
     yield measure_soft_block()
 
 

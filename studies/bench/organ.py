@@ -10,13 +10,13 @@ table are the times to assemble each organ's matrices by the compiled loops and 
 forms. All times are processor times on one thread, so other work on the machine has no effect.
 """
 
-import mmap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from time import process_time
 
 import numpy as np
+import psutil
 from threadpoolctl import threadpool_limits
 
 import tissue
@@ -141,9 +141,10 @@ def row_of(organ: tissue.QuasiStaticOrgan, element: str, method: str, speed: flo
     `rough_columns` are the columns of a quasi-static organ by an iterative solver, and `left` is
     the error of their compliance; both are None for a direct solver.
     """
-    before, began = resident_memory(), process_time()
+    memory = psutil.Process().memory_info
+    before, began = memory().rss, process_time()
     chosen = solver(organ.K, organ.places, method)
-    setup, kept = process_time() - began, resident_memory() - before
+    setup, kept = process_time() - began, memory().rss - before
     b = np.random.default_rng(0).standard_normal(organ.size)
     iterations = chosen.iterate(b)[1] if isinstance(chosen, ConjugateGradients) else None
     solve = median(time_call(lambda: chosen.solve(b)) for _ in range(SOLVES if iterations is None else 1))
@@ -161,11 +162,3 @@ def time_compliance(organ: tissue.QuasiStaticOrgan, chosen: Solver, rough: bool)
     began = process_time()
     _, C = compliance(chosen, organ.Y, rough)
     return process_time() - began, C
-
-
-def resident_memory() -> float:
-    """Return the memory of this process [bytes]; not a number if the system does not report it."""
-    try:
-        return float(Path("/proc/self/statm").read_text().split()[1]) * mmap.PAGESIZE
-    except OSError:
-        return float("nan")

@@ -40,6 +40,11 @@ WARM_UP = 3  # number of steps that load the loops
 REPEATED = 3  # number of whole runs, and of back-substitutions
 
 
+def sized(mesh: tuple[float, float]) -> list[str]:
+    """Return the overrides for the size of cells far from and at the holes [m]."""
+    return [f"tissue.mesh.h={mesh[0]}", f"tissue.mesh.h_site={mesh[1]}", "tissue.mesh.accuracy=given"]
+
+
 def main(json_path: Path | None = None, solver: str = "auto") -> int:
     """Measure every case and print the table; return the exit status.
 
