@@ -71,12 +71,11 @@ def test_the_workers_of_a_study_do_the_cases() -> None:
     """Independent check: each case is an item of its own, which goes to another process and comes back the same."""
     items: list[Any] = []
 
-    class Others:
-        def done(self, work: Any, given: Sequence[Any]) -> Iterator[Any]:
-            items.extend(pickle.loads(pickle.dumps(given)))
-            return iter(())
+    def others(work: Any, given: Sequence[Any]) -> Iterator[Any]:
+        items.extend(pickle.loads(pickle.dumps(given)))
+        return iter(())
 
-    token = AT_WORK.set(Others())
+    token = AT_WORK.set(others)
     try:
         assert list(study.main(seed=3, first=2, count=4)) == []
     finally:
