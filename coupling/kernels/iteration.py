@@ -619,7 +619,7 @@ def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen:
     return True
 
 
-@owning
+@loop
 def solve_step(curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bounds, z: Unknowns, r: Found) -> int:
     """Iterate until every equation holds and stick and slip fit the solution. Returns the
     corrections, −1 if this was not reached.

@@ -32,15 +32,15 @@ def numbers(*constants: int) -> tuple[int, ...]:
 def loop(kernel: Kernel) -> Kernel:
     """Return a function that is compiled into the loops that call it.
 
-    The function and the functions that it calls must not allocate or return arrays. Numba then does
-    not count references to its arguments, which can be dozens of arrays.
+    The function must not allocate arrays or call a function that returns arrays. Numba then does not
+    count references to its arguments, which can be hundreds of arrays: most of the code otherwise.
     """
     return njit(error_model="numpy", _nrt=False, **PART)(kernel)
 
 
 def owning(kernel: Kernel) -> Kernel:
     """Return a function that is compiled as in `loop` and that can allocate arrays or call a
-    function that returns arrays.
+    function that returns arrays. It should have few arrays as arguments.
     """
     return njit(error_model="numpy", _nrt=True, **PART)(kernel)
 

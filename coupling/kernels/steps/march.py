@@ -54,7 +54,7 @@ from coupling.kernels.steps.tautness import Strands, is_switched
 from coupling.kernels.steps.tension import Along, is_pressed, put_stretch, put_tensions
 from coupling.kernels.steps.watch import Shares, goes_uphill
 from thread.kernels.curve import Curve, Stretched, elastic_energy
-from thread.kernels.loops import loop, outermost, owning, sources
+from thread.kernels.loops import loop, outermost, sources
 from thread.kernels.travel import carry_points
 from thread.kernels.vectors import cross, dot, norm, vector
 
@@ -230,7 +230,7 @@ def predict(pace: Pace, given: Given, ends: Ends, step: int, now: Motion, z: Unk
             z.y[k, j] = now.y[k, j]
 
 
-@owning
+@loop
 def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earlier: Motion, new: Motion) -> None:
     """Write the results that follow from the solved unknowns of a step.
 
@@ -343,7 +343,7 @@ def begin_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, ear
     return largest
 
 
-@owning
+@loop
 def audit(plan: Plan, more: Array, now: Motion) -> None:
     """Write the energy turnover of the thread in a solved step; `more` is as for `Works`."""
     curve, law, given, scene, room = plan.curve, plan.law, plan.given, plan.scene, plan.room
@@ -360,7 +360,7 @@ def audit(plan: Plan, more: Array, now: Motion) -> None:
     audit_march(plan.knots, given, works, holes, r, now, room.end, met, room.turns)
 
 
-@owning
+@loop
 def end_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, energies: Array) -> int:
     """Check a solved step and audit it. Returns why it is not made, or MADE, or EVENT.
 
@@ -383,6 +383,35 @@ def end_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earli
     return UPHILL if goes_uphill(scene.shares, rounded, pace.before, energies, room.after) else happened
 
 
+@loop
+def make_step(
+    plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion, energies: Array
+) -> tuple[int, int]:
+    """Make a step from `now` to the arrays of the plan. Returns the corrections, and why the step
+    is not made, or MADE, or EVENT.
+    """
+    curve, knots, law, given, bounds, room = plan.curve, plan.knots, plan.law, plan.given, plan.bounds, plan.room
+    span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
+    largest = begin_step(plan, organ, ends, step, now, earlier)
+    if given.ride.on and not fits(plan.scene.fit, now.q, room.T, now.s, plan.scene.present):
+        return 0, REFIT
+    bounds.rounded[0] = rounded_force(curve.EA, plan.scene.by_place, span, largest)
+    predict(plan.pace, given, ends, step, now, room.z)
+    found = solve_at(plan.solver, (curve, knots, law, given, bounds, room.z, room.found))
+    if found < 0:
+        return found, NOT_SOLVED
+    return found, end_step(plan, organ, ends, step, now, earlier, energies)
+
+
+@loop
+def book_step(kept: Kept, step: int, room: Scratch, now: Motion, earlier: Motion, energies: Array) -> None:
+    """Store the results of a step that is made; the next one starts at its end."""
+    copy_into(room.after, energies)
+    keep(kept, step, room.found, room.end, energies)
+    copy_into(now.numbers, earlier.numbers)
+    copy_into(room.end.numbers, now.numbers)
+
+
 def march_of(digest: int) -> Any:
     """Return the function that makes steps, cached on disk for the modules of this `digest`."""
 
@@ -398,24 +427,11 @@ def march_of(digest: int) -> Any:
         `coupling.reports.audit.Energies` in their order.
         """
         assert digest
-        curve, knots, law, given, bounds, room = plan.curve, plan.knots, plan.law, plan.given, plan.bounds, plan.room
-        span = (knots.breaks[-1] - knots.breaks[0]) / (len(knots.breaks) - 1)
         for step in range(len(iterations)):
-            largest = begin_step(plan, organ, ends, step, now, earlier)
-            if given.ride.on and not fits(plan.scene.fit, now.q, room.T, now.s, plan.scene.present):
-                return step, REFIT
-            bounds.rounded[0] = rounded_force(curve.EA, plan.scene.by_place, span, largest)
-            predict(plan.pace, given, ends, step, now, room.z)
-            found = solve_at(plan.solver, (curve, knots, law, given, bounds, room.z, room.found))
-            if found < 0:
-                return step, NOT_SOLVED
-            why = end_step(plan, organ, ends, step, now, earlier, energies)
+            found, why = make_step(plan, organ, ends, step, now, earlier, energies)
             if why != MADE and (why != EVENT or step > 0):
                 return step, why
-            copy_into(room.after, energies)
-            keep(kept, step, room.found, room.end, energies)
-            copy_into(now.numbers, earlier.numbers)
-            copy_into(room.end.numbers, now.numbers)
+            book_step(kept, step, plan.room, now, earlier, energies)
             iterations[step] = found
             if why == EVENT:
                 return 1, HAPPENED
