@@ -67,6 +67,8 @@ def ride_of(thread: Thread, gravity: Array) -> Ride:
         plain(A[:, :, 1]),
         plain(stretch.w),
         rates_of(spline, A[:, :, 1]),
+        plain(ends.b[:, :, 1]),
+        plain(ends.w),
         rates_of(spline, ends.b[:, :, 0]),
         plain(M[:, :, 0]),
         plain(M[:, :, 1]),
@@ -86,8 +88,8 @@ def standing(thread: Thread) -> Ride:
     none, plane, block = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
     return Ride(
         False, none, plane, np.zeros((0, 2), np.int64), plane, block, block, plane, block, block, block, plane, block,
-        block, block, block, plane, block, block, np.zeros(0, np.int64), block, float(thread.section.rhoA), plane,
-        plain(np.array(thread.point_masses)),
+        block, plane, block, block, block, plane, block, block, np.zeros(0, np.int64), block,
+        float(thread.section.rhoA), plane, plain(np.array(thread.point_masses)),
     )  # fmt: skip
 
 

@@ -44,8 +44,8 @@ class Ride(NamedTuple):
     functions in χ, weights, and the rates of S' by the abscissae of the two holds:
 
     - Bending: `slope`, `bend` (spans, g, 4), `w` (spans, g), `rate` (spans, g, 2).
-    - Stretch: `axial_value`, `axial_slope`, `axial_w`, `axial_rate`; and the rates of S itself at
-      both ends of each span, `edge_moves` (spans, 2, 2).
+    - Stretch: `axial_value`, `axial_slope`, `axial_w`, `axial_rate`; at both ends of each span
+      `edge_slope`, `edge_w`, and the rates of S itself, `edge_moves` (spans, 2, 2).
     - Mass: `value`, `mass_slope`, `mass_w`, `mass_rate`; and the rates of S itself, `moves`.
 
     `first` (m,) and `at` (m, 2, 4): functions and slopes at the holds. `rhoA` [kg/m]; the `gravity`
@@ -65,6 +65,8 @@ class Ride(NamedTuple):
     axial_slope: Array
     axial_w: Array
     axial_rate: Array
+    edge_slope: Array
+    edge_w: Array
     edge_moves: Array
     value: Array
     mass_slope: Array
@@ -172,6 +174,11 @@ def place_curve(ride: Ride, S: Array, curve: Curve) -> None:
             curve.axial_w[e, g] = ride.axial_w[e, g] * rate
             for i in range(4):
                 curve.axial_slope[e, g, i] = ride.axial_slope[e, g, i] / rate
+        for g in range(2):
+            rate = on_span(ride.edge_slope[e, g], S, first)
+            curve.edge_w[e, g] = ride.edge_w[e, g] * rate
+            for i in range(4):
+                curve.edge_slope[e, g, i] = ride.edge_slope[e, g, i] / rate
 
 
 @loop
