@@ -8,11 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 from thread.arrays import Array
 from thread.errors import ThreadError
 
-# Without a radius, each corner takes this part of the shorter of its two segments. It is a compromise between a
-# gentle bend and a path near the corner, where a piercing often is.
+# Without a radius, a right angle takes this part of the shorter of its two segments: a compromise between a gentle
+# bend and a path near the corner. Other corners are as far from the path. Small turns, as of a bite that is given by
+# points, then take all of their segments, so that the curvature is as even as the points allow.
 TRIM = 0.25
-# The largest part of a segment that one corner takes: just under a half, so that a straight piece remains between
-# two corners.
+# The largest part of a segment that one of two corners takes: just under a half, so that a straight piece remains
+# between them. A corner takes twice as much if the other end of the segment has no corner.
 TRIM_MAX = 0.49
 # A smaller turn is round-off. A turn that differs less from 180° is a reversal, which no arc can round [rad].
 ANGLE = 1e-7
@@ -133,9 +134,9 @@ def rounded_path(points: ArrayLike, radius: float | None = None) -> RoundedPath:
     """Return the path through points, shape `(m, 3)` [m], m ≥ 2, its corners rounded by arcs of
     `radius` [m].
 
-    Each arc is tangent to both segments of its corner. A corner takes at most 0.49 of the shorter
-    segment; if `radius` would take more, the arc is smaller. With a radius of None every corner
-    takes a quarter of its shorter segment.
+    Each arc is tangent to both segments of its corner. Two corners take at most 0.98 of the segment
+    between them; if `radius` would take more, the arc is smaller. With a radius of None the path passes
+    every corner at a tenth of its shorter segment, or nearer if the turn is small.
 
     Raises `ThreadError` for fewer than two points, values that are not finite, equal consecutive
     points, a reversal, and a radius that is not positive.
@@ -197,12 +198,14 @@ def _trims(lengths: Array, turns: Array, radius: float | None) -> Array:
     """
     shorter = np.minimum(lengths[:-1], lengths[1:])
     if radius is None:
-        wanted = TRIM * shorter
+        wanted = TRIM * np.tan(np.pi / 8) / np.tan(np.maximum(turns, ANGLE) / 4) * shorter
     elif np.isfinite(radius) and radius > 0:
         wanted = radius * np.tan(turns / 2)
     else:
         raise ThreadError(f"radius = {radius!r} must be positive and finite")
-    return np.where(turns > 0, np.minimum(wanted, TRIM_MAX * shorter), 0.0)
+    corners = np.concatenate([[False], turns > 0, [False]])
+    parts = TRIM_MAX * np.where(corners[:-1] & corners[1:], 1.0, 2.0) * lengths
+    return np.where(turns > 0, np.minimum(wanted, np.minimum(parts[:-1], parts[1:])), 0.0)
 
 
 def _pieces(vertices: Array, directions: Array, lengths: Array, turns: Array, trims: Array) -> RoundedPath:

@@ -27,7 +27,7 @@ from studies.scenario.values import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
-from studies.simulation.laid import LaidPath, laid_path
+from studies.simulation.laid import LaidPath, moved_with, through_holes
 from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
@@ -66,7 +66,8 @@ class Assembly:
     """A prepared scenario: all defaults, the coupled system, and functions for the output.
 
     `holes` are the piercings with the balls of tracts in between. Their abscissae are `s` (p,) [m]
-    on the thread and `at` (p,) [m] on its path. The resting organ moves this path to `laid`.
+    on the thread and `at` (p,) [m] on its path. The path passes `through` the holes, and the resting
+    organ moves it to `laid`.
     `recovery` returns stress from displacement, None without an organ. `depths` returns the depth
     of points in the organ (k,) [m]. `given` are the parts from Python. `fit` is the refinement of
     cells, None without refinement.
@@ -76,6 +77,7 @@ class Assembly:
     holes: tuple[model.Piercing, ...]
     system: System[tissue.OrganState]
     organ: AnyOrgan
+    through: LaidPath
     laid: LaidPath
     at: Array
     s: Array
@@ -87,7 +89,7 @@ class Assembly:
 
     @property
     def path(self) -> RoundedPath:
-        """The path on the undeformed organ."""
+        """The path beside the holes, on the undeformed organ."""
         return self.laid.path
 
     @property
@@ -121,7 +123,8 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     own = abscissae(scenario, path, length)
     known = [(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)]
     check_order(known, length)
-    holes, s = with_balls(scenario, path, own, length, mesh)
+    through = path_through(scenario.piercing, path, np.array(own) * (path.length / length))
+    holes, s = with_balls(scenario, through, own, length, mesh)
     check_balls(scenario.thread, holes)
     sites = [site_of(hole, scenario) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)
@@ -130,7 +133,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     at = np.array(s) * (path.length / length)
     moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
     there = np.array([is_known(hole) for hole in holes], dtype=bool)
-    laid = laid_path(scenario, path, at[there], moves[there])
+    laid = moved_with(scenario, through, at[there], moves[there])
     as_given = scenario
     scenario, length, s = carried(scenario, holes, laid, at, s)
     own = of_piercings(holes, s)
@@ -142,7 +145,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     check_pieces(scenario, thread.spline, known_s)
     check_cutting(scenario.cut, thread)
     check_draws(scenario.piercing, thread.spline, own)
-    whole = resolved(scenario, length, own) if scenario is as_given else resolved(as_given)
+    whole = resolved(as_given) if laid.moves.any() else resolved(scenario, length, own)
     depths = partial(stored_depths, scenario, body, store)
     rough = {*given.friction, *(hole.name for hole in scenario.piercing if hole.friction is not None)}
     bites = bites_of(scenario, path, of_piercings(holes, at.tolist()), rough, depths)
@@ -155,10 +158,10 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
         epsilon=scenario.solve.epsilon,
         ties=tuple(tie_of(table, holes) for table in scenario.tie),
         compiled=is_compiled(scenario.solve),
-        contact=None if body is None else contact_of(scenario, holes, path, at, depths),
+        contact=None if body is None else contact_of(scenario, holes, through, at, depths),
     )
     recovery = cache(partial(stored_recovery, scenario, body, store))
-    return Assembly(whole, holes, system, organ, laid, at, np.array(s), body, recovery, depths, given, fit)
+    return Assembly(whole, holes, system, organ, through, laid, at, np.array(s), body, recovery, depths, given, fit)
 
 
 def moves_at_rest(organ: AnyOrgan) -> Array:
@@ -168,6 +171,13 @@ def moves_at_rest(organ: AnyOrgan) -> Array:
     """
     moved = organ.site_variables(organ.start()) - organ.y0
     return np.asarray(moved.reshape(-1, 9)[:, :3])
+
+
+def path_through(holes: Sequence[model.Piercing], path: RoundedPath, at: Array) -> LaidPath:
+    """Return a path through the holes that hold the thread at the start, at abscissae `at` (p,) of it [m]."""
+    held = np.array([hole.from_ == 0.0 for hole in holes], dtype=bool)
+    places, at = np.array([hole.place for hole in holes]).reshape(-1, 3)[held], at[held]
+    return through_holes(path, at, places - path.position(np.clip(at, 0.0, path.length)))
 
 
 def carried(
@@ -346,7 +356,7 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: fl
 
 
 def contact_of(
-    scenario: Scenario, holes: Sequence[model.Piercing], path: RoundedPath, at: Array, depths: Distances
+    scenario: Scenario, holes: Sequence[model.Piercing], path: LaidPath, at: Array, depths: Distances
 ) -> ThreadContact:
     """Return how the thread meets the organ's surface.
 
@@ -354,7 +364,7 @@ def contact_of(
     the path.
     """
     own = [k for k, hole in enumerate(holes) if is_known(hole) and not isinstance(hole, Ball)]
-    ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, path.length)]
+    ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, path.path.length)]
     inside = []
     for (one, low), (other, high) in pairwise(ends):
         middles = low + (high - low) * (np.arange(STRAND_LOOKS) + 0.5) / STRAND_LOOKS

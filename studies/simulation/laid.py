@@ -1,10 +1,13 @@
-"""The path of a thread that moves with the holes of an organ.
+"""The path of a thread through its holes, which moves with the holes of an organ.
+
+The path rounds its corners and passes near its holes. It is moved so that it passes through them.
 
 The organ comes to rest before the thread is laid. A wound gapes under prestretch, and an organ sags
 under its weight. A thread that is then passed through its holes has the length of its path at this
 time and is not stretched.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +20,7 @@ from thread.path import RoundedPath
 
 PARTS = 8  # per piece of a path, for the integration of its length
 STILL = 1e-9  # of the path's length: smaller motions of holes are neglected
+CORNER = 0.5  # of half an arc: a hole is at the corner if the path is nearest to it in this part of the arc
 GAUSS = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
@@ -37,7 +41,14 @@ class LaidPath:
 
         The points are at abscissae `at` (m,) [m].
         """
-        return np.array([np.interp(at, self.at, component) for component in self.moves.T]).T
+        return along(at, self.at, self.moves)
+
+    def position(self, at: Array) -> Array:
+        """Return the points of the moved path at abscissae of the path of any shape [m].
+
+        The result has a last axis of 3 [m].
+        """
+        return np.asarray(self.path.position(at) + self.move(at.ravel()).reshape(*at.shape, 3))
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
@@ -66,20 +77,55 @@ class LaidPath:
 
         The result has a last axis of 3 [m].
         """
-        at = np.interp(length, *self._lengths[::-1])
-        return np.asarray(self.path.position(at) + self.move(at.ravel()).reshape(*at.shape, 3))
+        return self.position(np.interp(length, *self._lengths[::-1]))
 
 
-def laid_path(scenario: Scenario, path: RoundedPath, at: Array, moves: Array) -> LaidPath:
-    """Return the path of a thread whose holes have moved.
+def through_holes(path: RoundedPath, at: Array, ways: Array) -> LaidPath:
+    """Return a path through holes that are at abscissae `at` (p,) and `ways` (p, 3) from it [m].
 
-    The holes at abscissae `at` (p,) of the path [m] have moved by `moves` (p, 3) [m]. Tails follow,
-    held ends stay.
+    A corner at a hole is moved to the hole: along its arc the thread then follows the two straight
+    lines of the corner. The way to another hole is linear between the holes and the ends.
     """
-    if np.abs(moves).max(initial=0.0) <= STILL * path.length:
+    if np.abs(ways).max(initial=0.0) <= STILL * path.length:
         return LaidPath(path, np.zeros(1), np.zeros((1, 3)))
-    places, where = np.unique(at, return_index=True)
-    held = [not isinstance(end, FreeEnd | PulledEnd) for end in scenario.thread.ends]
-    start, end = (np.zeros((int(is_held), 3)) for is_held in held)
-    places = np.concatenate([[0.0] * len(start), places, [path.length] * len(end)])
-    return LaidPath(path, places, np.concatenate([start, moves[where], end]))
+    piece = np.clip(np.searchsorted(path.starts, at, side="right") - 1, 0, len(path.starts) - 1)
+    half = 0.5 * path.lengths[piece]
+    middle = path.starts[piece] + half
+    at_corner = (path.curvatures[piece] > 0.0) & (np.abs(at - middle) < CORNER * half)
+    ends = np.array([0.0, path.length])
+    parts = [with_zeros(ends, at, np.where(at_corner[:, None], 0.0, ways))]
+    share = np.linspace(-1.0, 1.0, 2 * PARTS + 1)
+    for k in np.flatnonzero(at_corner):
+        parts.append((middle[k] + share * half[k], (1.0 - np.abs(share[:, None])) ** 2 * ways[k]))
+    return sum_of(path, parts)
+
+
+def moved_with(scenario: Scenario, through: LaidPath, at: Array, moves: Array) -> LaidPath:
+    """Return the path of a thread whose holes at abscissae `at` (p,) of the path [m] have moved by
+    `moves` (p, 3) [m].
+
+    Points between two holes move linearly. Tails follow, held ends stay.
+    """
+    path = through.path
+    if np.abs(moves).max(initial=0.0) <= STILL * path.length:
+        return through
+    ends = np.array([0.0, path.length])
+    held = ends[[not isinstance(end, FreeEnd | PulledEnd) for end in scenario.thread.ends]]
+    return sum_of(path, [(through.at, through.moves), with_zeros(held, at, moves)])
+
+
+def with_zeros(stays: Array, at: Array, moves: Array) -> tuple[Array, Array]:
+    """Return rising abscissae and their displacements: zero at those that stay, unless a hole is there."""
+    places, where = np.unique(np.concatenate([at, stays]), return_index=True)
+    return places, np.concatenate([moves, np.zeros((len(stays), 3))])[where]
+
+
+def sum_of(path: RoundedPath, parts: Sequence[tuple[Array, Array]]) -> LaidPath:
+    """Return a path moved by the sum of displacements, each given at rising abscissae."""
+    nodes = np.unique(np.concatenate([places for places, _ in parts]))
+    return LaidPath(path, nodes, np.sum([along(nodes, *part) for part in parts], axis=0))
+
+
+def along(at: Array, places: Array, moves: Array) -> Array:
+    """Return displacements (m, 3) [m] at abscissae (m,) [m], linear between the rising `places`."""
+    return np.array([np.interp(at, places, component) for component in moves.T]).T

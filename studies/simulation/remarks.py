@@ -453,18 +453,25 @@ def bent_sharply(radius: float, at: float, diameter: float) -> list[Remark]:
 
 
 def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
-    """Return remarks on the thread between neighbouring holes that hold it at the start."""
+    """Return remarks on the thread between neighbouring holes that hold it at the start.
+
+    A strand that is cut is not judged, because its two tails hang free.
+    """
     path, scenario = assembly.path, assembly.scenario
-    diameter = assembly.system.thread.section.diameter
+    thread = assembly.system.thread
+    diameter, cuts = thread.section.diameter, thread.spline.cuts
+    s = dict(zip((hole.name for hole in assembly.holes), assembly.s.tolist(), strict=True))
     placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
     out, depths = list(end_strands(assembly, own)), {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
+        if np.any((cuts > s[one.name]) & (cuts < s[other.name])):
+            continue
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
-            found = assembly.depths(path.position(at))
+            found = assembly.depths(assembly.through.position(at))
             depths[one.name, other.name] = float(found.max())
             if found.min() < -bounds.IN_TISSUE * diameter:
                 where = f"between {one.name!r} and {other.name!r}"
@@ -488,7 +495,7 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
         for hole, at in holes:
             if isinstance(end, model.FreeEnd) and hole.kind == "anchored":
                 continue
-            deep = assembly.depths(path.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
+            deep = assembly.depths(assembly.through.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
             where = f"on its {which} strand, from its end to {hole.name!r},"
             yield from unpierced(where, hole.name, float(deep.max()), assembly.system.thread.section.diameter)
 

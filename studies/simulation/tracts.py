@@ -12,6 +12,7 @@ from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Piercing, Scenario, Tract
 from studies.scenario.table import refuse, refused
+from studies.simulation.laid import LaidPath
 from thread.path import RoundedPath
 
 Distances = Callable[[Array], Array]
@@ -39,7 +40,7 @@ class Ball(Piercing):
 
 
 def with_balls(
-    scenario: Scenario, path: RoundedPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
+    scenario: Scenario, path: LaidPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
 ) -> tuple[tuple[Piercing, ...], list[float]]:
     """Return the holes with the balls of tracts in between, and their abscissae.
 
@@ -55,7 +56,7 @@ def with_balls(
         low, high = places[first], places[last]
         for cut in scenario.thread.cuts:
             refuse(low < cut < high, f"tract.{number}.between", tract.between, "tract-cut", cut=cut)
-        radius, ends = radius_of(tract, holes), (low * path.length / length, high * path.length / length)
+        radius, ends = radius_of(tract, holes), (low * path.path.length / length, high * path.path.length / length)
         deep = deep_parts(path, *ends, radius, depths)
         refuse(not len(deep), f"tract.{number}.between", tract.between, "tract-shallow", radius=radius, number=number)
         balls = balls_of(tract, path, deep, radius)
@@ -70,7 +71,7 @@ def radius_of(tract: Tract, holes: Sequence[Piercing]) -> float:
     return tract.radius or min(hole.footprint for hole in holes if hole.name in tract.between)
 
 
-def deep_parts(path: RoundedPath, first: float, last: float, radius: float, depths: Distances) -> Array:
+def deep_parts(path: LaidPath, first: float, last: float, radius: float, depths: Distances) -> Array:
     """Return the parts of a path at least a `radius` deep in the tissue, `(k, 2)` [m].
 
     Only the path between two abscissae is considered. `depths` returns the depth of points `(k, 3)`
@@ -89,7 +90,7 @@ def deep_parts(path: RoundedPath, first: float, last: float, radius: float, dept
         low, high = at[inside], at[outside]
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            enough = depths(path.position([middle]))[0] >= radius
+            enough = depths(path.position(np.array([middle])))[0] >= radius
             low, high = (middle, high) if enough else (low, middle)
         return float(low)
 
@@ -102,7 +103,7 @@ def of_piercings(holes: Sequence[Piercing], values: Sequence[Value]) -> list[Val
     return [value for hole, value in zip(holes, values, strict=True) if not isinstance(hole, Ball)]
 
 
-def balls_of(tract: Tract, path: RoundedPath, deep: Array, radius: float) -> list[tuple[float, Ball]]:
+def balls_of(tract: Tract, path: LaidPath, deep: Array, radius: float) -> list[tuple[float, Ball]]:
     """Return the balls of a tract and their abscissae on the path [m].
 
     They are evenly spaced from end to end of each `deep` part (k, 2) [m]. Balls at both ends make
@@ -116,7 +117,16 @@ def balls_of(tract: Tract, path: RoundedPath, deep: Array, radius: float) -> lis
     friction = tract.friction and tract.friction.shared(len(balls))
     same: dict[str, Any] = {"footprint": radius, "friction": friction, "tract": tract.name}
     return [
-        (at, Ball(name=f"{tract.name}.{k}", at=tuple(path.position(at).tolist()), length=length, part=part, **same))
+        (
+            at,
+            Ball(
+                name=f"{tract.name}.{k}",
+                at=tuple(path.position(np.array(at)).tolist()),
+                length=length,
+                part=part,
+                **same,
+            ),
+        )
         for k, (at, length, part) in enumerate(balls, start=1)
     ]
 

@@ -243,3 +243,20 @@ def test_what_has_no_rest_is_refused_in_words() -> None:
     with pytest.raises(ScenarioError, match=r'solve\.start = "rest" is refused'):
         parse(still)
     assert Scenario.model_validate(stitched(start="path")).solve.start == "path"
+
+
+@pytest.mark.parametrize("turn", [60, 90, 150])
+def test_a_thread_is_laid_through_the_corner_that_has_its_hole(turn: float) -> None:
+    """Independent check: with a hole at the corner of its path the thread is as long as the two lines of the corner.
+    The bend of an elastica takes 4 λ (1 − cos(turn/4)) more, λ² = EI/T, and this is the stretch of the thread."""
+    way = np.radians(turn)
+    corner = [[-0.02, 0, 0], [0, 0, 0], [0.02 * np.cos(way), 0, 0.02 * np.sin(way)]]
+    ends = {"start": {"kind": "fixed"}, "end": {"kind": "fixed"}}
+    hole = {"name": "corner", "at": [0, 0, 0]}
+    table = {"thread": {"suture": "4-0 nylon", "path": corner, **ends}, "piercing": [hole]}
+    simulation = prepare(parse(table | {"solve": {"kind": "static", "load_steps": 1}}))
+    thread = simulation.assembly.system.thread
+    assert thread.spline.end == pytest.approx(0.04, abs=5e-6)
+    *_, (last, _) = simulation.advance()
+    tension = (4 * (1 - np.cos(way / 4)) * np.sqrt(thread.EI) * thread.EA / thread.spline.end) ** (2 / 3)
+    assert last.piercings[0].tension_before == pytest.approx(tension, rel=0.05)

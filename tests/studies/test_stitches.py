@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from studies.scenario import parse
+from studies.scenario.stitch import long_form
 from studies.scenario.toml import SCENES, parsed
 from studies.simulation.recording import contact_records, gap_profile, observed_wounds, step_record
 from studies.simulation.wound import wounds_of
@@ -355,3 +356,31 @@ def test_stitches_close_a_laceration_from_a_surface_file() -> None:
     holes = records[-1].piercings
     for left, right in zip(holes[::2], holes[1::2], strict=True):
         assert right.force[0] > 0.2 and right.force[0] == pytest.approx(-left.force[0], rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("suture", "sides", "depth", "force"), [("4-0 polypropylene", 5e-3, 3.5e-3, 0.15), ("2-0 nylon", 8e-3, 6e-3, 0.5)]
+)
+def test_the_tract_of_a_stitch_rubs_like_a_capstan(suture: str, sides: float, depth: float, force: float) -> None:
+    """Independent check: the tract turns the thread by half a turn, so that the tensions at its ends are as e^(μπ)."""
+    mu = 0.1
+    tissue = {"youngs_modulus": 1e6, "poisson_ratio": 0.45, "density": 1070.0, "inertia": False, "clamp": ["bottom"]}
+    mesh = {"kind": "block", "size": [0.02, 0.03, 0.012], "h": 3e-3, "accuracy": 0.2}
+    stitch = {"name": "one", "at": [0, 0, 0], "bite": sides, "depth": depth, "force": force, "tract": 1e-3}
+    stitch |= {"friction": {"static": mu, "kinetic": mu}}
+    scenario = long_form({"tissue": tissue | {"mesh": mesh}, "thread": {"suture": suture}, "stitch": [stitch]})
+    inside = [point for point in scenario["thread"]["path"] if abs(point[1]) <= sides * (1 + 1e-9) and point[2] <= 0.0]
+    down, up = [[*inside[k][:2], 0.012] for k in (0, -1)]
+    drawn = {"kind": "driven", "waypoints": [[0, *up], [0.06, *up], [0.16, *up[:2], 0.014]]}
+    scenario["thread"] |= {
+        "path": [down, *inside, up],
+        "damping": 100.0,
+        "start": {"kind": "pulled", "force": [0, 0, force], "ramp": 0.05},
+        "end": drawn,
+    }
+    scenario["tract"][0]["friction"] = {"static": mu, "kinetic": mu}
+    holes = [{"name": hole["name"], "at": hole["at"], "direction": "free"} for hole in scenario["piercing"]]
+    scenario |= {"piercing": holes, "tie": [], "solve": {"dt": 1e-3, "duration": 0.16}}
+    *_, (last, _) = prepare(parse(scenario)).advance()
+    first, second = (hole for hole in last.piercings if not hole.tract)
+    assert second.tension_before / first.tension_after == pytest.approx(np.exp(mu * np.pi), rel=0.06)

@@ -77,6 +77,24 @@ def test_a_corner_takes_at_most_its_share_of_the_shorter_segment():
     assert 1 / rule.curvatures[1] == pytest.approx(TRIM * 0.01, rel=IDENTITY)
 
 
+@pytest.mark.parametrize("turn", [0.5, 1.0, np.pi / 2, 2.0, 3.0])
+def test_a_path_passes_every_corner_at_one_distance(turn):
+    """Independent check: t tan(turn/4) from a corner, for tangents of length t; as at a right angle of a quarter."""
+    points = np.array([[-0.03, 0, 0], [0, 0, 0], [0.01 * np.cos(turn), 0.01 * np.sin(turn), 0]])
+    away = rounded_path(points).nearest([0, 0, 0])[1]
+    assert away == pytest.approx(TRIM * 0.01 * np.tan(np.pi / 8), rel=1e-9)
+
+
+def test_a_polygon_about_a_circle_gives_the_circle():
+    """Independent check: the arcs of equal small turns fill the sides, so that the curvature is 1/R but for 2 %."""
+    turn, radius = np.pi / 8, 0.005
+    at = (np.arange(9) - 0.5) * turn
+    points = radius / np.cos(turn / 2) * np.column_stack([np.cos(at), np.sin(at), np.zeros(9)])
+    path = rounded_path(points)
+    assert path.curvatures[1::2] == pytest.approx(1 / radius, rel=0.05)
+    assert path.lengths[2:-1:2].max() <= 0.05 * path.lengths[1::2].min()
+
+
 def test_a_straight_path_is_exact():
     path = rounded_path([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0], [1.0, 2.0, 7.0]])
     assert path.length == 4.0
