@@ -40,7 +40,11 @@ class Placed(Spline):
         rise = np.diff(self.places)
         rise[self.piece_starts[1:] - 1] += 1.0  # across a cut
         if not np.all(rise > 0.0):
-            raise ThreadError("knots: two holes are too close, no thread remains between their knots; put them apart")
+            at = 1e3 * self.places[np.argmin(rise)]
+            raise ThreadError(
+                f"knots: two holes near s = {at:.4g} mm are too close, no thread remains between their knots; "
+                "put them apart"
+            )
 
     def moved(self, s: Array) -> "Placed":
         """Return the spline with its holes at `s` (m,) [m]."""

@@ -50,7 +50,10 @@ class Tally:
                 raise ScenarioError(f"{CHECKPOINT} is of another version of this code ({error}); {ANEW}") from None
 
     def count(self, step: StepRecord) -> None:
-        """Add an accepted step, which is then the last step."""
+        """Add an accepted step, which is then the last step.
+
+        The start of a static run is laid and not an equilibrium. Its values are not among the extremes.
+        """
         self.last_step = step
         now = self._totals
         now["newton_iterations"] += step.newton_iterations
@@ -58,7 +61,8 @@ class Tally:
         now["seconds"] += step.seconds if step.step else 0.0
         if now["whole_from"] == NEVER and step.krylov is not None and not step.krylov.vectors:
             now["whole_from"] = step.step
-        self._extremes = self._extremes.after_step(step)
+        if step.step or self.scenario.solve.kind == "dynamic":
+            self._extremes = self._extremes.after_step(step)
 
     @property
     def whole_from(self) -> int | None:

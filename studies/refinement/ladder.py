@@ -115,7 +115,7 @@ def order_of_steps(scenario: Scenario) -> float:
 KINDS = {
     "h": Kind("the size of the cells", finer_cells, order_of_cells, no_cells),
     "dt": Kind("the time step", finer_steps, order_of_steps, lambda scenario: None),
-    # The bending moment has a kink at a hole, which a cubic cannot represent: `thread.compliance`.
+    # The bending moment has a kink at a hole, which a cubic cannot represent.
     "control_points": Kind("the spans of the thread", finer_spans, lambda scenario: 3.0, lambda scenario: None),
     "footprint": Kind("the radius of the footprints", smaller_footprints, lambda scenario: 2.0, no_footprints),
     # A level's size is the estimated error of the compliance, because the error of a number is
@@ -178,7 +178,9 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
     if over == "all":
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if not (isinstance(over, str) and over in KINDS):
-        raise ScenarioError(f"--over {over} is refused: allowed are {', '.join(KINDS)} and all")
+        raise ScenarioError(
+            f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; dt is the load step in statics"
+        )
     if (reason := KINDS[over].lacking(scenario)) is not None:
         raise ScenarioError(f"--over {over} is refused: {reason}")
     return (over,)

@@ -227,6 +227,32 @@ def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -
     assert not run.events and "would-not-stay" in said
 
 
+HANGING = """
+[thread]
+suture = "2-0 silk"
+path = [[-0.05, 0, 0], [0, 0, -0.02], [0.05, 0, 0]]
+length = 0.12
+start = { kind = "fixed" }
+end = { kind = "fixed" }
+[solve]
+kind = "static"
+load_steps = 2
+gravity = [0, 0, -9.81]
+"""
+
+
+def test_the_laid_thread_of_a_static_run_is_not_judged() -> None:
+    """Independent check: a thread that is a tenth longer than its path is pressed by a tenth when it is laid. At rest
+    it hangs under its weight of 0.1 mN, far from its strength."""
+    simulation = prepare(parse(tomllib.loads(HANGING)))
+    tally = Tally(simulation.scenario, judge=simulation.remarks)
+    for record, _ in simulation.advance():
+        tally.count(record)
+    last = tally.last_step
+    assert last is not None and last.max_strain < 1e-4
+    assert {each.code for each in tally.remarks}.isdisjoint({"thread-strength", "thread-strain"})
+
+
 def course(forces: Callable[[float], float], number: int = SEEN + 1, scale: float = 1.0) -> Extremes:
     """What a run with so many steps has met in a hole on which a force acts that is a function of -1 … 0."""
     out = met(tension=1.0, forces=nothing_met(1, 0).forces)
