@@ -7,7 +7,7 @@ import numpy as np
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH, solve_dense
 from coupling.kernels.friction import Joints, Law, linearise_law
-from coupling.kernels.holes import Hold, hold_at
+from coupling.kernels.holes import Held, Hold, hold_among
 from thread.kernels.loops import entry, loop, numbers, owning
 from thread.kernels.vectors import add_column, add_matrix, add_row, diagonal, dot
 
@@ -546,12 +546,10 @@ def thread_direction(border: Border, dz: Array, X: Array, dq: Array) -> bool:
 
 
 @loop
-def linearise_all(
-    law: Law, sigma: Array, rows: Flags, D: Array, rides: bool, drive: Array, lam: Array, y: Array, border: Border
-) -> None:
+def linearise_all(law: Law, sigma: Array, rows: Flags, at: Held, border: Border) -> None:
     """Linearise all holds into a `border` of zeros, with the active constraints `rows` (m, 5)."""
-    for k in range(len(lam)):
-        linearise_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), rows[k], border)
+    for k in range(len(at.lam)):
+        linearise_hold(law, k, sigma[k], hold_among(at, k), rows[k], border)
 
 
 @loop

@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dgbtrf, dgbtrs, dgesv
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels import border as kernels
 from coupling.kernels.border import BORDER, NINE, OWN, Border
-from coupling.kernels.constraints import LOCAL, Passage, hold_arrays
+from coupling.kernels.constraints import LOCAL, Passage, held_at
 from coupling.kernels.friction import Joints, Law
 from thread.banded import half_band_of
 
@@ -51,7 +51,7 @@ def linearise(law: Law, sigma: Array, rows: Flags, thread: Passage, lam: Array, 
     border = empty_border(len(lam))
     if thread.ridden is not None:
         border.S[:] = -thread.ridden.by_ss
-    kernels.linearise_holds(law, sigma, rows, *hold_arrays(thread, lam, y), border)
+    kernels.linearise_holds(law, sigma, rows, held_at(thread, lam, y), border)
     return border
 
 

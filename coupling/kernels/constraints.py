@@ -17,7 +17,7 @@ import numpy as np
 from coupling.arrays import Array, Indices
 from coupling.kernels import holes
 from coupling.kernels.friction import normal_force
-from coupling.kernels.holes import AT_U, AT_V, hold_at
+from coupling.kernels.holes import AT_U, AT_V, Held, hold_among
 from thread.kernels.curve import FIRST, put
 from thread.kernels.loops import entry, loop, numbers
 from thread.kernels.travel import Ridden
@@ -123,10 +123,10 @@ class Meeting(NamedTuple):
 
 
 @loop
-def meet_all(D: Array, rides: bool, drive: Array, lam: Array, y: Array, per_channel: Array, out: Meeting) -> None:
+def meet_all(at: Held, per_channel: Array, out: Meeting) -> None:
     """Evaluate thread and holes into `out`."""
-    for k in range(len(lam)):
-        h = hold_at(D[k], rides, drive[k], lam[k], y[k])
+    for k in range(len(at.lam)):
+        h = hold_among(at, k)
         place, out.phi[k, C1], out.phi[k, C2] = holes.phi(h)
         rate, out.phi_s[k, C1], out.phi_s[k, C2] = holes.phi_s(h)
         put(place, out.phi, k, FIRST)
@@ -153,18 +153,18 @@ def meeting(thread: Passage, lam: Array, y: Array, per_channel: Array | None = N
 
     def make() -> Meeting:
         out = Meeting(*(np.empty((m, *of)) for of in ((5,), (5,), (3,), (9,), (), ())))
-        meet(*hold_arrays(thread, lam, y), np.zeros(m) if per_channel is None else per_channel, out)
+        meet(held_at(thread, lam, y), np.zeros(m) if per_channel is None else per_channel, out)
         return out
 
     return thread._recent.of((lam, y, per_channel), make)
 
 
-def hold_arrays(thread: Passage, lam: Array, y: Array) -> tuple[Array, bool, Array, Array, Array]:
+def held_at(thread: Passage, lam: Array, y: Array) -> Held:
     """Return the arrays from which the kernels make a hold, each in C order."""
     rides = thread.drive is not None
     drive = np.zeros(len(thread.D)) if thread.drive is None else thread.drive
     D, drive, lam, y = (np.ascontiguousarray(x, dtype=float) for x in (thread.D, drive, lam, y))
-    return D, rides, drive, lam, y
+    return Held(D, rides, drive, lam, y)
 
 
 def phi(thread: Passage, lam: Array, y: Array) -> Array:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.kernels.holes import Hold, driving_force, hold_at
+from coupling.kernels.holes import Held, Hold, driving_force, hold_among
 from thread.kernels.loops import entry, loop, numbers, owning
 from thread.kernels.vectors import Vector, add_row, dot, minus, norm, plus, sum_of, times
 
@@ -299,13 +299,10 @@ def add_friction(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) ->
 
 
 @loop
-def rule_all(
-    law: Law, sigma: Array, s: Array, margin: float, D: Array, rides: bool, drive: Array, lam: Array, y: Array,
-    out: Ruled,
-) -> None:  # fmt: skip
+def rule_all(law: Law, sigma: Array, s: Array, margin: float, at: Held, out: Ruled) -> None:
     """Evaluate the law of sliding of all holds into `out`."""
     for k in range(len(s)):
-        rule_hold(law, k, sigma[k], hold_at(D[k], rides, drive[k], lam[k], y[k]), s[k], out)
+        rule_hold(law, k, sigma[k], hold_among(at, k), s[k], out)
     rule_set(law, sigma, s, margin, out)
 
 

@@ -67,6 +67,26 @@ def hold_at(D: Array, rides: bool, drive: float, lam: Array, y: Array) -> Hold:
     )
 
 
+class Held(NamedTuple):
+    """The arrays of all holds.
+
+    They are `D` (m, 4, 3) from P to T'', `lam` (m, 5) and `y` (m, 9). If knots travel (`rides`),
+    `drive` (m,) [N] is the force along the thread.
+    """
+
+    D: Array
+    rides: bool
+    drive: Array
+    lam: Array
+    y: Array
+
+
+@loop
+def hold_among(at: Held, k: int) -> Hold:
+    """Return hold k."""
+    return hold_at(at.D[k], at.rides, at.drive[k], at.lam[k], at.y[k])
+
+
 @loop
 def driving_force(h: Hold) -> float:
     """Return the force that drives the thread along itself, −∂Π/∂s + Φ_sᵀλ [N]."""

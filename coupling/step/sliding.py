@@ -50,7 +50,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.interfaces import Body, FrictionLaw
-from coupling.kernels.constraints import Passage, hold_arrays
+from coupling.kernels.constraints import Passage, held_at
 from coupling.kernels.friction import Joints, Ruled, fit, rule
 from coupling.kernels.friction import Law as Table
 from coupling.system import System
@@ -217,10 +217,10 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
     m = len(s)
     N, f, met, static, kinetic, fits = np.empty((6, m))
     out = Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
-    arrays = hold_arrays(thread, lam, y)
-    rule(law.table, sigma, s, margin, *arrays, out)
+    at = held_at(thread, lam, y)
+    rule(law.table, sigma, s, margin, at, out)
     if law.has_own:
-        rule(with_own_laws(law, out.N), sigma, s, margin, *arrays, out)
+        rule(with_own_laws(law, out.N), sigma, s, margin, at, out)
     return out
 
 

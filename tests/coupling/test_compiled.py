@@ -13,6 +13,7 @@ from coupling.calls import asked_before_corrections
 from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.kernels import iteration
+from coupling.kernels.bordered import PHI
 from coupling.step import newton, solver, tables
 from coupling.step.descent import descend
 from coupling.step.newton import Iterate, Problem, Solution
@@ -120,6 +121,15 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Asked]]:
     yield asked
 
 
+def off_by_round_off(problem: Problem, solution: Solution) -> bool:
+    """Whether a solution misses the tolerance of forces by less than the round-off of forces that cancel, which is
+    another one in loops: a laid thread has 1e12 times the stiffness of its bed."""
+    free = np.abs(solution.residual.thread)
+    free.ravel()[problem.system.held] = 0.0
+    limit = newton.force_tolerance(problem, solution.residual) + newton.rounded_force(problem)
+    return bool(free[:, :3].max() <= limit and np.abs(solution.residual.holds[:, PHI]).max() <= RESIDUAL)
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
     """Consistency check: as many corrections in all, but for one; and of them all unknowns, constraint forces and
@@ -142,7 +152,7 @@ def test_both_ways_agree(name: str, solved: list[Asked]) -> None:
             rounded = newton.rounded_force(problem) if unknown in {"N", "lam"} else 0.0
             assert np.abs(one - other).max(initial=0.0) <= RESIDUAL * scale + rounded, unknown
         assert np.array_equal(by_loops.iterate.sigma, by_numpy.iterate.sigma)
-        assert newton.is_converged(problem, by_loops.iterate, by_loops.residual)
+        assert newton.is_converged(problem, by_loops.iterate, by_loops.residual) or off_by_round_off(problem, by_loops)
         agree_on_residuals(problem, by_loops)
         newton.direction(problem, by_loops.iterate, by_loops.residual)  # not singular: an equilibrium is corrected
     assert sum(more) <= 1  # a residual at its tolerance takes one more in one of both
