@@ -42,7 +42,7 @@ class Recent(Generic[Made]):
         """Return a cached entry, which becomes the newest; None if there is none."""
         known = self._known
         for k, entry in enumerate(known):
-            if values == entry[1] and all(map(is_, objects, entry[0])):
+            if values == entry[1] and len(objects) == len(entry[0]) and all(map(is_, objects, entry[0])):
                 if k < len(known) - 1:
                     self._known = (*known[:k], *known[k + 1 :], entry)
                 return entry

@@ -1,6 +1,6 @@
 """Records of a run: plain arrays, the only data that the simulation passes to the output."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from typing import Any
 
@@ -20,41 +20,47 @@ SEEN = 10  # number of last steps in which a swing of forces is sought
 SWITCHES = 6  # between stick and slip within SEEN steps: three periods, which these steps do not resolve
 STILL = 1e-9  # of the largest tension: smaller forces are round-off
 APART = 1e-6  # m: a smaller gap counts as closed, because body fluid hardly passes it and tissue is rougher
-
-
 LIST = list_of(__file__, "columns.toml")
 Record = Any  # an object of a class that `record_of` returns
 
 
-def record_of(*groups: str, **more: Any) -> Any:
-    """Return the class of the records of groups of the list: a field for each of their columns.
+def record_of(name: str, *groups: str, needed: Sequence[str] = (), **more: Any) -> Any:
+    """Return the class of records `name`: a field for each column of groups of the list.
 
-    `more` are other fields, or the same, with their defaults.
+    It has the `needed` fields too, and `more` fields, or the same ones, with defaults.
     """
-    named = [name for group in groups for name in LIST[group] if name not in more]
-    others = [(name, Any, value) for name, value in more.items()]
-    return make_dataclass(groups[0], [*named, *others], frozen=True, kw_only=True)
+    columns = [column for group in groups for column in LIST[group] if column not in more]
+    defaults = [(field, Any, value) for field, value in more.items()]
+    every = [*columns, *needed, *defaults]
+    return make_dataclass(name, every, frozen=True, kw_only=True, namespace={"__module__": __name__})
 
 
-StitchRecord = record_of("stitch")  # the closing forces of one stitch at one time
-ContactRecord = record_of("contact", stitches=())  # two surfaces that can touch, with the stitches of this pair
-StrandsRecord = record_of("strands", s=np.nan)  # strands outside the organ, with the abscissa of the largest depth [m]
-GapRecord = record_of("gap_profile")  # a place on the rim of the first of two surfaces that can touch
-LoadRecord = record_of("load")  # a load on a boundary of the organ at one time
+# The closing forces of one stitch at one time.
+StitchRecord = record_of("StitchRecord", "stitch")
+# Two surfaces that can touch, with the stitches of this pair.
+ContactRecord = record_of("ContactRecord", "contact", stitches=())
+# Strands outside the organ, with the abscissa of the largest depth [m].
+StrandsRecord = record_of("StrandsRecord", "strands", s=np.nan)
+# A place on the rim of the first of two surfaces that can touch.
+GapRecord = record_of("GapRecord", "gap_profile")
+# A load on a boundary of the organ at one time.
+LoadRecord = record_of("LoadRecord", "load")
 # The organ at one time: arrays of its nodes `(nodes, …)` and of its cells `(cells, …)`. The lips are None without
-# contact, the stretches for a linear organ.
+# contact, the stretches for a linear organ. `strained` and `rotated` are the shares of the strain energy in cells whose
+# strain or rotation is not small [-].
 OrganRecord = record_of(
+    "OrganRecord",
     "organ_arrays",
     "organ_cells",
+    needed=("strained", "rotated"),
     **dict.fromkeys(("contact_pressure", "lip_gap", "principal_stretch", "first_stretch", "third_stretch")),
-    strained=0.0,  # share of the strain energy in cells whose strain is not small [-]
-    rotated=0.0,  # share of the strain energy in cells whose rotation is not small [-]
     pressed_turn=0.0,  # largest angle between a pressed normal and its reference direction [rad]
     crossed=0.0,  # overlap of lips without contact, over their extent [-]
     hole_strain=None,  # (p,) largest `strain` of the cells on which each hole bears [-]
     hole_energy=None,  # (p,) largest `energy_density` of these cells [Pa]
 )
-KrylovRecord = record_of("krylov")  # size and residual of an organ's Krylov space at one time
+# Size and residual of an organ's Krylov space at one time.
+KrylovRecord = record_of("KrylovRecord", "krylov")
 
 
 @dataclass(frozen=True)

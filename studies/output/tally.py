@@ -52,7 +52,7 @@ class Tally:
     def count(self, step: StepRecord) -> None:
         """Add an accepted step, which is then the last step.
 
-        The start of a static run is laid and not an equilibrium. Its values are not among the extremes.
+        The laid start of a static run is no equilibrium. The values of its step are not among the extremes.
         """
         self.last_step = step
         now = self._totals

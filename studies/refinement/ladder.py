@@ -179,7 +179,7 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
         return tuple(kind for kind in DISCRETE if KINDS[kind].lacking(scenario) is None)
     if not (isinstance(over, str) and over in KINDS):
         raise ScenarioError(
-            f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; dt is the load step in statics"
+            f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; in statics, dt refines the load steps"
         )
     if (reason := KINDS[over].lacking(scenario)) is not None:
         raise ScenarioError(f"--over {over} is refused: {reason}")

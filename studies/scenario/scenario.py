@@ -385,7 +385,7 @@ def with_given_mesh(scenario: Scenario, sha256: str) -> Scenario:
 def resolved(scenario: Scenario, length: float | None = None, s: Sequence[float] = ()) -> Scenario:
     """Return the scenario with the defaults that depend on several tables.
 
-    These are the ramps of dead loads [s] and, unless the resting organ moves the thread, rest
+    These are the ramps of dead loads [s] and, unless holes move the thread from its path, rest
     length and abscissas [m]. A piercing that begins later gets its abscissa, if not given, from the
     thread's position at this time.
     """

@@ -89,7 +89,7 @@ class Assembly:
 
     @property
     def path(self) -> RoundedPath:
-        """The path beside the holes, on the undeformed organ."""
+        """The rounded path as given, before it is led through the holes."""
         return self.laid.path
 
     @property
@@ -99,6 +99,11 @@ class Assembly:
         It is NaN if a piercing begins at the nearest point of the thread.
         """
         return np.where([is_known(hole) for hole in self.holes], self.s, np.nan)
+
+    def thread_abscissae(self, at: Sequence[float]) -> list[float]:
+        """Return the abscissae on the thread of places on its path [m]."""
+        share = self.laid.length_to(np.array(at)) / self.laid.length
+        return (share * self.system.thread.spline.end).tolist()
 
     def start(self) -> State[tissue.OrganState]:
         """Return the consistent start: Φ = 0, with the thread as near to its path as possible."""
@@ -187,7 +192,8 @@ def carried(
 
     The second value is the rest length of the thread [m], the third are the abscissae of its holes
     [m]. `s` (p,) [m] are the abscissae for the original path, and `at` (p,) [m] the places on it. A
-    given length or abscissa is kept. Without a given length, cuts keep their places on the path.
+    given length or abscissa is kept. Without a given length, cuts at the start keep their places on
+    the path.
     """
     length = length_of(scenario, laid)
     if not laid.moves.any():
@@ -196,9 +202,8 @@ def carried(
     moved = [value if hole.s is None else hole.s for hole, value in zip(holes, new.tolist(), strict=True)]
     if scenario.thread.length is None:
         cuts = laid.length_to(np.array(scenario.thread.cuts)).tolist()
-        later = [cut.model_copy(update={"s": float(laid.length_to(np.array(cut.s)))}) for cut in scenario.cut]
         thread = scenario.thread.model_copy(update={"cuts": tuple(cuts)})
-        scenario = scenario.model_copy(update={"thread": thread, "cut": tuple(later)})
+        scenario = scenario.model_copy(update={"thread": thread})
     return scenario, length, moved
 
 

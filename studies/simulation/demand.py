@@ -19,7 +19,6 @@ from studies.arrays import MILLI, Array
 from studies.output.remarks import EARLY_ROTATION, EARLY_STRAIN, THREAD_STRAIN, Remark, judged, remark
 from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
-from thread.path import RoundedPath
 
 # ∫ (8 J₂(x)/x²)²/π dx: a half-space under a parabolic weight yields by (1 + ν)(1 − ν/2) F/(E a) times this, and under a
 # uniform weight by a fifth less
@@ -31,15 +30,23 @@ STRAIGHT = 1e-9  # sine of an angle, above the round-off of directions, 1e-16
 
 
 def demanding(
-    scenario: Scenario, section: Section, path: RoundedPath, s: Array, E: Array, radii: Array, strength: float | None
+    scenario: Scenario,
+    section: Section,
+    tangents: Array,
+    s: Array,
+    length: float,
+    E: Array,
+    radii: Array,
+    strength: float | None,
 ) -> list[Remark]:
     """Return remarks on predicted motions of holes and on loads above the thread's strength.
 
-    The motions are displacements and turns. The holes are at the abscissae `s` (p,) of the `path`
-    [m]. They bear within `radii` (p,) [m] on tissue of modulus E (p,) [Pa], infinite without an
-    organ. `strength` is the thread's strength [N], None if unknown.
+    The motions are displacements and turns. The thread has a rest `length` [m], and the holes are
+    at its abscissae `s` (p,) [m] with the `tangents` (p, 3) of its path. They bear within `radii`
+    (p,) [m] on tissue of modulus E (p,) [Pa], infinite without an organ. `strength` is the thread's
+    strength [N], None if unknown.
     """
-    holes, length = scenario.piercing, scenario.thread.length or path.length
+    holes = scenario.piercing
     nu = scenario.tissue.poisson_ratio if scenario.tissue else 0.5
     springs = E * radii / (MOVES * (1.0 + nu) * (1.0 - 0.5 * nu))
     tensions = strand_tensions(scenario, s, length, section.EA, springs)
@@ -52,7 +59,7 @@ def demanding(
     whole = slice(0, len(holes)), tensions, directions(scenario), slack_lengths(scenario, s, length)
     forces, turns = np.zeros(len(holes)), np.zeros(len(holes))
     for part, T, ways, lengths in [*([] if scenario.thread.cuts else [whole]), *drawn]:
-        through = path.tangent(s[part])
+        through = tangents[part]
         at = ways_at_holes(ways, through, borne(scenario)[part.start : part.stop - 1])
         bent = couples(EI, T, at, lengths, through) * TURNS * (1.0 - nu**2) / (E[part] * radii[part] ** 3)
         forces[part] = np.maximum(forces[part], hole_forces(T, at))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from studies.arrays import Array
 from studies.scenario import Scenario
@@ -19,7 +20,7 @@ from studies.scenario.thread import FreeEnd, PulledEnd
 from thread.path import RoundedPath
 
 PARTS = 8  # per piece of a path, for the integration of its length
-STILL = 1e-9  # of the path's length: smaller motions of holes are neglected
+STILL = 1e-9  # of the path's length: smaller motions of holes, and smaller distances to them, are neglected
 CORNER = 0.5  # of half an arc: a hole is at the corner if the path is nearest to it in this part of the arc
 GAUSS = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
@@ -43,11 +44,12 @@ class LaidPath:
         """
         return along(at, self.at, self.moves)
 
-    def position(self, at: Array) -> Array:
+    def position(self, at: ArrayLike) -> Array:
         """Return the points of the moved path at abscissae of the path of any shape [m].
 
         The result has a last axis of 3 [m].
         """
+        at = np.asarray(at, dtype=float)
         return np.asarray(self.path.position(at) + self.move(at.ravel()).reshape(*at.shape, 3))
 
     @cached_property
@@ -83,21 +85,23 @@ class LaidPath:
 def through_holes(path: RoundedPath, at: Array, ways: Array) -> LaidPath:
     """Return a path through holes that are at abscissae `at` (p,) and `ways` (p, 3) from it [m].
 
-    A corner at a hole is moved to the hole: along its arc the thread then follows the two straight
-    lines of the corner. The way to another hole is linear between the holes and the ends.
+    A corner is moved to the hole nearest to it: along its arc the thread then follows the two
+    straight lines of the corner. The way to another hole is linear between the holes and the ends.
     """
     if np.abs(ways).max(initial=0.0) <= STILL * path.length:
         return LaidPath(path, np.zeros(1), np.zeros((1, 3)))
     piece = np.clip(np.searchsorted(path.starts, at, side="right") - 1, 0, len(path.starts) - 1)
-    half = 0.5 * path.lengths[piece]
-    middle = path.starts[piece] + half
-    at_corner = (path.curvatures[piece] > 0.0) & (np.abs(at - middle) < CORNER * half)
-    ends = np.array([0.0, path.length])
-    parts = [with_zeros(ends, at, np.where(at_corner[:, None], 0.0, ways))]
-    share = np.linspace(-1.0, 1.0, 2 * PARTS + 1)
-    for k in np.flatnonzero(at_corner):
-        parts.append((middle[k] + share * half[k], (1.0 - np.abs(share[:, None])) ** 2 * ways[k]))
-    return sum_of(path, parts)
+    low, high = path.starts[piece], path.starts[piece] + path.lengths[piece]
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    off = np.where(path.curvatures[piece] > 0.0, np.abs(at - middle) / half, np.inf)
+    share = np.linspace(0.0, 1.0, PARTS + 1)
+    bumps = []
+    for k in np.flatnonzero(off < CORNER):
+        if off[k] == off[piece == piece[k]].min():
+            places = np.append(low[k] + share * (at[k] - low[k]), high[k] - share[-2::-1] * (high[k] - at[k]))
+            bumps.append((places, np.append(share, share[-2::-1])[:, None] ** 2 * ways[k]))
+    rest = ways - sum(along(at, *bump) for bump in bumps)
+    return sum_of(path, [with_zeros(np.array([0.0, path.length]), at, rest), *bumps])
 
 
 def moved_with(scenario: Scenario, through: LaidPath, at: Array, moves: Array) -> LaidPath:

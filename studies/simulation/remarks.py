@@ -51,10 +51,12 @@ def foreseen(assembly: Assembly, q: Array) -> Iterator[Remark]:
     yield from rest_unloaded(scenario)
     free = scenario.solve.kind == "static" and slides_freely(system, system.rows[:, 0])
     yield from judged(free, "slides-freely", "piercing")
-    at, E = np.array(of_piercings(assembly.holes, assembly.at.tolist())), moduli_at(body, holes)
+    at, s = (np.array(of_piercings(assembly.holes, each.tolist())) for each in (assembly.at, assembly.s))
+    tangents, E = assembly.path.tangent(np.clip(at, 0.0, assembly.path.length)), moduli_at(body, holes)
     sizes = [size_at(body.mesh, np.array(hole.place)) if body else 0.0 for hole in holes]
     radii = radii_at(holes, sizes, body.element if body else "P1")
-    yield from demanding(scenario, section_of(scenario.thread), assembly.path, at, E, radii, strength_of(scenario))
+    given = section_of(scenario.thread), tangents, s, thread.spline.end
+    yield from demanding(scenario, *given, E, radii, strength_of(scenario))
     if body is not None:
         yield from foreseen_in_organ(assembly, body, sizes)
 
@@ -419,11 +421,16 @@ def unheld(scenario: Scenario) -> list[Remark]:
 
 
 def off_path(assembly: Assembly) -> list[Remark]:
-    """Return remarks on holes that hold the thread at the start far from its path."""
+    """Return remarks on holes that hold the thread at the start far from the lines of its path."""
     limit = bounds.OFF_PATH * assembly.system.thread.section.diameter
+    corners = np.array(assembly.scenario.thread.path)
+    low, steps = corners[:-1], np.diff(corners, axis=0)
+    gaps = assembly.system.organ.y0.reshape(-1, 1, 9)[:, :, :3] - low
+    share = np.clip(np.sum(gaps * steps, axis=2) / np.sum(steps**2, axis=1), 0.0, 1.0)
+    away = np.linalg.norm(gaps - share[:, :, None] * steps, axis=2).min(axis=1)
     there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
-    places = assembly.system.organ.y0.reshape(-1, 9)[:, :3]
-    away = np.linalg.norm(there - places, axis=1)
+    given = [hole.s is not None for hole in assembly.holes]
+    away = np.where(given, np.linalg.norm(gaps[:, 0] + low[0] - there, axis=1), away)
     return [
         remark("off-path", hole.name, gap=gap / MILLI, limit=limit / MILLI)
         for hole, gap in zip(assembly.holes, away, strict=True)
@@ -458,16 +465,14 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
     A strand that is cut is not judged, because its two tails hang free.
     """
     path, scenario = assembly.path, assembly.scenario
-    thread = assembly.system.thread
-    diameter, cuts = thread.section.diameter, thread.spline.cuts
-    s = dict(zip((hole.name for hole in assembly.holes), assembly.s.tolist(), strict=True))
+    diameter = assembly.system.thread.section.diameter
     placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
     own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
     out, depths = list(end_strands(assembly, own)), {}
     for (one, first), (other, last) in pairwise(own):
         tract = tracts.get((one.name, other.name))
-        if np.any((cuts > s[one.name]) & (cuts < s[other.name])):
+        if is_cut(assembly, first, last):
             continue
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
@@ -483,6 +488,12 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
     return [*without_tract(depths, diameter), *out]
 
 
+def is_cut(assembly: Assembly, first: float, last: float) -> bool:
+    """Return whether the thread is cut at the start between two abscissae of its path [m]."""
+    low, high = sorted(assembly.thread_abscissae([first, last]))
+    return any(low < cut < high for cut in assembly.system.thread.spline.cuts.tolist())
+
+
 def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> Iterator[Remark]:
     """Yield remarks on the first and the last strand of the thread.
 
@@ -493,7 +504,7 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]])
     strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
     for end, at_end, holes, which in strands:
         for hole, at in holes:
-            if isinstance(end, model.FreeEnd) and hole.kind == "anchored":
+            if is_cut(assembly, at_end, at) or (isinstance(end, model.FreeEnd) and hole.kind == "anchored"):
                 continue
             deep = assembly.depths(assembly.through.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
             where = f"on its {which} strand, from its end to {hole.name!r},"

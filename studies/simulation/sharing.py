@@ -111,7 +111,7 @@ def organ_tables(scenario: Scenario) -> dict[str, Any]:
     """Return the tables of a scenario that determine an organ with its holes."""
     plain = without(tables(scenario), NOT_OF_ORGAN)
     holes = [without(hole, OF_THREAD) for hole in plain.get("piercing", [])]
-    thread, places = scenario.thread, [hole.s for hole in scenario.piercing]
+    thread, places = scenario.thread, [(hole.s, hole.from_ == 0.0) for hole in scenario.piercing]
     laid = {"laid": [thread.path, thread.length, places]} if scenario.tract else {}  # with balls along the path
     return plain | {"piercing": holes, "solve": without(plain["solve"], OF_STEPS)} | laid
 

@@ -90,7 +90,7 @@ def deep_parts(path: LaidPath, first: float, last: float, radius: float, depths:
         low, high = at[inside], at[outside]
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            enough = depths(path.position(np.array([middle])))[0] >= radius
+            enough = depths(path.position([middle]))[0] >= radius
             low, high = (middle, high) if enough else (low, middle)
         return float(low)
 
@@ -121,7 +121,7 @@ def balls_of(tract: Tract, path: LaidPath, deep: Array, radius: float) -> list[t
             at,
             Ball(
                 name=f"{tract.name}.{k}",
-                at=tuple(path.position(np.array(at)).tolist()),
+                at=tuple(path.position(at).tolist()),
                 length=length,
                 part=part,
                 **same,

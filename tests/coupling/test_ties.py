@@ -95,7 +95,7 @@ class Springs:
         return OrganEnergies(0.0, stored[1], 0.0, 0.0, taken)
 
 
-def loop(places: Array, give: float, points: int = 100, **tie: Any) -> tuple[System[Array], State[Array]]:
+def loop(places: Array, give: float, points: int = 160, **tie: Any) -> tuple[System[Array], State[Array]]:
     """A limp thread around `places` (k, 3), of which the last but one corner before each end is no hole but where it
     crosses itself; its tails go on from there."""
     crossing, *corners, _ = places

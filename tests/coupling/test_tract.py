@@ -243,7 +243,7 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
     fixed["thread"]["knots"] = "fixed"
     shallow["thread"]["path"] = [[-0.011, 0, -0.001], [TIP, 0, -0.001]]
     for hole in shallow["piercing"]:
-        hole["at"][2] = -0.004
+        hole["at"][2], hole["footprint"], shallow["tract"][0]["radius"] = -0.001, 5e-4, 1.5e-3
     free = changed()
     del free["tissue"]
     free["piercing"][0]["footprint"] = free["piercing"][1]["footprint"] = 0.0

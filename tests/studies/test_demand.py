@@ -42,11 +42,11 @@ STRAIN, TURN = EARLY * SMALL_STRAIN, EARLY * SMALL_ROTATION
 def said(scenario: Scenario, radii: Array | None = None) -> dict[str, str]:
     """Return what is foreseen of a scenario with one E everywhere, by its code; None: on cells that are fine."""
     path = rounded_path(scenario.thread.path)
-    at = np.array(abscissae(scenario, path, path.length))
+    at, length = np.array(abscissae(scenario, path, path.length)), scenario.thread.length or path.length
     strength = knot_pull(scenario.thread.suture) if scenario.thread.suture else None
     E = np.full(len(scenario.piercing), scenario.tissue.youngs_modulus if scenario.tissue else np.inf)
     radii = np.array([hole.footprint or np.inf for hole in scenario.piercing]) if radii is None else radii
-    found = demand.demanding(scenario, section_of(scenario.thread), path, at, E, radii, strength)
+    found = demand.demanding(scenario, section_of(scenario.thread), path.tangent(at), at, length, E, radii, strength)
     return {each.code: each.message for each in found}
 
 

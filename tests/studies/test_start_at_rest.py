@@ -245,6 +245,23 @@ def test_what_has_no_rest_is_refused_in_words() -> None:
     assert Scenario.model_validate(stitched(start="path")).solve.start == "path"
 
 
+def test_a_path_goes_through_its_holes() -> None:
+    """Independent check: every hole lies on the path on which the thread is laid, also off the middle of the arc at a
+    corner, with two holes at one corner, and beside a straight line."""
+    corner = [[-0.02, 0, 0], [0, 0, 0], [0, 0, 0.02]]
+    for places in (
+        [[-0.5e-3, 0, 0]],
+        [[-0.5e-3, 0, 0], [0, 0, 0.5e-3]],
+        [[-0.012, 1e-3, 0], [0, 0, 0], [0, 2e-3, 0.015]],
+    ):
+        holes = [{"name": f"hole {k}", "at": place} for k, place in enumerate(places)]
+        table = {"thread": {"suture": "4-0 nylon", "path": corner}, "piercing": holes}
+        ready = prepare(parse(table | {"solve": {"kind": "static"}})).assembly
+        assert ready.laid.position(ready.at) == pytest.approx(np.array(places), abs=1e-9)
+        lines = np.linalg.norm(np.diff([corner[0], *places, corner[2]], axis=0), axis=1).sum()
+        assert lines * (1 - 1e-9) <= ready.laid.length <= 1.05 * max(lines, 0.04)
+
+
 @pytest.mark.parametrize("turn", [60, 90, 150])
 def test_a_thread_is_laid_through_the_corner_that_has_its_hole(turn: float) -> None:
     """Independent check: with a hole at the corner of its path the thread is as long as the two lines of the corner.
