@@ -46,7 +46,7 @@ def nothing(item: object) -> None:
 def in_turn(
     work: Callable[[Item], Result], items: Sequence[Item], first: Callable[[Item], object] = nothing
 ) -> Iterator[tuple[int, Result]]:
-    """Yield the results of this process, one item after the other."""
+    """Yield the number of each item and its result in this process, one item after the other."""
     for number, item in enumerate(items):
         yield number, _alone(work, item)
 

@@ -115,7 +115,9 @@ def sweep_remarks(folder: Path, table: Table) -> list[str]:
     found = read_json(folder / "verdict.json").get("quantities", ())
     remarks = [f"{headed(one['quantity'], one['unit'])}: {one['verdict']}{estimated(one)}" for one in found]
     doubted = int(np.count_nonzero(table.columns["unsupported"]))
-    return remarks + [f"{counted(doubted)} with unsupported numbers: see the column remarks"] * bool(doubted)
+    if doubted:
+        remarks.append(f"{counted(doubted)} with unsupported numbers: see the column remarks")
+    return remarks
 
 
 def estimated(one: Mapping[str, Any]) -> str:

@@ -100,11 +100,6 @@ class Assembly:
         """
         return np.where([is_known(hole) for hole in self.holes], self.s, np.nan)
 
-    def thread_abscissae(self, at: Sequence[float]) -> list[float]:
-        """Return the abscissae on the thread of places on its path [m]."""
-        share = self.laid.length_to(np.array(at)) / self.laid.length
-        return (share * self.system.thread.spline.end).tolist()
-
     def start(self) -> State[tissue.OrganState]:
         """Return the consistent start: Φ = 0, with the thread as near to its path as possible."""
         thread = self.system.thread
@@ -361,19 +356,19 @@ def friction_of(hole: model.Piercing, scenario: Scenario, given: Given, bite: fl
 
 
 def contact_of(
-    scenario: Scenario, holes: Sequence[model.Piercing], path: LaidPath, at: Array, depths: Distances
+    scenario: Scenario, holes: Sequence[model.Piercing], through: LaidPath, at: Array, depths: Distances
 ) -> ThreadContact:
     """Return how the thread meets the organ's surface.
 
-    A strand is inside if more than half of its path lies in tissue; `at` (p,) [m] are the holes on
-    the path.
+    A strand is inside if more than half of its path `through` the holes lies in tissue; `at` (p,)
+    [m] are the holes on the path.
     """
     own = [k for k, hole in enumerate(holes) if is_known(hole) and not isinstance(hole, Ball)]
-    ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, path.path.length)]
+    ends = [(END, 0.0), *((k, float(at[k])) for k in own), (END, through.path.length)]
     inside = []
     for (one, low), (other, high) in pairwise(ends):
         middles = low + (high - low) * (np.arange(STRAND_LOOKS) + 0.5) / STRAND_LOOKS
-        if np.mean(depths(path.position(middles)) > 0.0) > 0.5:
+        if np.mean(depths(through.position(middles)) > 0.0) > 0.5:
             inside.append((one, other))
     surface = scenario.thread.surface
     return ThreadContact(tuple(inside), surface is not None, 0.0 if surface is None else surface.friction)

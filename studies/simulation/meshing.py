@@ -123,7 +123,7 @@ def check_outer(mesh: skfem.MeshTet, names: Sequence[str], key: str) -> None:
     """Refuse a held boundary with facets inside the organ. Raises `ScenarioError`."""
     for name in names:
         inside = np.setdiff1d((mesh.boundaries or {})[name], mesh.boundary_facets()).size
-        refuse(inside, f"tissue.{key}", list(names), "facets-inside", count=inside, name=name)
+        refuse(inside > 0, f"tissue.{key}", list(names), "facets-inside", count=inside, name=name)
 
 
 def places(holes: Sequence[model.Piercing]) -> Array:

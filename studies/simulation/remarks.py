@@ -30,9 +30,11 @@ from studies.simulation.given import Given, shear_moduli
 from studies.simulation.tracts import Ball, across_wounds, of_piercings, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
+from thread.path import rounded_path
 from thread.thread import Thread
 from thread.vectors import curvature
 
+SHARP = 1e-3  # of the diameter: radius of the corners of a path that counts as its lines
 LOOKS = 9  # places between two holes at which the depth of the thread is computed
 # For each key the least and largest value of organs and sutures, its unit, and other units.
 PLAUSIBLE = list_of(__file__, "plausible.toml")
@@ -422,15 +424,13 @@ def unheld(scenario: Scenario) -> list[Remark]:
 
 def off_path(assembly: Assembly) -> list[Remark]:
     """Return remarks on holes that hold the thread at the start far from the lines of its path."""
-    limit = bounds.OFF_PATH * assembly.system.thread.section.diameter
-    corners = np.array(assembly.scenario.thread.path)
-    low, steps = corners[:-1], np.diff(corners, axis=0)
-    gaps = assembly.system.organ.y0.reshape(-1, 1, 9)[:, :, :3] - low
-    share = np.clip(np.sum(gaps * steps, axis=2) / np.sum(steps**2, axis=1), 0.0, 1.0)
-    away = np.linalg.norm(gaps - share[:, :, None] * steps, axis=2).min(axis=1)
+    diameter, places = assembly.system.thread.section.diameter, assembly.system.organ.y0.reshape(-1, 9)[:, :3]
+    limit, lines = bounds.OFF_PATH * diameter, rounded_path(assembly.scenario.thread.path, SHARP * diameter)
     there = assembly.path.position(np.clip(assembly.at, 0.0, assembly.path.length))
-    given = [hole.s is not None for hole in assembly.holes]
-    away = np.where(given, np.linalg.norm(gaps[:, 0] + low[0] - there, axis=1), away)
+    away = [
+        lines.nearest(place)[1] if hole.s is None else float(np.linalg.norm(place - at))
+        for hole, place, at in zip(assembly.holes, places, there, strict=True)
+    ]
     return [
         remark("off-path", hole.name, gap=gap / MILLI, limit=limit / MILLI)
         for hole, gap in zip(assembly.holes, away, strict=True)
@@ -464,15 +464,16 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
 
     A strand that is cut is not judged, because its two tails hang free.
     """
-    path, scenario = assembly.path, assembly.scenario
-    diameter = assembly.system.thread.section.diameter
-    placed = [(hole, at) for hole, at in zip(assembly.holes, assembly.at, strict=True) if hole.from_ == 0.0]
-    own = [(hole, at) for hole, at in placed if not isinstance(hole, Ball)]
+    path, scenario, thread = assembly.path, assembly.scenario, assembly.system.thread
+    diameter = thread.section.diameter
+    every = zip(assembly.holes, assembly.at, assembly.s, strict=True)
+    placed = [(hole, at, s) for hole, at, s in every if hole.from_ == 0.0]
+    own = [each for each in placed if not isinstance(each[0], Ball)]
     tracts = {tract.between: tract for tract in scenario.tract}
     out, depths = list(end_strands(assembly, own)), {}
-    for (one, first), (other, last) in pairwise(own):
+    for (one, first, low), (other, last, high) in pairwise(own):
         tract = tracts.get((one.name, other.name))
-        if is_cut(assembly, first, last):
+        if is_cut(thread, low, high):
             continue
         if tract is None:
             at = np.clip(np.linspace(first, last, LOOKS + 2)[1:-1], 0.0, path.length)
@@ -482,33 +483,35 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
                 where = f"between {one.name!r} and {other.name!r}"
                 out += unpierced(where, one.name, float(found.max()), diameter)
         else:
-            balls = [(hole, at) for hole, at in placed if isinstance(hole, Ball) and hole.tract == tract.name]
+            balls = [(hole, at) for hole, at, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name]
             borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
             out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
     return [*without_tract(depths, diameter), *out]
 
 
-def is_cut(assembly: Assembly, first: float, last: float) -> bool:
-    """Return whether the thread is cut at the start between two abscissae of its path [m]."""
-    low, high = sorted(assembly.thread_abscissae([first, last]))
-    return any(low < cut < high for cut in assembly.system.thread.spline.cuts.tolist())
+def is_cut(thread: Thread, low: float, high: float) -> bool:
+    """Return whether a thread is cut between two abscissae [m]."""
+    cuts = thread.spline.cuts
+    return bool(np.any((low < cuts) & (cuts < high)))
 
 
-def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float]]) -> Iterator[Remark]:
+def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float, float]]) -> Iterator[Remark]:
     """Yield remarks on the first and the last strand of the thread.
 
-    `own` are its holes with their abscissae on the path [m]. The free tail of an anchored hole is
-    not judged, because nothing pulls on it.
+    `own` are its holes with their abscissae on the path and on the thread [m]. A strand that is cut
+    and the free tail of an anchored hole are not judged, because nothing pulls on the tail at the
+    hole.
     """
-    path, thread = assembly.path, assembly.scenario.thread
-    strands = ((thread.start, 0.0, own[:1], "first"), (thread.end, path.length, own[-1:], "last"))
-    for end, at_end, holes, which in strands:
-        for hole, at in holes:
-            if is_cut(assembly, at_end, at) or (isinstance(end, model.FreeEnd) and hole.kind == "anchored"):
+    path, table, thread = assembly.path, assembly.scenario.thread, assembly.system.thread
+    first, last = thread.spline.start, thread.spline.end
+    strands = ((table.start, 0.0, first, own[:1], "first"), (table.end, path.length, last, own[-1:], "last"))
+    for end, at_end, s_end, holes, which in strands:
+        for hole, at, s in holes:
+            if is_cut(thread, *sorted((s_end, s))) or (isinstance(end, model.FreeEnd) and hole.kind == "anchored"):
                 continue
             deep = assembly.depths(assembly.through.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
             where = f"on its {which} strand, from its end to {hole.name!r},"
-            yield from unpierced(where, hole.name, float(deep.max()), assembly.system.thread.section.diameter)
+            yield from unpierced(where, hole.name, float(deep.max()), thread.section.diameter)
 
 
 def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Remark]:

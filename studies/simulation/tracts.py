@@ -40,12 +40,12 @@ class Ball(Piercing):
 
 
 def with_balls(
-    scenario: Scenario, path: LaidPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
+    scenario: Scenario, through: LaidPath, s: Sequence[float], length: float, mesh: skfem.MeshTet | None
 ) -> tuple[tuple[Piercing, ...], list[float]]:
     """Return the holes with the balls of tracts in between, and their abscissae.
 
-    Both are in the order of the thread. The thread has `length` [m], and its holes are at `s` (p,)
-    [m].
+    Both are in the order of the thread. The thread has `length` [m] and its path leads `through` its
+    holes, which are at `s` (p,) [m].
     """
     holes, places = list(scenario.piercing), list(s)
     if mesh is None or not scenario.tract:
@@ -56,10 +56,11 @@ def with_balls(
         low, high = places[first], places[last]
         for cut in scenario.thread.cuts:
             refuse(low < cut < high, f"tract.{number}.between", tract.between, "tract-cut", cut=cut)
-        radius, ends = radius_of(tract, holes), (low * path.path.length / length, high * path.path.length / length)
-        deep = deep_parts(path, *ends, radius, depths)
+        whole = through.path.length
+        radius, ends = radius_of(tract, holes), (low * whole / length, high * whole / length)
+        deep = deep_parts(through, *ends, radius, depths)
         refuse(not len(deep), f"tract.{number}.between", tract.between, "tract-shallow", radius=radius, number=number)
-        balls = balls_of(tract, path, deep, radius)
+        balls = balls_of(tract, through, deep, radius)
         shares = [(at - ends[0]) / (ends[1] - ends[0]) for at, _ in balls]
         holes[last:last] = [ball for _, ball in balls]
         places[last:last] = [low + share * (high - low) for share in shares]

@@ -11,10 +11,10 @@ from random import Random
 from unittest.mock import patch
 
 from studies.command.command import REFUSALS, main
-from studies.output import tally
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder
 from studies.output.opened import open_run
+from studies.output.tally import Tally as RunTally
 from studies.pictures import looking
 from studies.pictures.picture import Drawn
 from studies.scenario import Scenario, parse
@@ -109,7 +109,7 @@ def _resume(folder: Path) -> str:
     if not can_resume(folder, scenario):
         return "begun anew"
     kept = read_checkpoint(folder)
-    with Recorder(folder, tally.Tally(scenario, memory=kept), LINEAR) as recorder:
+    with Recorder(folder, RunTally(scenario, memory=kept), LINEAR) as recorder:
         for number in range(0 if kept is None else int(kept["step"]), 4):
             recorder.record(step(number), framing(step(number).time))
     return "resumed"

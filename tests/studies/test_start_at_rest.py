@@ -247,7 +247,7 @@ def test_what_has_no_rest_is_refused_in_words() -> None:
 
 def test_a_path_goes_through_its_holes() -> None:
     """Independent check: every hole lies on the path on which the thread is laid, also off the middle of the arc at a
-    corner, with two holes at one corner, and beside a straight line."""
+    corner, with two holes at one corner, and next to a straight line."""
     corner = [[-0.02, 0, 0], [0, 0, 0], [0, 0, 0.02]]
     for places in (
         [[-0.5e-3, 0, 0]],

@@ -86,7 +86,7 @@ def test_a_path_passes_every_corner_at_one_distance(turn):
 
 
 def test_a_polygon_about_a_circle_gives_the_circle():
-    """Independent check: the arcs of equal small turns fill the sides, so that the curvature is 1/R but for 2 %."""
+    """Independent check: the arcs of equal small turns fill the sides, so that the curvature is 1/R to 5 %."""
     turn, radius = np.pi / 8, 0.005
     at = (np.arange(9) - 0.5) * turn
     points = radius / np.cos(turn / 2) * np.column_stack([np.cos(at), np.sin(at), np.zeros(9)])

@@ -120,9 +120,9 @@ class Space:
     def _add(self, X: Array) -> None:
         """Add vectors `(N, k)` to the basis."""
         self._next = np.asarray(self._organ.M @ self._basis.extend(X))
-        before, beside = self._M.shape[0], self.vectors.T @ self._next
-        corner = 0.5 * (beside[before:] + beside[before:].T)
-        self._M = np.block([[self._M, beside[:before]], [beside[:before].T, corner]])
+        before, mixed = self._M.shape[0], self.vectors.T @ self._next
+        corner = 0.5 * (mixed[before:] + mixed[before:].T)
+        self._M = np.block([[self._M, mixed[:before]], [mixed[:before].T, corner]])
 
     def _make(self, blocks: int) -> Level:
         organ, r, behind = self._organ, self._ends[blocks], self._ends[blocks + 1]
