@@ -424,7 +424,10 @@ class Strands(Generic[Body]):
         before = touch.P[some]
         with_thread, c_open = replace(law, C=law.C + moves[:, 1:]), touch.c_open + moves[:, 0] - moves[:, 1:] @ before
         try:
-            P = forces_together(with_thread, c_open, touch)
+            if self.friction:
+                P = find_forces(with_thread, c_open, touch.pressed, touch.rubbing)[2]
+            else:
+                P = forces_of(with_thread, c_open)[2]
         except OrganError as error:
             raise SingularError(SINGULAR_HOLDS) from error
         (dq, dz), *rest = solved
@@ -456,20 +459,6 @@ def forces_of(law: Law, c_open: Array) -> tuple[Flags, Rubbing, Array]:
     if len(law.rough):
         return find_forces(law, c_open, p > 0.0, stuck(k))
     return p > 0.0, Rubbing(), forces_by_tangent(law, p > 0.0, Rubbing(), c_open)
-
-
-def forces_together(law: Law, c_open: Array, touch: Touch) -> Array:
-    """Return the forces of points by the law of thread and organ together, `(k + 2m,)` [N].
-
-    With friction, if they are not found in one try, they are those by the tangent of the law at a
-    `touch`. Raises `OrganError`.
-    """
-    if not len(law.rough):
-        return forces_of(law, c_open)[2]
-    try:
-        return find_forces(law, c_open, touch.pressed, touch.rubbing, tries=1)[2]
-    except OrganError:
-        return forces_by_tangent(law, touch.pressed, touch.rubbing, c_open)
 
 
 def under(contact: Contact[Body], strands: Strands[Body] | None, touch: Touch | None) -> Contact[Body]:
