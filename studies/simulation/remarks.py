@@ -295,9 +295,10 @@ def unsettled(energy: Energies, slide: float, diameter: float) -> list[Remark]:
     `diameter` [m] slides in another run of the same duration.
     """
     share, limit = unrest(energy.kinetic, energy.of_deformation), bounds.SLID * diameter
-    ways = {"slide": slide / MILLI, "limit": limit / MILLI}
-    unrested = moves(energy) or slide > limit
-    return judged(unrested, "not-at-rest", "solve.duration", share=share, settled=SETTLED, **ways)
+    signs = [f"the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g})"] * moves(energy)
+    way = f"{slide / MILLI:.2g} mm in another such run (limit {limit / MILLI:.2g} mm)"
+    signs += [f"at its final speed the thread would slide by {way}"] * (slide > limit)
+    return judged(bool(signs), "not-at-rest", "solve.duration", signs=", and ".join(signs))
 
 
 def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> list[Remark]:
