@@ -156,12 +156,9 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
     return np.asarray(weights @ density)
 
 
-def energy_share(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
-    """Return the share of the organ's strain energy in some `cells` (c,).
-
-    The share is 0 for an organ without strain.
-
-    The energy is measured by ∫ E ε² dx with the `strain` (c,) of each cell.
+def strain_energy(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
+    """Return 6 ∫ E ε² dx [J] over the organ's `cells` (c,), with the `strain` (c,) of each: a measure of their strain
+    energy that serves for shares.
     """
     energy = elasticity.material.youngs_modulus * elasticity.six_volumes * strain**2
-    return float(energy[cells].sum() / max(energy.sum(), np.finfo(float).tiny))
+    return float(energy[cells].sum())

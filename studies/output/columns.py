@@ -150,8 +150,8 @@ RANGE = columns_of(
     "range",
     largest_strain=lambda met: met.strain,
     largest_rotation=lambda met: met.rotation,
-    strained_share=lambda met: met.strained,
-    rotated_share=lambda met: met.rotated,
+    strained_share=lambda met: met.share(met.strained),
+    rotated_share=lambda met: met.share(met.rotated),
 )
 HOLE_RANGE = columns_of("hole_range")
 (REDUCTION,) = columns_of("reduction")

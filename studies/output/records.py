@@ -46,13 +46,13 @@ GapRecord = record_of("GapRecord", "gap_profile")
 # A load on a boundary of the organ at one time.
 LoadRecord = record_of("LoadRecord", "load")
 # The organ at one time: arrays of its nodes `(nodes, …)` and of its cells `(cells, …)`. The lips are None without
-# contact, the stretches for a linear organ. `strained` and `rotated` are the shares of the strain energy in cells whose
-# strain or rotation is not small [-].
+# contact, the stretches for a linear organ. `deformed` is the strain energy of all cells, `strained` and `rotated`
+# those of cells whose strain or rotation is not small (`tissue.strain_energy`) [J].
 OrganRecord = record_of(
     "OrganRecord",
     "organ_arrays",
     "organ_cells",
-    needed=("strained", "rotated"),
+    needed=("deformed", "strained", "rotated"),
     **dict.fromkeys(("contact_pressure", "lip_gap", "principal_stretch", "first_stretch", "third_stretch")),
     pressed_turn=0.0,  # largest angle between a pressed normal and its reference direction [rad]
     crossed=0.0,  # overlap of lips without contact, over their extent [-]
@@ -240,9 +240,9 @@ class Extremes:
     strain: float = field(default=0.0, metadata={"frame": lambda organ: organ.strain.max()})
     # largest rotation of the organ's cells [rad]
     rotation: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotation.max()})
-    # share of the strain energy in cells whose strain is not small [-]
+    # strain energy of all cells, of those whose strain is not small, and of those whose rotation is not small [J]
+    deformed: float = field(default=0.0, metadata={"frame": lambda organ: organ.deformed})
     strained: float = field(default=0.0, metadata={"frame": lambda organ: organ.strained})
-    # share of the strain energy in cells whose rotation is not small [-]
     rotated: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotated})
     # turn of a pressed surface [rad]
     pressed_turn: float = field(default=0.0, metadata={"frame": lambda organ: organ.pressed_turn})
@@ -292,6 +292,10 @@ class Extremes:
             return 0.0
         course = np.linspace(self.forces[0], self.forces[-1], len(self.forces))
         return float(norm(self.forces - course, axis=2).max()) / largest
+
+    def share(self, energy: float) -> float:
+        """Return a strain energy as a share of the largest of all cells [-], zero without strain."""
+        return energy / self.deformed if self.deformed else 0.0
 
     def after_frame(self, organ: Record | None) -> "Extremes":
         """Return the extremes including one more frame of the organ, None without an organ."""

@@ -165,10 +165,11 @@ def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> Iterato
 def beyond_in_tissue(extremes: records.Extremes) -> Iterator[Remark]:
     """Yield remarks on strain and rotation of the organ's cells."""
     strain, rotation = extremes.strain, extremes.rotation
-    code = "tissue-strain" if extremes.strained > bounds.SHARE else "local-strain"
-    turns = rotation > bounds.SMALL_ROTATION and extremes.rotated > bounds.SHARE
-    yield from judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=extremes.strained)
-    yield from judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=extremes.rotated)
+    strained, rotated = extremes.share(extremes.strained), extremes.share(extremes.rotated)
+    code = "tissue-strain" if strained > bounds.SHARE else "local-strain"
+    turns = rotation > bounds.SMALL_ROTATION and rotated > bounds.SHARE
+    yield from judged(strain > bounds.SMALL_STRAIN, code, "tissue", strain=strain, share=strained)
+    yield from judged(turns, "tissue-rotation", "tissue", rotation=rotation, share=rotated)
 
 
 def missed_by_basis(names: Sequence[str], extremes: records.Extremes) -> Iterator[Remark]:

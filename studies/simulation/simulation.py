@@ -334,8 +334,9 @@ class Simulation:
             "rotation": rotation,
             "energy_density": energy,
             "nodal_volume_ratio": nodal_ratio,
-            "strained": tissue.energy_share(body, strain, strain > SMALL_STRAIN),
-            "rotated": tissue.energy_share(body, strain, rotation > SMALL_ROTATION),
+            "deformed": tissue.strain_energy(body, strain, strain > 0.0),
+            "strained": tissue.strain_energy(body, strain, strain > SMALL_STRAIN),
+            "rotated": tissue.strain_energy(body, strain, rotation > SMALL_ROTATION),
             "pressed_turn": float(organ.surface.turns(body.nodal(U)).max(initial=0.0)),
         }
 
@@ -344,7 +345,7 @@ def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[
     """Return the Cauchy stress at the nodes of an organ at finite strain, and other fields.
 
     The fields have their names in the record. The strain is the largest |λ − 1| of the principal
-    stretches λ. The model has no bounds of small strain, so the shares beyond these bounds are
+    stretches λ. The model has no bounds of small strain, so the energies beyond these bounds are
     zero.
     """
     hyper, U = organ.law, organ.displacement(state)
@@ -354,8 +355,7 @@ def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[
         "rotation": rotation,
         "energy_density": tissue.cell_energy(hyper, U, organ.lasting),
         "nodal_volume_ratio": tissue.nodal_volume_ratio(hyper.body, U),
-        "strained": 0.0,
-        "rotated": 0.0,
+        **dict.fromkeys(("deformed", "strained", "rotated"), 0.0),
         "principal_stretch": stretch,
         "first_stretch": along[:, 0],
         "third_stretch": along[:, 2],

@@ -100,9 +100,17 @@ TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, spe
 JUDGED: dict[str, tuple[float, int, Judge]] = {
     "hole-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
     "hole-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
-    "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5))),
-    "tissue-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5))),
-    "local-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE))),
+    "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5, deformed=1.0))),
+    "tissue-rotation": (
+        SMALL_ROTATION,
+        1,
+        lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5, deformed=1.0)),
+    ),
+    "local-strain": (
+        SMALL_STRAIN,
+        1,
+        lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE, deformed=1.0)),
+    ),
     "reduction": (
         REDUCED * 1e-3,
         1,
@@ -491,8 +499,8 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert judging.unsettled(still, SLID * at, at) == []
     assert [each.code for each in judging.unsettled(still, SLID * at * (1 + ROUND), at)] == ["not-at-rest"]
     for share, code in ((SHARE * (1 - ROUND), "local-strain"), (SHARE * (1 + ROUND), "tissue-strain")):
-        assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share))] == [code]
-    assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE))) == []
+        assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share, deformed=1.0))] == [code]
+    assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE, deformed=1.0))) == []
     assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
     assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
@@ -680,7 +688,7 @@ def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
     assert organ is not None
     assert summary["range"]["largest_strain"] == organ.strain.max()
     assert summary["range"]["largest_rotation"] == organ.rotation.max()
-    assert (summary["range"]["strained_share"], summary["range"]["rotated_share"]) == (organ.strained, organ.rotated)
+    assert (summary["range"]["strained_share"], summary["range"]["rotated_share"]) == (0.5, 0.25)
     last = seen[-1].extremes
     assert (last.energy, last.created, last.thread_strain, last.tension) == (5.0, 0.25, 0.01, 0.2)
 
