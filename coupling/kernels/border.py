@@ -9,6 +9,7 @@ from coupling.kernels.band import REACH, solve_dense
 from coupling.kernels.friction import Joints, Law, linearise_law
 from coupling.kernels.holes import Held, Hold, hold_among
 from thread.kernels.loops import entry, loop, numbers, owning
+from thread.kernels.records import record
 from thread.kernels.vectors import add_column, add_matrix, add_row, diagonal, dot
 
 LAW, S, LAM, MU_U, MU_V, X, U, V = numbers(0, 0, 1, 4, 5, 6, 9, 12)  # row of the law; columns of a hold's unknowns
@@ -19,6 +20,7 @@ NINE, OWN, BORDER = 9, 6, 15
 LARGEST = 1e300  # a number that is not below this is inf or nan; if sums are reordered, x − x can be zero for nan
 
 
+@record
 class Border(NamedTuple):
     """The linearised holds, block by block over `m` holds.
 
@@ -32,7 +34,7 @@ class Border(NamedTuple):
     are Φ_q and (Φ_s, 0, Φ_y). The named blocks are views: a change of a named block changes the
     border.
 
-    `at` (15m,) numbers the unknowns that are solved for. `read` and `push` (9m,) number those of
+    `at` (15m,) numbers the unknowns that are solved for. `read` and `push` (m, 9) number those of
     (P, T, T') on which the holds depend and on which they exert forces. All are −1 for the others.
     """
 
@@ -77,26 +79,19 @@ class Border(NamedTuple):
         return self.F[:, :, 0]
 
 
-@owning
-def empty_border(m: int) -> Border:
-    """Return the border of `m` holds with every block zero."""
-    return Border(
-        np.zeros((m, NINE, BORDER)),
-        np.zeros((m, OWN, NINE)),
-        np.zeros((m, OWN, BORDER)),
-        np.zeros((m, NINE, BORDER)),
-        np.zeros((m, NINE, NINE)),
-        np.zeros((m, m)),
-        np.zeros(BORDER * m, np.int64),
-        np.zeros(NINE * m, np.int64),
-        np.zeros(NINE * m, np.int64),
-    )
+@loop
+def clear_border(border: Border) -> None:
+    """Set the blocks of each hold to zero."""
+    for block in (border.E, border.B, border.D, border.F, border.R):
+        for k in range(block.shape[0]):
+            for i in range(block.shape[1]):
+                for j in range(block.shape[2]):
+                    block[k, i, j] = 0.0
 
 
 @loop
-def linearise(h: Hold, border: Border) -> None:
-    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold into a `border` of zeros."""
-    E, B, D, F, R = border.E, border.B, border.D, border.F, border.R
+def linearise(h: Hold, E: Array, B: Array, D: Array, F: Array, R: Array) -> None:
+    """Linearise Φ = (g, c₁, c₂) and the forces Φ_qᵀλ, Φ_yᵀλ of one hold into blocks of zeros (`Border`)."""
     one = diagonal(1.0)
 
     add_matrix(1.0, one, B, G, AT_P)
@@ -134,7 +129,7 @@ def linearise(h: Hold, border: Border) -> None:
 def linearise_hold(law: Law, k: int, sigma: float, h: Hold, rows: Flags, border: Border) -> None:
     """Linearise hold k into its part of a border, with the active constraints `rows` (5,)."""
     B, D = border.B[k], border.D[k]
-    linearise(h, Border(border.E[k], B, D, border.F[k], border.R[k], border.S, border.at, border.read, border.push))
+    linearise(h, border.E[k], B, D, border.F[k], border.R[k])
     linearise_law(law, k, sigma, h, B, D)
     drop_constraints(B, D, rows)
 
@@ -162,6 +157,14 @@ def put_columns(first: int, b: Array, orders: int, X: Array, push: Indices) -> N
             column = 1 + push[3 * order + x]
             for i in range(4 if column > 0 else 0):
                 X[first + i, x, column] = b[order, i]
+
+
+@loop
+def put_riding(k: int, by_qs: Array, X: Array, column: int) -> None:
+    """Write H_qs of hold k into a column of `X` (n + 3, 3, 1 + k)."""
+    for i in range(len(by_qs)):
+        for x in range(3):
+            X[i, x, column] = by_qs[i, x, k]
 
 
 @loop
@@ -296,8 +299,8 @@ def number_border(border: Border, r: Array, joints: Joints) -> tuple[int, int]:
             for j in range(NINE):
                 read |= R[j, i] != 0.0
                 push |= E[i, OWN + j] != 0.0
-            border.read[NINE * k + i] = reads if read else -1
-            border.push[NINE * k + i] = pushes if push else -1
+            border.read[k, i] = reads if read else -1
+            border.push[k, i] = pushes if push else -1
             reads += read
             pushes += push
     return reads, pushes
@@ -321,22 +324,27 @@ def solve_holds(
 
     The other arguments are those of `holds_matrix`.
     """
-    size = 1 + border.at.max() if len(r) > 0 else 0
+    size = 0
+    for i in range(len(border.at)):
+        size = max(size, 1 + border.at[i])
     M = np.zeros((size, size + 1))
     holds_matrix(border, C, G, r, r_y, joints, sigma, M)
     if not solve_dense(M):
         return False
-    spread_numbers(border, C, r_y, joints, M[:, size], dz)
+    spread_numbers(border, C, r_y, joints, M, dz)
     return True
 
 
 @owning
-def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, x: Array, dz: Array) -> None:
-    """Write the solved unknowns of the holds, `x` (k,), and dy = C (F dz + R Vᵀdq) − r_y into `dz` (m, 15)."""
+def spread_numbers(border: Border, C: Array, r_y: Array, joints: Joints, M: Array, dz: Array) -> None:
+    """Write the solved unknowns of the holds, and dy = C (F dz + R Vᵀdq) − r_y, into `dz` (m, 15).
+
+    The solved unknowns are the last column of `M` (k, k + 1).
+    """
     at, force = border.at, np.zeros(C.shape[0])
     for k in range(len(r_y)):
         for j in range(BORDER):
-            dz[k, j] = x[at[BORDER * k + j]] if at[BORDER * k + j] >= 0 else 0.0
+            dz[k, j] = M[at[BORDER * k + j], len(M)] if at[BORDER * k + j] >= 0 else 0.0
         for i in range(NINE):
             for z in range(OWN):
                 force[NINE * k + i] += border.F[k, i, z] * dz[k, z]
@@ -373,7 +381,8 @@ def holds_matrix(
                 row[at[BORDER * k + OWN + i]] = 1.0
             else:
                 row[size] = -r_y[k, i]
-    thread = np.dot(G, pushes_on_thread(border, sites, G.shape[1]))
+    thread = np.zeros((len(G), size + 1))
+    np.dot(G, pushes_on_thread(border, sites, G.shape[1]), thread)
     for k in range(m):
         add_own_equations(border, k, thread, sites, r, M)
         if len(sigma) > 0 and sigma[k] != 0.0:
@@ -428,9 +437,9 @@ def pushes_on_thread(border: Border, sites: Array, rows: int) -> Array:
     out[0, sites.shape[1] - 1] = 1.0
     for k in range(len(E)):
         for i in range(NINE):
-            if push[NINE * k + i] < 0:
+            if push[k, i] < 0:
                 continue
-            row = out[1 + push[NINE * k + i]]
+            row = out[1 + push[k, i]]
             for z in range(OWN):
                 if at[BORDER * k + z] >= 0:
                     row[at[BORDER * k + z]] -= E[k, i, z]
@@ -457,7 +466,7 @@ def add_own_equations(border: Border, k: int, thread: Array, sites: Array, r: Ar
             b, d = border.B[k, i, j], border.D[k, i, OWN + j]
             if b != 0.0:
                 for z in range(last + 1):
-                    row[z] += b * thread[read[NINE * k + j], z]
+                    row[z] += b * thread[read[k, j], z]
             if d != 0.0:
                 for z in range(last + 1):
                     row[z] += d * sites[NINE * k + j, z]
@@ -478,7 +487,7 @@ def add_force_equations(border: Border, k: int, thread: Array, M: Array) -> None
             if push != 0.0 and own >= 0:
                 pushed = True
                 for z in range(last + 1):
-                    M[own, z] -= push * thread[border.read[NINE * k + j], z]
+                    M[own, z] -= push * thread[border.read[k, j], z]
         if pushed:
             M[own, own] += 1.0
             M[own, last] = -M[own, last]
@@ -532,8 +541,8 @@ def thread_direction(border: Border, dz: Array, X: Array, dq: Array) -> bool:
     E, at, push = border.E, border.push, np.zeros(X.shape[2] - 1)
     for k in range(len(E)):
         for i in range(NINE):
-            for z in range(BORDER if at[NINE * k + i] >= 0 else 0):
-                push[at[NINE * k + i]] += E[k, i, z] * dz[k, z]
+            for z in range(BORDER if at[k, i] >= 0 else 0):
+                push[at[k, i]] += E[k, i, z] * dz[k, z]
     for i in range(len(X) - REACH):
         for x in range(3):
             moved = X[i, x, 0]

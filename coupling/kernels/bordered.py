@@ -39,7 +39,7 @@ class SingularError(ArithmeticError):
 def empty_border(m: int) -> Border:
     """Return the border of `m` holds with every block zero."""
     blocks = (NINE, BORDER), (OWN, NINE), (OWN, BORDER), (NINE, BORDER), (NINE, NINE), (m,)
-    numbers = (np.zeros(count * m, np.int64) for count in (BORDER, NINE, NINE))
+    numbers = (np.zeros(shape, np.int64) for shape in (BORDER * m, (m, NINE), (m, NINE)))
     return Border(*(np.zeros((m, *block)) for block in blocks), *numbers)
 
 
@@ -104,7 +104,8 @@ def solve_holds(border: Border, C: Array, G: Array, r: Array, r_y: Array, joints
     _, _, x, info = dgesv(M[:, :-1], M[:, -1])
     if info != 0 or not np.isfinite(x).all():
         raise SingularError(SINGULAR_HOLDS)
-    kernels.numbers_of(border, C, r_y, joints, x, dz)
+    M[:, -1] = x
+    kernels.numbers_of(border, C, r_y, joints, M, dz)
     return dz
 
 
@@ -140,7 +141,7 @@ def newton_directions(
     if m == 0:
         return [(X[:, k].reshape(n, c), np.empty((0, BORDER))) for k in range(count)]
     own, by_push = X[:, :count], X[:, count:]
-    at_holds = values_at_holds(thread, X.T.reshape(-1, n, c))[border.read >= 0]
+    at_holds = values_at_holds(thread, X.T.reshape(-1, n, c))[border.read.ravel() >= 0]
     G = at_holds[:, count - 1 :].copy()
     out, C = [], np.ascontiguousarray(C)
     for k, (_, r, r_y) in enumerate(residuals):

@@ -2,11 +2,10 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.holes import Held, Hold, driving_force, hold_among
-from thread.kernels.loops import entry, loop, numbers, owning
+from thread.kernels.loops import entry, loop, numbers
+from thread.kernels.records import record
 from thread.kernels.vectors import Vector, add_row, dot, minus, norm, plus, sum_of, times
 
 LAW, S, LAM, MU_U, MU_V, U, V = numbers(0, 0, 1, 4, 5, 9, 12)  # row of the law; columns as in `coupling.kernels.border`
@@ -14,6 +13,7 @@ AT_T, AT_K = numbers(3, 6)
 TINY = 2.2250738585072014e-308
 
 
+@record
 class Joints(NamedTuple):
     """The joints of strands in ties (`coupling.ties`).
 
@@ -26,6 +26,7 @@ class Joints(NamedTuple):
     compliance: float
 
 
+@record
 class Law(NamedTuple):
     """The law of sliding of `m` holds, as `coupling.step.sliding.Law`.
 
@@ -53,6 +54,7 @@ class Law(NamedTuple):
     ideal: bool
 
 
+@record
 class Ruled(NamedTuple):
     """The evaluated law of sliding over `m` holds.
 
@@ -73,14 +75,6 @@ class Ruled(NamedTuple):
     judged: Array
     residual: Array
     fits: Array
-
-
-@owning
-def empty_ruled(m: int) -> Ruled:
-    """Return zero arrays for the law of `m` holds."""
-    return Ruled(
-        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 3)), np.zeros((m, 1)), np.zeros(m)
-    )
 
 
 @loop

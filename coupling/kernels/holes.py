@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from coupling.arrays import Array
 from thread.kernels.loops import loop, numbers
+from thread.kernels.records import record
 from thread.kernels.vectors import ZERO, Vector, dot, minus, sum_of, times, vector
 
 FIRST, AT_U, AT_V = numbers(0, 3, 6)
@@ -67,6 +68,7 @@ def hold_at(D: Array, rides: bool, drive: float, lam: Array, y: Array) -> Hold:
     )
 
 
+@record
 class Held(NamedTuple):
     """The arrays of all holds.
 

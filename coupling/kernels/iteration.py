@@ -15,10 +15,11 @@ from coupling.kernels.border import (
     OF_V,
     OF_X,
     Border,
-    empty_border,
+    clear_border,
     linearise_hold,
     number_border,
     put_columns,
+    put_riding,
     site_residual,
     solve_holds,
     stiffen_hold,
@@ -28,7 +29,7 @@ from coupling.kernels.border import (
 )
 from coupling.kernels.friction import (
     Law,
-    empty_ruled,
+    Ruled,
     fit_sigma,
     is_length,
     join_residuals,
@@ -40,6 +41,7 @@ from coupling.kernels.holes import Hold, gap, hold_at, site_force
 from thread.kernels import curve as on_curve
 from thread.kernels.curve import FIRST, Curve, Stretched, along_span, put
 from thread.kernels.loops import entry, loop, outermost, owning, sources
+from thread.kernels.records import record
 from thread.kernels.travel import (
     Field,
     Ridden,
@@ -65,6 +67,7 @@ TINY = 2.2250738585072014e-308
 Limits = tuple[float, float, float, float]  # tolerances of a force, a gap, a direction and a force along the thread
 
 
+@record
 class Knots(NamedTuple):
     """The spline.
 
@@ -78,6 +81,7 @@ class Knots(NamedTuple):
     mass: Array
 
 
+@record
 class Given(NamedTuple):
     """The constant data of one step.
 
@@ -111,6 +115,7 @@ class Given(NamedTuple):
     fields: tuple[Field, Field]
 
 
+@record
 class Bounds(NamedTuple):
     """The tolerances and limits of an iteration.
 
@@ -139,6 +144,7 @@ class Bounds(NamedTuple):
     floats: bool
 
 
+@record
 class Unknowns(NamedTuple):
     """The iterate, as `coupling.step.newton.Iterate`."""
 
@@ -150,6 +156,7 @@ class Unknowns(NamedTuple):
     sigma: Array
 
 
+@record
 class Trail(NamedTuple):
     """The history of an iteration.
 
@@ -162,6 +169,7 @@ class Trail(NamedTuple):
     made: Indices
 
 
+@record
 class Passing(NamedTuple):
     """The thread at its holes, as `coupling.kernels.constraints.Passage`.
 
@@ -175,9 +183,13 @@ class Passing(NamedTuple):
     drive: Array
 
 
+@record
 class Found(NamedTuple):
-    """The residual at the iterate, as `coupling.step.newton.Residual`, with its passage, as
-    `Passing`, and the `trail` of the iteration.
+    """The residual at the iterate, as `coupling.step.newton.Residual`.
+
+    It has the thread at its holes, `passing`, and at its quadrature points, `stretched`; the
+    `trail` of the iteration; and what depends on the abscissae if knots travel, `ridden`. The
+    linearised holds, `border`, and their law, `ruled`, are those of the last evaluation.
     """
 
     elastic: Array
@@ -186,16 +198,12 @@ class Found(NamedTuple):
     holds: Array
     site: Array
     f_y: Array
-    first: Indices
-    b: Array
-    D: Array
-    T: Array
-    K: Array
-    T_axial: Array
-    T_edge: Array
-    strain: Array
+    passing: Passing
+    stretched: Stretched
     trail: Trail
     ridden: Ridden
+    border: Border
+    ruled: Ruled
 
 
 def force_rounded(EA: float, by_place: float, span: float, place: float) -> float:
@@ -239,9 +247,8 @@ def span_of(breaks: Array, s: float, low: int, high: int) -> int:
 
 
 @loop
-def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passing) -> None:
-    """Evaluate the thread at hold k."""
-    s = z.s[k]
+def pass_hold(knots: Knots, given: Given, q: Array, s: float, k: int, r: Passing) -> None:
+    """Evaluate the thread at hold k, which is at the abscissa s."""
     span = span_of(knots.breaks, s, given.spans[k, 0], given.spans[k, 1])
     x, p, first = s - knots.breaks[span], knots.polynomials[span], knots.first[span]
     r.first[k] = first
@@ -251,11 +258,11 @@ def pass_hold(knots: Knots, given: Given, z: Unknowns, k: int, r: Found | Passin
         r.b[k, 2, i] = 2.0 * p[2, i] + 6.0 * x * p[3, i]
         r.b[k, 3, i] = 6.0 * p[3, i]
     for order in range(4):
-        put(along_span(r.b[k, order], z.q, first), r.D[k], order, FIRST)
+        put(along_span(r.b[k, order], q, first), r.D[k], order, FIRST)
 
 
 @loop
-def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Found | Passing) -> None:
+def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Passing) -> None:
     """Evaluate the thread at the knot of hold k, with knots that travel and are at `S` (n,) [m].
 
     P and T do not depend on s.
@@ -272,7 +279,7 @@ def pass_knot(ride: Ride, S: Array, q: Array, k: int, r: Found | Passing) -> Non
 @loop
 def hold_of(given: Given, z: Unknowns, r: Found, k: int) -> Hold:
     """Return hold k."""
-    return hold_at(r.D[k], given.ride.on, -r.ridden.by_s[k], z.lam[k], z.y[k])
+    return hold_at(r.passing.D[k], given.ride.on, -r.ridden.by_s[k], z.lam[k], z.y[k])
 
 
 @loop
@@ -291,7 +298,7 @@ def add_momentum(mass: Array, factor: float, q: Array, q_ref: Array, out: Array)
 @loop
 def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r: Found) -> float:
     """Evaluate all residuals of a step. Returns the largest force [N]."""
-    at, m, ride = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), len(z.s), given.ride
+    at, passing, ride = r.stretched, r.passing, given.ride
     clear_ridden(r.ridden)
     if ride.on:
         place_knots(ride, z.s, r.ridden.S)
@@ -307,15 +314,15 @@ def evaluate(curve: Curve, knots: Knots, law: Law, given: Given, z: Unknowns, r:
         add_end_masses(ride, given.fields, given.mass_factor, z.q, r.balance, r.ridden)
     elif given.mass_factor != 0.0:
         add_momentum(knots.mass, given.mass_factor, z.q, given.q_ref, r.balance)
-    for k in range(m):
+    for k in range(len(z.s)):
         if ride.on:
-            pass_knot(ride, r.ridden.S, z.q, k, r)
+            pass_knot(ride, r.ridden.S, z.q, k, passing)
         else:
-            pass_hold(knots, given, z, k, r)
-        h, b = hold_of(given, z, r, k), r.b[k]
+            pass_hold(knots, given, z.q, z.s[k], k, passing)
+        h, b = hold_of(given, z, r, k), passing.b[k]
         scale = max(scale, abs(h.lam[0]), abs(h.lam[1]), abs(h.lam[2]))
         for i in range(4):
-            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], h.m), r.push, r.first[k] + i, FIRST)
+            add_row(1.0, sum_of(b[0, i], h.lam, b[1, i], h.m), r.push, passing.first[k] + i, FIRST)
         evaluate_hold(law, given, z, k, h, r)
     join_residuals(law, z.sigma, z.s, r.holds)
     subtract_push(r)
@@ -393,15 +400,15 @@ def are_holds_solved(
     return True
 
 
-@owning
-def border_of(law: Law, given: Given, z: Unknowns, r: Found) -> Border:
-    """Linearise the holds."""
-    border = empty_border(len(z.s))
+@loop
+def linearise_holds(law: Law, given: Given, z: Unknowns, r: Found) -> None:
+    """Write the linearised holds."""
+    border = r.border
+    clear_border(border)
     for k in range(len(z.s)):
         for other in range(len(z.s)):
             border.S[k, other] = -r.ridden.by_ss[k, other]
         linearise_hold(law, k, z.sigma[k], hold_of(given, z, r, k), given.rows[k], border)
-    return border
 
 
 @owning
@@ -414,22 +421,33 @@ def thread_matrix(curve: Curve, knots: Knots, given: Given, z: Unknowns, r: Foun
         for k in range(REACH + 1):
             for x in range(3):
                 A[i, x, 3 * k + x] = given.mass_factor * mass[i, k]
-    on_curve.add_tangent(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge), z.N, A)
+    on_curve.add_tangent(curve, r.stretched, z.N, A)
     return A
 
 
+@loop
+def largest(A: Array) -> float:
+    """Return the largest absolute entry of an array of three axes."""
+    found = 0.0
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            for k in range(A.shape[2]):
+                found = max(found, abs(A[i, j, k]))
+    return found
+
+
 @owning
-def add_constraint_stiffness(A: Array, border: Border, given: Given, r: Found) -> None:
+def add_constraint_stiffness(A: Array, given: Given, r: Found) -> None:
     """Add Φ_qᵀ Γ (Φ_q dq + … + Φ) to the thread's equations.
 
     The solution does not change. The matrix becomes regular even if the thread could move or turn
     freely without the constraints (statics).
     """
-    scale = np.abs(A).max()
+    scale, b, first = largest(A), r.passing.b, r.passing.first
     for k in range(len(r.holds)):
         K, push = np.zeros((NINE, NINE)), np.zeros(NINE)
-        stiffen_hold(scale, given.rows[k], r.b[k], border, r.holds[k], k, K, push)
-        add_at_hold(A, r.balance, K, push, r.b[k], r.first[k])
+        stiffen_hold(scale, given.rows[k], b[k], r.border, r.holds[k], k, K, push)
+        add_at_hold(A, r.balance, K, push, b[k], first[k])
 
 
 @loop
@@ -450,20 +468,17 @@ def add_at_hold(A: Array, balance: Array, K: Array, push: Array, b: Array, first
 
 
 @owning
-def newton_direction(
-    A: Array, border: Border, law: Law, sigma: Array, given: Given, r: Found, dq: Array, dz: Array
-) -> int:
+def newton_direction(A: Array, law: Law, sigma: Array, given: Given, r: Found, dq: Array, dz: Array) -> int:
     """Solve for the direction `dq` (n, 3), `dz` (m, 15). Returns SOLVED, or which matrix is singular."""
-    n, m, rides = len(r.balance), len(r.holds), given.ride.on
+    n, m, rides, border, at = len(r.balance), len(r.holds), given.ride.on, r.border, r.passing
     orders = 2 if rides else 3
     reads, pushes = number_border(border, r.holds, law.joints)
-    read, push = border.read.reshape(m, NINE), border.push.reshape(m, NINE)
     X, first = np.zeros((n + REACH, 3, 1 + pushes)), n
     for k in range(m):
-        put_columns(r.first[k], r.b[k], orders, X, push[k])
-        first = min(first, r.first[k])
-        if rides and push[k, AT_K] >= 0:
-            X[:n, :, 1 + push[k, AT_K]] = r.ridden.by_qs[:, :, k]
+        put_columns(at.first[k], at.b[k], orders, X, border.push[k])
+        first = min(first, at.first[k])
+        if rides and border.push[k, AT_K] >= 0:
+            put_riding(k, r.ridden.by_qs, X, 1 + border.push[k, AT_K])
             first = 0
     for i in range(n):
         for x in range(3):
@@ -475,9 +490,9 @@ def newton_direction(
         return SINGULAR_THREAD
     G = np.zeros((reads, 1 + pushes))
     for k in range(m):
-        values_at_hold(r.first[k], r.b[k], orders, X, G, read[k])
-        if rides and read[k, AT_K] >= 0:
-            values_riding(k, r.ridden.by_qs, X, G[read[k, AT_K]])
+        values_at_hold(at.first[k], at.b[k], orders, X, G, border.read[k])
+        if rides and border.read[k, AT_K] >= 0:
+            values_riding(k, r.ridden.by_qs, X, G[border.read[k, AT_K]])
     if not solve_holds(border, given.C, G, r.holds, r.site, law.joints, sigma, dz):
         return SINGULAR_HOLDS
     return SOLVED if thread_direction(border, dz, X, dq) else SINGULAR_HOLDS
@@ -565,18 +580,18 @@ def solve_set(
             return RAN_AWAY, scale
         if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded[0], z, r):
             return SOLVED, scale
-        A, border = thread_matrix(curve, knots, given, z, r), border_of(law, given, z, r)
+        A = thread_matrix(curve, knots, given, z, r)
+        linearise_holds(law, given, z, r)
         if given.stiffen:
-            add_constraint_stiffness(A, border, given, r)
+            add_constraint_stiffness(A, given, r)
         hold_still(A, given.held)
-        ending = newton_direction(A, border, law, z.sigma, given, r, dq, dz)
+        ending = newton_direction(A, law, z.sigma, given, r, dq, dz)
         if ending != SOLVED:
             return ending, scale
         add_correction(bounds, lever, given.ride, r.ridden.S, z, dq, dz)
-        at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
-        on_curve.next_axial_force(curve, at, dq, z.N)
+        on_curve.next_axial_force(curve, r.stretched, dq, z.N)
         if given.ride.on:
-            next_riding_force(curve, given.ride, at, dz, z.N)
+            next_riding_force(curve, given.ride, r.stretched, dz, z.N)
         made[OF_SET] += 1
         made[TOTAL] += 1
 
@@ -593,20 +608,19 @@ def times_seen(seen: Array, count: int, sigma: Array) -> int:
     return times
 
 
-@owning
+@loop
 def next_set(law: Law, given: Given, z: Unknowns, r: Found, margin: float, seen: Array, count: int) -> bool:
     """Take the active set that fits the forces of a solved iterate. Returns False if the iterate has this set.
 
     `seen` (k, m) are the sets of the `count` iterates solved so far. If the fitting set is among
     them, only the first differing hold is changed.
     """
-    m, first = len(z.s), -1
-    out = empty_ruled(m)
-    for k in range(m):
+    first, out = -1, r.ruled
+    for k in range(len(z.s)):
         rule_hold(law, k, z.sigma[k], hold_of(given, z, r, k), z.s[k], out)
     rule_set(law, z.sigma, z.s, margin, out)
     fitting = out.fits
-    for k in range(m):
+    for k in range(len(z.s)):
         if first < 0 and fitting[k] != z.sigma[k]:
             first = k
     if first < 0:
@@ -624,7 +638,7 @@ def solve_step(curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bound
     """Iterate until every equation holds and stick and slip fit the solution. Returns the
     corrections, −1 if this was not reached.
     """
-    seen, made = r.trail
+    seen, made = r.trail.seen, r.trail.made
     for i in range(len(made)):
         made[i] = 0
     fit_sigma(law, z.sigma)

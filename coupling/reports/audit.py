@@ -246,7 +246,7 @@ def forces_on(step: Step[Body], q: Array, v: Array) -> OnThread:
     system = problem.system.on(r.configuration.thread.spline)
     moved, faster, momentum = (momentum_of(system, x) for x in (new.q - q, new.v - v, new.v))
     elastic, load, balance = map(plain, (r.configuration.elastic, problem.load, r.thread.reshape(new.q.shape)))
-    return OnThread(elastic, load, balance, problem.system.held_flags, plain(r.push), moved, faster, momentum)
+    return OnThread(elastic, load, balance, problem.system.held_flags, plain(r.push), moved, faster, momentum, plain(v))
 
 
 def motion_of(state: State[Body], y: Array, f_y: Array) -> Motion:

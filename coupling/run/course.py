@@ -16,7 +16,7 @@ from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE
 from coupling.kernels.constraints import Passage
 from coupling.kernels.friction import Law
-from coupling.kernels.iteration import Given, Passing, Unknowns
+from coupling.kernels.iteration import Given, Unknowns
 from coupling.kernels.steps import march
 from coupling.kernels.steps.audit import BODY, TURNS, Motion
 from coupling.kernels.steps.march import ENERGIES, Ends, Kept, Plan, Scene, Scratch
@@ -33,13 +33,21 @@ from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
 from coupling.step.stepping import dynamic_problem, organ_answer
-from coupling.step.tables import bounds_of, empty_found, given_of, own_curve, solver_for, tables_of
+from coupling.step.tables import (
+    bounds_of,
+    empty_found,
+    empty_passing,
+    empty_ridden,
+    given_of,
+    own_curve,
+    solver_for,
+    tables_of,
+)
 from coupling.step.tension import along_of
 from coupling.system import State, System, forgetful
 from thread.kernels.travel import Field
 from thread.placed import Placed
 from thread.riding import plain
-from thread.spline import ORDERS
 from thread.thread import Thread
 from tissue.recent import Recent
 
@@ -304,6 +312,7 @@ def empty_room(motion: Motion, points: int) -> Scratch:
         turns=np.zeros(TURNS),
         body=np.zeros(BODY),
         after=np.zeros(ENERGIES),
+        part=empty_ridden(len(end.q), m),
     )
 
 
@@ -316,8 +325,3 @@ def room_to_keep(motion: Motion, steps: int) -> Kept:
         at=empty_passing(steps, len(motion.s)),
         energies=np.empty((steps, ENERGIES + 1)),
     )
-
-
-def empty_passing(*m: int) -> Passing:
-    """Return zero arrays for the thread at holes in an array of shape `m`."""
-    return Passing(np.zeros(m, np.int64), np.zeros((*m, ORDERS, ORDERS)), np.zeros((*m, ORDERS, 3)), np.zeros(m))

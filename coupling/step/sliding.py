@@ -214,14 +214,17 @@ def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Arra
 
     A sticking point may exceed its bound by the `margin` [N] of the solve.
     """
-    m = len(s)
-    N, f, met, static, kinetic, fits = np.empty((6, m))
-    out = Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
-    at = held_at(thread, lam, y)
+    out, at = empty_ruled(len(s)), held_at(thread, lam, y)
     rule(law.table, sigma, s, margin, at, out)
     if law.has_own:
         rule(with_own_laws(law, out.N), sigma, s, margin, at, out)
     return out
+
+
+def empty_ruled(m: int) -> Ruled:
+    """Return arrays for the evaluated law of `m` holds."""
+    N, f, met, static, kinetic, fits = np.empty((6, m))
+    return Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
 
 
 def with_own_laws(law: Law, N: Array) -> Table:

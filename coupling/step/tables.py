@@ -15,12 +15,14 @@ from coupling.arrays import Array, Indices
 from coupling.kernels import iteration
 from coupling.kernels.address import address_of
 from coupling.kernels.border import NINE
-from coupling.kernels.iteration import Bounds, Found, Given, Knots, Trail, Unknowns
+from coupling.kernels.bordered import empty_border
+from coupling.kernels.iteration import Bounds, Found, Given, Knots, Passing, Trail, Unknowns
 from coupling.step import newton
 from coupling.step.configuration import GAP_TOLERANCE
 from coupling.step.newton import Iterate, Problem
+from coupling.step.sliding import empty_ruled
 from thread.energies.continuous import Continuous
-from thread.kernels.curve import Curve
+from thread.kernels.curve import Curve, Stretched
 from thread.kernels.loops import files_of
 from thread.kernels.travel import Ridden
 from thread.riding import plain
@@ -32,7 +34,7 @@ log = logging.getLogger(__name__)
 
 REACH = ORDERS - 1
 OVER = {"over": True}  # mark of a log record: the wait is over
-COMPILING = 15  # s, for a step or for steps at once: 13 and 16 s on an idle machine, 26 and 28 s with eight jobs
+COMPILING = 10  # s, for a step or for steps at once: 12 and 7 s of the processor on a busy machine, 19 and 11 s in all
 KEPT = "iteration.solve_of."  # first part of the file names of the loops on disk
 
 
@@ -141,17 +143,29 @@ def empty_found(z: Iterate | Unknowns, points: int) -> Found:
         holds=np.empty((m, 6)),
         site=np.empty((m, NINE)),
         f_y=np.empty((m, NINE)),
-        first=np.empty(m, np.int64),
-        b=np.empty((m, ORDERS, ORDERS)),
-        D=np.empty((m, ORDERS, 3)),
-        T=np.empty((spans, points, 3)),
-        K=np.empty((spans, points, 3)),
-        T_axial=np.empty((spans, axial, 3)),
-        T_edge=np.empty((spans, 2, 3)),
-        strain=np.empty((spans, axial)),
+        passing=empty_passing(m),
+        stretched=Stretched(
+            T=np.empty((spans, points, 3)),
+            K=np.empty((spans, points, 3)),
+            T_axial=np.empty((spans, axial, 3)),
+            strain=np.empty((spans, axial)),
+            T_edge=np.empty((spans, 2, 3)),
+        ),
         trail=Trail(np.empty((newton.MAX_SETS, m)), np.zeros(4, np.int64)),
-        ridden=Ridden(np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4))),
+        ridden=empty_ridden(n, m),
+        border=empty_border(m),
+        ruled=empty_ruled(m),
     )
+
+
+def empty_passing(*m: int) -> Passing:
+    """Return zero arrays for the thread at holes in an array of shape `m`."""
+    return Passing(np.zeros(m, np.int64), np.zeros((*m, ORDERS, ORDERS)), np.zeros((*m, ORDERS, 3)), np.zeros(m))
+
+
+def empty_ridden(n: int, m: int) -> Ridden:
+    """Return zero arrays for the dependence of the potential on the abscissae of `m` holds."""
+    return Ridden(np.zeros(n), np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
 
 
 def own_curve(curve: Curve) -> Curve:

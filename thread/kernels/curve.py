@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from thread.arrays import Array, Indices
 from thread.kernels.loops import entry, loop, numbers
+from thread.kernels.records import record
 from thread.kernels.vectors import (
     Matrix,
     Vector,
@@ -28,6 +29,7 @@ from thread.kernels.vectors import (
 FIRST, *_ = numbers(0)
 
 
+@record
 class Curve(NamedTuple):
     """The elastic thread on its knots.
 
@@ -58,6 +60,7 @@ class Curve(NamedTuple):
     EI: float
 
 
+@record
 class Stretched(NamedTuple):
     """The curve at its quadrature points.
 

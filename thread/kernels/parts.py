@@ -13,16 +13,38 @@ from typing import Any
 
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import CompilerBase
+from numba.core.compiler_machinery import PassManager
+from numba.core.typed_passes import IRLegalization, NoPythonBackend, NopythonTypeInference, PreLowerStripPhis
+from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
+
+from thread.kernels.lowering import ShortLowering
 
 log = logging.getLogger(__name__)
 
+PASSES = (
+    TranslateByteCode,
+    FixupArgs,
+    IRProcessing,
+    GenericRewrites,
+    ReconstructSSA,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+    IRLegalization,
+    ShortLowering,
+    NoPythonBackend,
+)
 
-class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The intermediate code of a part, which is not loaded into memory."""
+
+class KernelLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code that is optimised as a whole, and not function by function before."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
+
+
+class PartLibrary(KernelLibrary):
+    """The intermediate code of a part, which is not loaded into memory."""
 
     def finalize(self) -> None:
         """Finish the code without optimising it."""
@@ -38,10 +60,14 @@ class PartLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Do nothing: an environment would need an address in memory."""
 
 
-class WholeLibrary(JITCodeLibrary):  # type: ignore[misc]
+class WholeLibrary(KernelLibrary):
     """The code of a function with all of its parts."""
 
     _linking_libraries: list[Any]
+
+    def _optimize_final_module(self) -> None:  # once; Numba's first round is for counted references
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
 
     def finalize(self) -> None:
         """Link all parts, each once, optimise them together, and load them into memory."""
@@ -62,23 +88,37 @@ def linked(libraries: list[Any]) -> list[Any]:
     return list(found)
 
 
-class PartCompiler(Compiler):  # type: ignore[misc]
+class KernelCompiler(CompilerBase):  # type: ignore[misc]
+    """Numba's compiler without the passes for what no kernel contains, such as closures and array expressions."""
+
+    library: type[KernelLibrary]
+
+    def define_pipelines(self) -> Any:
+        """Return the passes, which write into a library of the given class."""
+        self.state.library = self.library(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        manager = PassManager("kernel")
+        for each in PASSES:
+            manager.add_pass(each)
+        manager.finalize()
+        return [manager]
+
+
+class PartCompiler(KernelCompiler):
     """Numba's compiler of a part."""
 
-    def define_pipelines(self) -> Any:
-        """Return Numba's standard passes, which write into the library of a part."""
-        self.state.library = PartLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
-        return super().define_pipelines()
+    library = PartLibrary
 
 
-class WholeCompiler(Compiler):  # type: ignore[misc]
+class WholeCompiler(KernelCompiler):
     """Numba's compiler of a whole, which can be cached on disk."""
 
+    library = WholeLibrary
+
     def define_pipelines(self) -> Any:
-        """Return Numba's standard passes, which write into the library of a whole."""
-        self.state.library = WholeLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        """Return the passes, which write into a library that can be cached."""
+        passes = super().define_pipelines()
         self.state.library.enable_object_caching()
-        return super().define_pipelines()
+        return passes
 
 
 class SoundCache(FunctionCache):  # type: ignore[misc]

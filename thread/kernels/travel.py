@@ -28,6 +28,7 @@ from typing import NamedTuple
 from thread.arrays import Array, Indices
 from thread.kernels.curve import FIRST, Curve, Stretched, along_span, bending_gradient, crushing, point
 from thread.kernels.loops import entry, loop
+from thread.kernels.records import record
 from thread.kernels.vectors import Vector, dot, minus, plus, sum_of, vector
 
 LEFT, RIGHT = 0, 1
@@ -36,6 +37,7 @@ CLOSE = 1e-14  # of a span: abscissae that are no further apart count as equal
 TRIES = 60  # Newton steps for the χ of an abscissa, on the span that contains it
 
 
+@record
 class Ride(NamedTuple):
     """The travel of knots, if `on`: S_i = `a` (n,) [m] + `b` (n, m) s.
 
@@ -80,6 +82,7 @@ class Ride(NamedTuple):
     ends: Array
 
 
+@record
 class Field(NamedTuple):
     """An earlier curve.
 
@@ -95,6 +98,7 @@ class Field(NamedTuple):
     c: Array
 
 
+@record
 class Ridden(NamedTuple):
     """The dependence of the potential on the abscissae at an iterate.
 

@@ -25,8 +25,9 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from coupling.kernels.holes import driving_force, hold_at
-from coupling.kernels.iteration import Found, Given, Knots, Passing, Unknowns, add_momentum, pass_hold
+from coupling.kernels.iteration import Found, Given, Knots, Passing, add_momentum, pass_hold
 from thread.kernels.loops import entry, loop, owning
+from thread.kernels.records import record
 
 # Energy turnover of the thread in a step, in this order [J]: kinetic and elastic energy at its end; the works of
 # external forces, of friction and of damping; the loss by the integrator without the change of the elastic energy; the
@@ -40,6 +41,7 @@ BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL, BODY_RUBBE
 BODY = 7
 
 
+@record
 class Motion(NamedTuple):
     """A state of thread and holds, as `coupling.system.State`.
 
@@ -112,6 +114,7 @@ class OnThread(NamedTuple):
     - `balance`: the sum of all forces; at `held` unknowns it is the force of the holders.
     - `push` (n, 3): forces of the holes.
     - `moved`, `faster`, `momentum`: M Δq, M Δv and M v.
+    - `v_old` [m/s]: velocity at the start of the step, on the knots of its end.
     """
 
     elastic: Array
@@ -122,6 +125,7 @@ class OnThread(NamedTuple):
     moved: Array
     faster: Array
     momentum: Array
+    v_old: Array
 
 
 class Met(NamedTuple):
@@ -138,10 +142,10 @@ def drive_in(motion: Motion, holes: Holes, at: Passing, k: int) -> float:
 
 
 @loop
-def pass_holds(knots: Knots, given: Given, z: Unknowns, at: Passing) -> None:
+def pass_holds(knots: Knots, given: Given, now: Motion, at: Passing) -> None:
     """Evaluate the thread at its holes."""
-    for k in range(len(z.s)):
-        pass_hold(knots, given, z, k, at)
+    for k in range(len(now.s)):
+        pass_hold(knots, given, now.q, now.s[k], k, at)
 
 
 @loop
@@ -231,13 +235,13 @@ def kinetic_energy(v: Array, momentum: Array, s_dot: Array, epsilon: float) -> f
 
 
 @loop
-def audit_inertia(works: Works, on: OnThread, old: Motion, new: Motion, out: Array) -> None:
+def audit_inertia(works: Works, on: OnThread, new: Motion, out: Array) -> None:
     """Add the losses by damping and by the integrator's inertia to `out`."""
     taken = works.damping * product(new.v, on.moved)
-    out[NUMERICAL] += 0.5 * work_along(on.faster, old.v, new.v)
+    out[NUMERICAL] += 0.5 * work_along(on.faster, on.v_old, new.v)
     if works.two_step:
         out[TWO_STEP] += works.a * work_along(on.moved, works.at, new.q) - product(new.v, on.faster)
-        more = -0.5 * works.damping * work_along(on.moved, old.v, new.v)
+        more = -0.5 * works.damping * work_along(on.moved, on.v_old, new.v)
         out[BY_MEAN] -= more
         taken += more
     out[VISCOUS] += taken
@@ -256,7 +260,7 @@ def audit_step(works: Works, holes: Holes, on: OnThread, old: Motion, new: Motio
     for k in range(len(new.s)):
         drives = drive_in(old, holes, met.was, k), drive_in(new, holes, met.now, k)
         audit_sliding(works, holes, old, new, k, drives, out)
-    audit_inertia(works, on, old, new, out)
+    audit_inertia(works, on, new, out)
     if works.two_step:
         more = 0.5 * more_outside(works, on.held, old, new)
         out[EXTERNAL] += more
@@ -275,7 +279,7 @@ def audit_march(
     add_momentum(knots.mass, 1.0, new.q, old.q, moved)
     add_momentum(knots.mass, 1.0, new.v, old.v, faster)
     add_momentum(knots.mass, 1.0, new.v, none, momentum)
-    on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
+    on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum, old.v)
     audit_step(works, holes, on, old, new, met, out)
 
 

@@ -53,9 +53,10 @@ from coupling.kernels.steps.riding import (
 from coupling.kernels.steps.tautness import Strands, is_switched
 from coupling.kernels.steps.tension import Along, is_pressed, put_stretch, put_tensions
 from coupling.kernels.steps.watch import Shares, goes_uphill
-from thread.kernels.curve import Curve, Stretched, elastic_energy
+from thread.kernels.curve import Curve, elastic_energy
 from thread.kernels.loops import loop, outermost, sources
-from thread.kernels.travel import carry_points
+from thread.kernels.records import record
+from thread.kernels.travel import Ridden, carry_points
 from thread.kernels.vectors import cross, dot, norm, vector
 
 # Reasons why no further step is made.
@@ -65,6 +66,7 @@ ENERGIES = 9  # entries of `coupling.reports.audit.Energies` that change in step
 solve_at = by_address(solve)
 
 
+@record
 class Ends(NamedTuple):
     """Positions and loads of the two ends in each step, (steps, 2, 3) each.
 
@@ -77,6 +79,7 @@ class Ends(NamedTuple):
     more: Array
 
 
+@record
 class Scene(NamedTuple):
     """The constant data of all steps.
 
@@ -111,6 +114,7 @@ class Scene(NamedTuple):
     fit: Fit
 
 
+@record
 class Scratch(NamedTuple):
     """Arrays for one step.
 
@@ -121,6 +125,7 @@ class Scratch(NamedTuple):
     - `going`: the motion of modes without site forces.
     - `turns` (9,), `body` (7,) [J]: energy turnover of thread and organ.
     - `after` (9,): the energies after the step.
+    - `part`: shares of the potential for the audit, if knots travel.
     """
 
     z: Unknowns
@@ -133,8 +138,10 @@ class Scratch(NamedTuple):
     turns: Array
     body: Array
     after: Array
+    part: Ridden
 
 
+@record
 class Plan(NamedTuple):
     """The data that steps share as long as the same holds are present.
 
@@ -153,6 +160,7 @@ class Plan(NamedTuple):
     solver: int
 
 
+@record
 class Kept(NamedTuple):
     """The stored results of steps, (steps, …) each.
 
@@ -247,7 +255,7 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
             for x in range(3):
                 new.v[i, x] = pace.d * (new.q[i, x] - (pace.now * now.q[i, x] + pace.before * earlier.q[i, x]))
     for k in range(len(new.s)):
-        new.drive[k] = -r.ridden.by_s[k]
+        new.drive[k] = r.passing.drive[k] = -r.ridden.by_s[k]
         new.s_dot[k] = pace.d * (new.s[k] - (pace.now * now.s[k] + pace.before * earlier.s[k]))
         if new.sigma[k] == 0.0:
             new.s_dot[k] = 0.0
@@ -259,7 +267,7 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
         new.sense[k] = now.sense[k]
         if scene.present[k]:
             normal = cross(vector(new.y[k], AT_U), vector(new.y[k], AT_V))
-            new.sense[k] = np.sign(dot(vector(r.D[k, 1], FIRST), normal))
+            new.sense[k] = np.sign(dot(vector(r.passing.D[k, 1], FIRST), normal))
     for end in range(2):
         i = end * (n - 1)
         for x in range(3):
@@ -313,14 +321,15 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
     copy_into(end.numbers, kept.ends[step])
     copy_all(r.elastic, kept.elastic[step])
     copy_into(energies, kept.energies[step])
-    kept.strain[step] = r.strain[0, 0]
-    for e in range(len(r.strain)):
-        for g in range(r.strain.shape[1]):
-            kept.strain[step] = max(kept.strain[step], r.strain[e, g])
-    for k in range(len(r.first)):
-        kept.at.first[step, k] = r.first[k]
-        copy_all(r.b[k], kept.at.b[step, k])
-        copy_all(r.D[k], kept.at.D[step, k])
+    strain, at = r.stretched.strain, r.passing
+    kept.strain[step] = strain[0, 0]
+    for e in range(len(strain)):
+        for g in range(strain.shape[1]):
+            kept.strain[step] = max(kept.strain[step], strain[e, g])
+    for k in range(len(at.first)):
+        kept.at.first[step, k] = at.first[k]
+        copy_all(at.b[k], kept.at.b[step, k])
+        copy_all(at.D[k], kept.at.D[step, k])
         kept.at.drive[step, k] = end.drive[k]
 
 
@@ -328,7 +337,6 @@ def keep(kept: Kept, step: int, r: Found, end: Motion, energies: Array) -> None:
 def begin_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earlier: Motion) -> float:
     """Write the constant data of a step. Returns the largest place [m], for the round-off of its forces."""
     law, given, scene, room = plan.law, plan.given, plan.scene, plan.room
-    start = Unknowns(now.q, now.N, now.s, now.lam, now.y, now.sigma)
     largest = put_references(plan.pace, scene, law, given, now, earlier, room.at)
     put_load(scene, given, ends, step)
     if not organ.still:
@@ -339,7 +347,7 @@ def begin_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, ear
         put_tensions(scene.along, now.s, now.N, scene.present, room.T)
         put_stretch(room.T, plan.curve.EA, law.stretch)
     else:
-        pass_holds(plan.knots, given, start, room.was)
+        pass_holds(plan.knots, given, now, room.was)
     return largest
 
 
@@ -350,13 +358,13 @@ def audit(plan: Plan, more: Array, now: Motion) -> None:
     r, rides = room.found, given.ride.on
     works = Works(scene.damping, 0.0 if rides else plan.pace.a, room.at, plan.pace.two_step, more)
     holes = Holes(scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, rides)
-    met = Met(room.was, Passing(r.first, r.b, r.D, room.end.drive))
+    met = Met(room.was, r.passing)
     for i in range(len(room.turns)):
         room.turns[i] = 0.0
     if rides:
-        audit_ride(curve, given, works, holes, r, now, room.end, met, room.turns)
+        audit_ride(curve, given, works, holes, r, room.part, now, room.end, met, room.turns)
         return
-    room.turns[ELASTIC] = elastic_energy(curve, Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge))
+    room.turns[ELASTIC] = elastic_energy(curve, r.stretched)
     audit_march(plan.knots, given, works, holes, r, now, room.end, met, room.turns)
 
 
@@ -371,7 +379,7 @@ def end_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earli
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
-    happened = what_happened(scene, given, room.found.strain, now, room.end)
+    happened = what_happened(scene, given, room.found.stretched.strain, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
         return happened
     audit(plan, ends.more[step], now)

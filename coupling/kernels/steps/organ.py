@@ -20,8 +20,10 @@ from coupling.kernels.steps.audit import (
     Motion,
 )
 from thread.kernels.loops import loop
+from thread.kernels.records import record
 
 
+@record
 class Pace(NamedTuple):
     """The time scheme.
 
@@ -37,6 +39,7 @@ class Pace(NamedTuple):
     two_step: bool
 
 
+@record
 class Organ(NamedTuple):
     """An organ without inertia (`still`), or the modes of an organ.
 
@@ -68,6 +71,7 @@ class Organ(NamedTuple):
     rounded: float
 
 
+@record
 class Going(NamedTuple):
     """The motion of modes without site forces, `free` (n,), and the references of their `inertia`
     and `damping`.

@@ -10,7 +10,7 @@ import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.kernels.band import REACH
-from coupling.kernels.iteration import Found, Given, Passing, add_momentum, pass_knot
+from coupling.kernels.iteration import Found, Given, Passing, add_momentum, copy_into, pass_knot
 from coupling.kernels.steps.audit import (
     ELASTIC,
     EXTERNAL,
@@ -26,8 +26,9 @@ from coupling.kernels.steps.audit import (
     work_along,
 )
 from coupling.kernels.steps.tension import INSIDE, Along
-from thread.kernels.curve import Curve, Stretched, elastic_energy
+from thread.kernels.curve import Curve, elastic_energy
 from thread.kernels.loops import entry, loop, owning
+from thread.kernels.records import record
 from thread.kernels.travel import (
     LEFT,
     RIGHT,
@@ -46,6 +47,7 @@ from thread.kernels.travel import (
 from thread.kernels.vectors import cross, dot, norm
 
 
+@record
 class Fit(NamedTuple):
     """The conditions under which knots fit (`thread.packets.Travel`).
 
@@ -233,10 +235,11 @@ def solve_mass(mass: Array, X: Array) -> None:
 
 
 @owning
-def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, v: Array) -> float:
+def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, v: Array, part: Ridden) -> float:
     """Return the kinetic energy of the thread with its knots at those of the first field [J]."""
-    n, m = len(q), ride.b.shape[1]
-    part = Ridden(fields[0].S, np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
+    n = len(q)
+    clear_ridden(part)
+    copy_into(fields[0].S, part.S)
     F, momentum, none = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     add_inertia(curve, ride, fields, 0.0, q, F, part)
     add_end_masses(ride, fields, 0.0, q, F, part)
@@ -246,8 +249,8 @@ def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, 
 
 @owning
 def audit_ride(
-    curve: Curve, given: Given, works: Works, holes: Holes, r: Found, old: Motion, new: Motion, met: Met,
-    out: Array,
+    curve: Curve, given: Given, works: Works, holes: Holes, r: Found, part: Ridden, old: Motion, new: Motion,
+    met: Met, out: Array,
 ) -> None:  # fmt: skip
     """Write the energy turnover of a thread whose knots travel in a step into `out`.
 
@@ -264,23 +267,18 @@ def audit_ride(
     add_momentum(mass, 1.0, new.q, at_q, moved)
     add_momentum(mass, 1.0, new.v, at_v, faster)
     add_momentum(mass, 1.0, new.v, none, momentum)
-    at = Stretched(r.T, r.K, r.T_axial, r.strain, r.T_edge)
-    out[ELASTIC] = elastic_energy(curve, at)
-    on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum)
-    start = Motion(
-        old.q, at_v, old.N, old.s, old.s_dot, old.lam, old.y, old.sigma, old.sense, old.reaction, old.stretch,
-        old.f_y, old.U, old.V, old.A, old.drift, old.drive, old.numbers,
-    )  # fmt: skip
-    audit_step(works, holes, on, start, new, met, out)
-    m = len(new.s)
-    part = Ridden(r.ridden.S, np.zeros(m), np.zeros((m, m)), np.zeros((n, 3, m)), np.zeros((n, 4)))
-    add_elastic_rates(curve, ride, at, new.N, part)
+    out[ELASTIC] = elastic_energy(curve, r.stretched)
+    on = OnThread(r.elastic, given.load, r.balance, given.held, r.push, moved, faster, momentum, at_v)
+    audit_step(works, holes, on, old, new, met, out)
+    beyond, by_ds, by_weight = kinetic_at(curve, ride, given.fields, old.q, old.v, part), 0.0, 0.0
+    clear_ridden(part)
+    copy_into(r.ridden.S, part.S)
+    add_elastic_rates(curve, ride, r.stretched, new.N, part)
     by_elastic = part.by_s.copy()
     clear_ridden(part)
     add_inertia(curve, ride, given.fields, 0.0, new.q, F, part)
     add_end_masses(ride, given.fields, 0.0, new.q, F, part)
-    beyond, by_ds, by_weight = kinetic_at(curve, ride, given.fields, old.q, old.v), 0.0, 0.0
-    for k in range(m):
+    for k in range(len(new.s)):
         ds = new.s[k] - old.s[k]
         by_ds += by_elastic[k] * ds
         by_weight += part.by_s[k] * ds

@@ -26,10 +26,12 @@ import numpy as np
 from coupling.arrays import Array, Flags
 from coupling.kernels.steps.tension import Along, put_bounds
 from thread.kernels.loops import entry, loop, owning
+from thread.kernels.records import record
 
 SHORTEST = 2.220446049250313e-16  # of the abscissa of the thread's end: least length of a strand
 
 
+@record
 class Strands(NamedTuple):
     """The strands of a thread, for the check of tautness.
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from coupling.arrays import Array, Flags
 from thread.kernels.loops import entry, loop, owning
+from thread.kernels.records import record
 
 AT_END = 1e-9  # of the thread's length: a hold closer to an end than this is at that end
 INSIDE = 1e-6  # of a span: distance by which a stretch point at the knot of a hole is moved into its own span
 
 
+@record
 class Along(NamedTuple):
     """Abscissae of a thread [m].
 

@@ -29,8 +29,10 @@ from typing import NamedTuple
 
 from coupling.arrays import Array
 from thread.kernels.loops import entry, loop
+from thread.kernels.records import record
 
 
+@record
 class Shares(NamedTuple):
     """Shares of energies that a step may create [-].
 
