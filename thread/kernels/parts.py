@@ -65,9 +65,14 @@ class WholeLibrary(KernelLibrary):
 
     _linking_libraries: list[Any]
 
-    def _optimize_final_module(self) -> None:  # once; Numba's first round is for counted references
-        passes, builder = self._codegen._module_pass_manager()
-        passes.run(self._final_module, builder)
+    def _optimize_final_module(self) -> None:
+        """Optimise once; Numba's first round is for counted references."""
+        try:
+            passes, builder = self._codegen._module_pass_manager()
+        except TypeError:  # before 0.62 it returns no builder
+            super()._optimize_final_module()
+        else:
+            passes.run(self._final_module, builder)
 
     def finalize(self) -> None:
         """Link all parts, each once, optimise them together, and load them into memory."""
