@@ -17,8 +17,8 @@ that its tangent is linear, with the unit vector n = b/|b| and β = μ p/|b|:
 
 This is also the part of contact in a correction of the coupled system (`coupling.joins.contact`).
 A correction is shortened until the violation of the law decreases, because full corrections can
-return to the same active sets again and again. At first it may be as large as the largest of the
-last three (Grippo, Lampariello & Lucidi, SIAM J. Numer. Anal. 23, 1986).
+return to the same active sets again and again. In the first corrections the violation need
+only be less than the largest of the last three (Grippo, Lampariello & Lucidi, SIAM J. Numer. Anal. 23, 1986).
 """
 
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ BETTER = 0.5  # ratio of the violation after and before a correction that still 
 FIRM = 1e-12  # of its own compliance: slip of a sticking pair, because a roller may hold one of its nodes too
 CORRECTIONS = 200  # at most; of 402 laws, of points on a cylinder and of lips, the slowest took 63
 SHORTEST = 1e-3  # part of a correction: of these laws 0, 1, 7 and 63 fail with 1/1000, 1/64, 1/16 and whole ones
-LATEST, LENIENT = 3, 24  # violations that may return, in the first corrections; without this 2 laws fail, always 1
+LATEST, LENIENT = 3, 24  # violations that bound the next, in the first corrections; with one, 2 laws fail
 TINY = np.finfo(float).tiny
 NO_HOLD = "pressed surfaces give way to each other, as if the tissue snaps"
 
@@ -168,14 +168,15 @@ def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
 def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tuple[Flags, Rubbing, Array]:
     """Solve the law for gaps and slips `c_open` (k + 2m,) [m] without forces, from a given active set.
 
-    Returns the pressed pairs, their friction, and P (k + 2m,) [N]. Raises `OrganError`, so that the
-    step is halved.
+    Returns the active set of the last correction, and P (k + 2m,) [N]. Raises `OrganError`, so that
+    the step is halved.
     """
     P, last, violations = forces_by_tangent(law, pressed, rubbing, c_open), np.inf, list[float]()
     for number in range(CORRECTIONS):
         c = c_open + law.C @ P
-        violation = P - projected(law, P, c)
-        off = float(np.abs(violation).max() / np.abs(P).max(initial=TINY))
+        lawful = projected(law, P, c)
+        violation = P - lawful
+        off = float(np.abs(violation).max() / max(np.abs(P).max(), np.abs(lawful).max(), TINY))
         if off == 0.0 or BETTER * last <= off <= LAW:
             return pressed, rubbing, P
         violations.append(float(np.linalg.norm(violation)))
@@ -186,9 +187,12 @@ def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tu
 
 
 def on_the_way(law: Law, c_open: Array, P: Array, new: Array, bound: float) -> Array:
-    """Return the `new` forces, or forces on the way to them from P that violate the law by less than `bound` [N]."""
+    """Return the `new` forces, or the first on the way back to P that violate the law by less than `bound` [N].
+
+    After the shortest part the search ends without this condition.
+    """
     share, tried = 1.0, new
-    while share > SHORTEST and np.linalg.norm(tried - projected(law, tried, c_open + law.C @ tried)) >= bound:
+    while share > SHORTEST and not np.linalg.norm(tried - projected(law, tried, c_open + law.C @ tried)) < bound:
         share *= 0.5
         tried = P + share * (new - P)
     return tried

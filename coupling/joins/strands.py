@@ -29,7 +29,7 @@ from coupling.interfaces import Answer, Bearing, Body
 from coupling.joins.contact import Contact, closed_by
 from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, stuck
 from coupling.kernels.border import NINE
-from coupling.kernels.bordered import SINGULAR_HOLDS, SingularError
+from coupling.kernels.bordered import SingularError
 from coupling.kernels.constraints import LOCAL
 from coupling.system import State, System
 from thread.packets import END
@@ -429,7 +429,7 @@ class Strands(Generic[Body]):
             else:
                 P = forces_of(with_thread, c_open)[2]
         except OrganError as error:
-            raise SingularError(SINGULAR_HOLDS) from error
+            raise SingularError(str(error)) from error
         (dq, dz), *rest = solved
         for part, (more_q, more_z) in zip((P - before).tolist(), rest, strict=True):
             dq, dz = dq + part * more_q, dz + part * more_z

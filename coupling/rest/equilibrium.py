@@ -18,6 +18,7 @@ A thread that runs out of a hole on the way has left the hole: the load step is 
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -215,8 +216,8 @@ def go_downhill(
 ) -> Step[Body]:
     """Reach equilibrium by rounds of corrections downhill, with every third round by Newton's method.
 
-    Newton's method is faster along a valley. It is the first round of a load step after the first if
-    the organ is linear and nothing touches it. Friction opposes the way from `state`. Arguments as for
+    Newton's method is faster along a valley. It is the first round beyond the part LIGHT of the loads
+    if the organ is linear and nothing touches it. Friction opposes the way from `state`. Arguments as for
     `settle`.
     """
     lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
@@ -528,17 +529,22 @@ def lightly_loaded(system: System[Body], state: State[Body], share: float, durat
 
     A laid thread is not in equilibrium. Its bends draw back through a rough hole as soon as the loads
     allow it, and friction would hold them under larger loads. The list is empty if no hole is rough,
-    if the first load step, to the part `share`, is as small, or if the thread is not in equilibrium
-    in all its holes: it then begins with that load step.
+    or if the first load step, to the part `share`, is as small. It is empty too if the thread has no
+    such equilibrium in all its holes and ties, without a fold or a snap; it then begins with that
+    load step.
     """
-    if share <= LIGHT or not (system.rough & state.present).any():
+    if share <= LIGHT or state.time > 0.0 or not (system.rough & state.present).any():
         return []
     try:
-        steps = list(go_on(system, state, LIGHT, duration, 0.0, DEEPEST))
+        with bounded(system, state, LIGHT):
+            steps = list(go_on(system, state, LIGHT, duration, 0.0, DEEPEST))
+        for step in steps:
+            refuse_folding(step)
     except CouplingError as error:
         log.debug("no equilibrium under light loads: %s", error)
         return []
-    return steps if (steps[-1].new.present == state.present).all() else []
+    stays = (steps[-1].new.present == state.present).all() and not any(step.snapped for step in steps)
+    return steps if stays else []
 
 
 def load_steps(
@@ -552,6 +558,12 @@ def load_steps(
     If `duration` is zero, all loads are those at t = 0 and begin with zero. Raises the errors of
     `go_on`, and `SpentError` after MOST_CORRECTIONS.
     """
+    with bounded(system, state, share):
+        yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)
+
+
+def bounded(system: System[Body], state: State[Body], share: float) -> AbstractContextManager[None]:
+    """Return a context in which corrections from a `state` raise `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -559,8 +571,7 @@ def load_steps(
             doing = what_it_does(system, state)
             raise SpentError(state.time, share, MOST_CORRECTIONS, *doing, remedy=remedy_for(system, state))
 
-    with asked_before_corrections(count):
-        yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)
+    return asked_before_corrections(count)
 
 
 def go_on(

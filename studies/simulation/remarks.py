@@ -296,9 +296,9 @@ def unsettled(energy: Energies, slide: float, diameter: float) -> list[Remark]:
     `diameter` [m] slides in another run of the same duration.
     """
     share, limit = unrest(energy.kinetic, energy.of_deformation), bounds.SLID * diameter
-    signs = [f"the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g})"] * moves(energy)
+    signs = [f"the kinetic energy is {share:.2g} of the elastic energy (limit {SETTLED:g})"] if moves(energy) else []
     way = f"{slide / MILLI:.2g} mm in another such run (limit {limit / MILLI:.2g} mm)"
-    signs += [f"at its final speed the thread would slide by {way}"] * (slide > limit)
+    signs += [f"at its final speed the thread would slide by {way}"] if slide > limit else []
     return judged(bool(signs), "not-at-rest", "solve.duration", signs=", and ".join(signs))
 
 

@@ -160,6 +160,32 @@ def test_short_code_reads_arrays_as_numpy_does(turned: bool) -> None:
     assert results[0] == results[1]
 
 
+@loops.loop
+def down_from(n: int) -> range:
+    """A range with a step, made by a part."""
+    return range(n, -1, -1)
+
+
+@loops.owning
+def summed(n: int) -> float:
+    """The sum over two arrays of one's own in a tuple, and over ranges with steps."""
+    total = 0.0
+    for each in (np.ones(n), np.full(n, 2.0)):
+        for i in down_from(n - 1):
+            total += each[i]
+    for i in range(*(n, 0, -1)):
+        total += i
+    return total
+
+
+def test_ranges_with_steps_and_tuples_of_arrays_are_numpys() -> None:
+    """Independent check: sums in closed form, again and again, so that a lost array would be seen."""
+    whole = loops.entry(summed)
+    for n in (1, 11, 5000):
+        for _ in range(20):
+            assert whole(n) == 3.0 * n + n * (n + 1) / 2
+
+
 def test_a_function_is_called_where_it_stands() -> None:
     """Independent check: what stands at the address is called, and not what has the name."""
     one = loops.outermost(lambda x, n: x + n)

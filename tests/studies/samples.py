@@ -145,7 +145,7 @@ def organ(topology: OrganTopology, time: float) -> Record:
         energy_density=30.0 * strain,
         volume_ratio=1.0 + strain,
         nodal_volume_ratio=np.linspace(1.0, 1.0 + time, nodes),
-        deformed=0.5,
+        deformed=0.5 + time,
         strained=0.25,
         rotated=0.125,
     )

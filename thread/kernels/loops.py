@@ -33,7 +33,7 @@ def loop(kernel: Kernel) -> Kernel:
     """Return a function that is compiled into the loops that call it.
 
     The function must not allocate arrays or call a function that returns arrays. Numba then does not
-    count references to its arguments, which can be hundreds of arrays: most of the code otherwise.
+    count references to its arrays.
     """
     return njit(error_model="numpy", _nrt=False, **PART)(kernel)
 

@@ -26,7 +26,9 @@ class ShortLower(Lower):  # type: ignore[misc]
             return super().lower_expr(resty, expr)
         kind, value = self.typeof(expr.value.name), self.loadvar(expr.value.name)
         if isinstance(kind, types.Pair):
-            return self.builder.extract_value(value, int(expr.op == "pair_second"))
+            part = self.builder.extract_value(value, int(expr.op == "pair_second"))
+            self.incref(resty, part)
+            return part
         if isinstance(kind, types.RangeIteratorType):
             return self.next_of_range(kind, value, resty)
         if isinstance(kind, types.RangeType) and self.counts_by_one(expr.value):
@@ -34,9 +36,12 @@ class ShortLower(Lower):  # type: ignore[misc]
         return super().lower_expr(resty, expr)
 
     def counts_by_one(self, range_: Any) -> bool:
-        """Return whether a variable is a range without a step."""
+        """Return whether a variable is made by `range` without a step."""
         made = guard(get_definition, self.func_ir, range_)
-        return getattr(made, "op", "") == "call" and len(made.args) < 3 and not made.kws
+        if getattr(made, "op", "") != "call" or made.vararg is not None:
+            return False
+        called = guard(get_definition, self.func_ir, made.func)
+        return getattr(called, "value", None) is range and len(made.args) < 3 and not made.kws
 
     def begin_range(self, kind: Any, value: Any) -> Any:
         """Return the state of a loop over a range with steps of one: the next number, and the count left."""

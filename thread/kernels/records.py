@@ -2,7 +2,8 @@
 
 By default, Numba hands on every number of every array in a named tuple as an argument of its own.
 These arguments were half of the code of the kernels. A compiled function can read the fields of a
-record, and it can write to the arrays in it. It cannot make one: who would own the arrays?
+record, and it can write to the arrays in it. A tuple made in a kernel is no record; the functions
+that it is handed to are compiled again for it.
 """
 
 from hashlib import sha256
