@@ -24,7 +24,7 @@ from coupling.interfaces import Body
 from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies, stored
 from coupling.reports.observation import PiercingObservation, Sight, largest_gap, look, observe
 from coupling.rest.branch import reach
-from coupling.rest.equilibrium import lightly_loaded, refuse_unbalanced
+from coupling.rest.equilibrium import refuse_unbalanced
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
@@ -256,7 +256,7 @@ class Run(Generic[Body]):
         first = replace(self, at_once=0, taken=(), events=(), seen=None)
         if first.fresh:
             refuse_unbalanced(first.system, first.state, duration)
-            first = first.held_together()._lightly_loaded(share, duration)
+            first = first.held_together()
         else:
             first = first._fitted()
         run = first._settled(share, duration)._scheduled(self.state.time, share * duration - self.state.time)
@@ -276,7 +276,7 @@ class Run(Generic[Body]):
         first = replace(self, at_once=0, taken=(), events=())
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)
-            run = first._lightly_loaded(1.0, first.state.time)._settled(1.0, first.state.time)
+            run = first._settled(1.0, first.state.time)
             near = run._fitted()
             if near is not run:  # without slack the strands have other lengths
                 run = near._settled(1.0, near.state.time)
@@ -295,13 +295,6 @@ class Run(Generic[Body]):
             fresh=False,
             events=(*self.events, *told),
         )
-
-    def _lightly_loaded(self, share: float, duration: float) -> "Run[Body]":
-        """Return the run at the equilibrium under light loads, from which the load step to the part
-        `share` begins; itself if there is none.
-        """
-        taken = lightly_loaded(self.system, self.state, share, duration)
-        return self._audited(taken) if taken else self
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
         """Return the run at the equilibrium under a part of the loads. Raises the errors of `load`."""
