@@ -6,16 +6,30 @@ import numpy as np
 import pytest
 
 import tissue
+from coupling.joins import rubbing
 from coupling.joins.rubbing import Law, active_sets, find_forces, law_of_pairs, projected, rows_of, stuck
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.tissue.rubbed import at_rest_on, bear_uniform_strain, motion, on_slope, rough_cubes
 from tests.tissue.test_lips import SQUEEZE
 from tests.tissue.test_surfaces import SIDE
 from tests.tissue.wounds import SOFT, Array
+from tissue.errors import OrganError
 
 MU, NEAR = 0.3, 1e-3
 SHEAR = np.diag([0.3 * SQUEEZE, 0.3 * SQUEEZE, -SQUEEZE]) + 0.5 * SQUEEZE * np.outer([1.0, 0, 0], [0, 0, 1.0])
 TRACTION = 0.5 * SQUEEZE * SOFT.lame_mu / (SOFT.youngs_modulus * SQUEEZE)  # along the surface over that across it
+
+# Six points of a thread that is drawn round a cylinder: their compliance, the upper triangle row by row, and their gaps
+# and slips without forces, in hundredths.
+CHAIN = """
+774 577 448 263 209 163 42 -18 1 -122 -9 -142 -14 -146 -9 -140 -5 -132 738 713 534 382 257 -9 97 -20 9 -29
+-60 -21 -147 -3 -150 10 -141 891 801 536 321 -10 123 -31 60 -45 -25 -27 -176 6 -187 29 -174 895 715 554 -7
+160 -20 154 -24 107 -7 -43 14 -93 27 -122 736 723 -4 171 1 176 13 162 19 75 12 17 6 -41 827 -3 171 16 178 38
+185 35 155 10 105 -11 37 898 15 663 3 486 10 251 11 193 4 143 -2 1292 10 1105 19 1016 22 827 15 726 10 639
+816 20 742 21 542 18 414 11 301 3 1240 25 1254 22 1105 14 940 9 797 869 31 803 34 607 23 435 10 1402 28 1339
+14 1119 5 927 941 28 811 18 682 7 1447 6 1297 -8 1151 819 0 794 -4 1277 -11 1234 857 -9 1281
+"""
+CHAIN_OPEN = "-937 -1000 -960 -738 -579 -427 -1 -957 -1 -834 -1 -778 -1 -696 -1 -671 -1 -654"
 
 
 def random_law(pairs: int, mu: float, seed: int) -> tuple[Law, Array]:
@@ -83,6 +97,20 @@ def test_from_pair_to_pair_is_the_same() -> None:
             b = other[own] - law.r_slip[slip] * (c_open + law.C @ other)[own]
             other[own] = b * min(1.0, law.mu[slip] * other[pair] / np.linalg.norm(b))
     assert np.abs(other - P).max() <= 1e-6 * np.abs(P).max()
+
+
+def test_points_in_a_row_are_solved_by_shortened_corrections(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: the forces obey the law. Whole corrections by its tangent do not arrive, because they return
+    to the same active sets."""
+    C = np.zeros((18, 18))
+    C[np.triu_indices(18)] = np.array(CHAIN.split(), dtype=float) / 100.0
+    C, c_open = np.triu(C) + np.triu(C, 1).T, np.array(CHAIN_OPEN.split(), dtype=float) / 100.0
+    law, every = law_of_pairs(SimpleNamespace(friction=np.full(6, 0.2), C_cc=C)), (np.ones(6, dtype=bool), stuck(6))
+    P = find_forces(law, c_open, *every)[2]
+    assert np.abs(P - projected(law, P, c_open + law.C @ P)).max() <= RESIDUAL * np.abs(P).max()
+    monkeypatch.setattr(rubbing, "SHORTEST", 1.0)
+    with pytest.raises(OrganError, match="obey Coulomb's law"):
+        find_forces(law, c_open, *every)
 
 
 @pytest.mark.parametrize("kind", [tissue.DynamicOrgan, tissue.FiniteOrgan])
