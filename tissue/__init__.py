@@ -29,7 +29,7 @@ from tissue.sites.surface import depths, distances, landing
 from tissue.solvers.factor import factorize
 from tissue.solvers.iterative import conjugate_gradients
 from tissue.solvers.ranks import Ranks
-from tissue.strain import nodal_volume_ratio, strain_energy, strains, volume_ratio
+from tissue.strain import energy_measure, nodal_volume_ratio, strains, volume_ratio
 from tissue.stress import StressRecovery, interpolation, principal, stress_recovery, von_mises
 from tissue.supports import held_components, motions_in_words, rigid_motions
 
@@ -70,6 +70,7 @@ __all__ = [
     "depths",
     "distances",
     "elasticity",
+    "energy_measure",
     "factorize",
     "fitted",
     "fixed_sites",
@@ -85,7 +86,6 @@ __all__ = [
     "relative_bounds",
     "rigid_motions",
     "skin_of",
-    "strain_energy",
     "strains",
     "stress_recovery",
     "surface_gaps",

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from skfem import ElementTetP1
 
@@ -19,8 +18,6 @@ from tissue.arrays import Array
 from tissue.elasticity import Elasticity, cellwise_lambda
 from tissue.materials.density import determinant
 from tissue.shapes import shapes
-
-Flags = NDArray[np.bool_]
 
 PAIRS = ((0, 1), (1, 2), (0, 2))  # of axes, in VTK's order of a symmetric tensor
 
@@ -156,9 +153,9 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
     return np.asarray(weights @ density)
 
 
-def strain_energy(elasticity: Elasticity, strain: Array, cells: Flags) -> float:
-    """Return 6 ∫ E ε² dx [J] over the organ's `cells` (c,), with the `strain` (c,) of each: a measure of their strain
-    energy that serves for shares.
+def energy_measure(elasticity: Elasticity, strain: Array) -> Array:
+    """Return 6 ∫ E ε² dx of each cell, `(c,)` [J], with the `strain` (c,) of each.
+
+    It measures the strain energy, so that the shares of cells can be compared.
     """
-    energy = elasticity.material.youngs_modulus * elasticity.six_volumes * strain**2
-    return float(energy[cells].sum())
+    return np.asarray(elasticity.material.youngs_modulus * elasticity.six_volumes * strain**2)

@@ -17,8 +17,9 @@ that its tangent is linear, with the unit vector n = b/|b| and β = μ p/|b|:
 
 This is also the part of contact in a correction of the coupled system (`coupling.joins.contact`).
 A correction is shortened until the violation of the law decreases, because full corrections can
-return to the same active sets again and again. In the first corrections the violation need
-only be less than the largest of the last three (Grippo, Lampariello & Lucidi, SIAM J. Numer. Anal. 23, 1986).
+return to the same active sets again and again. In the first corrections the violation need only be
+less than the largest of the last three (Grippo, Lampariello & Lucidi, SIAM J. Numer. Anal. 23,
+1986).
 """
 
 from dataclasses import dataclass, field

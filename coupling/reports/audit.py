@@ -128,7 +128,7 @@ def turned_over(step: Step[Body]) -> Array:
     before, after = motion_of(old, old.y, residual.f_y), motion_of(new, y, residual.f_y)
     q, v = start_on_end(step)
     on, start = forces_on(step, q, v), points_at_start(solution.problem.system, old, new)
-    motions = before._replace(q=plain(start), v=plain(v)), after
+    motions = before._replace(q=plain(start)), after
     audit.audit(works_of(step), holes_of(step), on, *motions, met_by(step), turns)
     add_rubbing(step, start, turns)
     if solution.problem.system.thread.travels:

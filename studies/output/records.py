@@ -46,8 +46,8 @@ GapRecord = record_of("GapRecord", "gap_profile")
 # A load on a boundary of the organ at one time.
 LoadRecord = record_of("LoadRecord", "load")
 # The organ at one time: arrays of its nodes `(nodes, …)` and of its cells `(cells, …)`. The lips are None without
-# contact, the stretches for a linear organ. `deformed` is the strain energy of all cells, `strained` and `rotated`
-# those of cells whose strain or rotation is not small (`tissue.strain_energy`) [J].
+# contact, the stretches for a linear organ. `deformed` measures the strain energy of all cells, `strained` and
+# `rotated` that of cells whose strain or rotation is not small (`tissue.energy_measure`) [J].
 OrganRecord = record_of(
     "OrganRecord",
     "organ_arrays",
@@ -240,7 +240,7 @@ class Extremes:
     strain: float = field(default=0.0, metadata={"frame": lambda organ: organ.strain.max()})
     # largest rotation of the organ's cells [rad]
     rotation: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotation.max()})
-    # strain energy of all cells, of those whose strain is not small, and of those whose rotation is not small [J]
+    # measure of the strain energy of all cells, of those whose strain, and of those whose rotation is not small [J]
     deformed: float = field(default=0.0, metadata={"frame": lambda organ: organ.deformed})
     strained: float = field(default=0.0, metadata={"frame": lambda organ: organ.strained})
     rotated: float = field(default=0.0, metadata={"frame": lambda organ: organ.rotated})

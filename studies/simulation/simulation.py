@@ -329,14 +329,15 @@ class Simulation:
         if isinstance(organ, tissue.RelaxingOrgan):
             stress = stress - organ.relaxed_stress(state)
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
+        measure = tissue.energy_measure(body, strain)
         return stress, {
             "strain": strain,
             "rotation": rotation,
             "energy_density": energy,
             "nodal_volume_ratio": nodal_ratio,
-            "deformed": tissue.strain_energy(body, strain, strain > 0.0),
-            "strained": tissue.strain_energy(body, strain, strain > SMALL_STRAIN),
-            "rotated": tissue.strain_energy(body, strain, rotation > SMALL_ROTATION),
+            "deformed": measure.sum(),
+            "strained": measure[strain > SMALL_STRAIN].sum(),
+            "rotated": measure[rotation > SMALL_ROTATION].sum(),
             "pressed_turn": float(organ.surface.turns(body.nodal(U)).max(initial=0.0)),
         }
 

@@ -497,7 +497,13 @@ def test_what_is_judged_by_two_numbers() -> None:
     to which no cells are fine enough; cells that were refined."""
     still, at = energy(0.0, 1.0), 3e-4
     assert judging.unsettled(still, SLID * at, at) == []
-    assert [each.code for each in judging.unsettled(still, SLID * at * (1 + ROUND), at)] == ["not-at-rest"]
+    (slides,), (moves,) = (
+        judging.unsettled(still, SLID * at * (1 + ROUND), at),
+        judging.unsettled(energy(1.0, 1.0), 0.0, at),
+    )
+    assert (slides.code, moves.code) == ("not-at-rest", "not-at-rest")
+    assert "slide" in slides.message and "kinetic" not in slides.message
+    assert "kinetic" in moves.message and "slide" not in moves.message
     for share, code in ((SHARE * (1 - ROUND), "local-strain"), (SHARE * (1 + ROUND), "tissue-strain")):
         assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share, deformed=1.0))] == [code]
     assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE, deformed=1.0))) == []

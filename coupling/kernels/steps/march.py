@@ -125,7 +125,7 @@ class Scratch(NamedTuple):
     - `going`: the motion of modes without site forces.
     - `turns` (9,), `body` (7,) [J]: energy turnover of thread and organ.
     - `after` (9,): the energies after the step.
-    - `part`: shares of the potential for the audit, if knots travel.
+    - `part`: room for ∂Π/∂s of parts of the potential Π in the audit, if knots travel.
     """
 
     z: Unknowns

@@ -236,7 +236,7 @@ def solve_mass(mass: Array, X: Array) -> None:
 
 @owning
 def kinetic_at(curve: Curve, ride: Ride, fields: tuple[Field, Field], q: Array, v: Array, part: Ridden) -> float:
-    """Return the kinetic energy of the thread with its knots at those of the first field [J]."""
+    """Return the kinetic energy of the thread with its knots at those of the first field [J]; `part` is overwritten."""
     n = len(q)
     clear_ridden(part)
     copy_into(fields[0].S, part.S)
