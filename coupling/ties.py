@@ -17,6 +17,7 @@ the force τ = (f_b − f_a)/2, with f = Φ_sᵀλ/|T| as in `coupling.step.slid
 
     held        s_a and s_b constant, before hands draw: at rest, where only the hands keep slack strands together
     drawn       s_a + s_b constant,  τ = F + c ds_b/dt     by two equal hands, in the end with F
+    kept        s_a and s_b constant,  τ > F               while F grows: hands let no thread out
     tied        s_a and s_b constant
     slips       s_a + s_b constant,  τ = σ F_hold          if a tied knot holds at most F_hold
 
@@ -79,7 +80,7 @@ class Tie:
         It is also the part of the way that its strands have moved together.
         """
         grown = (time - self.begins) / self.ramp if self.ramp > 0.0 else np.inf
-        return float(np.clip(grown, 0.0, 1.0))
+        return 1.0 if grown > 1.0 - ON_TIME else max(grown, 0.0)
 
     def drawing_force(self, time: float) -> float:
         """Return the force of each hand at `time` [s], in N."""

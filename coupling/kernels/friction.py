@@ -46,6 +46,7 @@ class Law(NamedTuple):
     s_free: Array
     injected: Array
     stretch: Array
+    one_way: Array
     inertia: Array
     own_static: Array
     own_kinetic: Array
@@ -62,7 +63,7 @@ class Ruled(NamedTuple):
     - `f` [N]: force along the thread.
     - `met` [-]: length of the tangent.
     - `static` and `kinetic` [N]: bounds of friction.
-    - `judged` (m, 3) [N]: f, bound and barb for the decision whether a hold sticks.
+    - `judged` (m, 3) [N]: f without the force of hands, bound and barb for the decision whether a hold sticks.
     - `residual` (m, 1) [N, m]: residual of the law.
     - `fits` (m,): the active set that fits.
     """
@@ -213,7 +214,7 @@ def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: 
     """
     if sigma != 0.0:
         return 0.0 if sigma * (s - law.s_old[k]) < -margin * law.joints.compliance else sigma
-    sense = 1.0 if judged[0] > 0.0 else -1.0
+    sense = law.one_way[k] if law.one_way[k] != 0.0 else 1.0 if judged[0] > 0.0 else -1.0
     return sense if excess(judged, sense) > margin else 0.0
 
 
@@ -224,7 +225,7 @@ def rule_hold(law: Law, k: int, sigma: float, h: Hold, s: float, out: Ruled) -> 
     out.f[k] = net_drive(law, k, h, s) / out.met[k]
     out.static[k], out.kinetic[k] = static_bound(law, k, h), kinetic_bound(law, k, h, sigma)
     out.residual[k, LAW] = residual(law, k, sigma, h, s)
-    out.judged[k, 0], out.judged[k, 1], out.judged[k, 2] = out.f[k], out.static[k], law.barb[k]
+    out.judged[k, 0], out.judged[k, 1], out.judged[k, 2] = out.f[k] - law.injected[k], out.static[k], law.barb[k]
 
 
 @loop

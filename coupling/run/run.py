@@ -24,7 +24,7 @@ from coupling.interfaces import Body
 from coupling.reports.audit import Energies, audit_step, closing_works, drawing_works, initial_energies, stored
 from coupling.reports.observation import PiercingObservation, Sight, largest_gap, look, observe
 from coupling.rest.branch import reach
-from coupling.rest.equilibrium import refuse_unbalanced
+from coupling.rest.equilibrium import lightly_loaded, refuse_unbalanced
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
@@ -240,29 +240,42 @@ class Run(Generic[Body]):
         """
         if not self.downhill or self.tolerance < np.inf or not know_holes(self.system, self.state):
             return []
-        holds = zip(self.system.piercings, self.state.present, strict=False)
-        planned = [cut.time for cut in self.cuts] + [p.ends if there else p.begins for p, there in holds]
-        due = [time - ON_TIME * dt for time in planned]
+        due = [time - ON_TIME * dt for time in self.planned]
         next_one = min((time for time in due if time > self.state.time), default=np.inf)
         return [time for time in times if time < next_one]
+
+    @property
+    def planned(self) -> list[float]:
+        """The times of scheduled changes [s], in order.
+
+        Cuts are due, piercings and ties begin or end, and hands take the thread or let go.
+        """
+        holes, ties = self.system.piercings, self.system.ties
+        grips = [rows[ends, 0] for hole in holes for rows in (*hole.drawing, *hole.pulling) for ends in (0, -1)]
+        periods = [(hole.begins, hole.ends) for hole in holes] + [(tie.begins, tie.locks) for tie in ties]
+        return sorted({*(cut.time for cut in self.cuts), *chain(*periods), *map(float, grips)})
 
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Return the run at the equilibrium under the part `share` of the loads at `duration` [s].
 
-        A thread that is cut at the end finds another equilibrium under the same loads, with
-        friction from the first one. Raises `StepError` (for unbalanced dead loads before the first
-        load step), `InversionError`, `ConstraintError`.
+        Scheduled changes within the load step take place in the equilibrium at their time. A thread
+        that is cut finds another equilibrium under the same loads, with friction from the first
+        one. Raises `StepError` (for unbalanced dead loads before the first load step),
+        `InversionError`, `ConstraintError`.
         """
-        first = replace(self, at_once=0, taken=(), events=(), seen=None)
-        if first.fresh:
-            refuse_unbalanced(first.system, first.state, duration)
-            first = first.held_together()
-        else:
-            first = first._fitted()
-        run = first._settled(share, duration)._scheduled(self.state.time, share * duration - self.state.time)
-        if not any(event.kind == "cut" for event in run.events):
-            return run
-        return run._audited(reach(run.system, run.state, share, duration))
+        run, now, end = replace(self, at_once=0, taken=(), events=(), seen=None), self.state.time, share * duration
+        slack = ON_TIME * (end - now)
+        parts = [time / duration for time in self.planned if now + slack < time < end - slack] + [share]
+        if run.fresh:
+            refuse_unbalanced(run.system, run.state, duration)
+            run = run.held_together()._lightly_loaded(parts[0], duration)
+        for part in parts:
+            first = run if run.fresh else run._fitted()
+            run = first._settled(part, duration)._scheduled(now, part * duration - now)
+            if any(event.kind == "cut" for event in run.events[len(first.events) :]):
+                run = run._audited(reach(run.system, run.state, part, duration))
+            now = part * duration
+        return replace(run, number=self.number + 1)
 
     def rested(self) -> "Run[Body]":
         """Return the run before its first step, at the equilibrium under the loads at its time.
@@ -276,7 +289,7 @@ class Run(Generic[Body]):
         first = replace(self, at_once=0, taken=(), events=())
         try:
             refuse_unbalanced(first.system, first.state, first.state.time)
-            run = first._settled(1.0, first.state.time)
+            run = first._lightly_loaded(1.0, first.state.time)._settled(1.0, first.state.time)
             near = run._fitted()
             if near is not run:  # without slack the strands have other lengths
                 run = near._settled(1.0, near.state.time)
@@ -295,6 +308,13 @@ class Run(Generic[Body]):
             fresh=False,
             events=(*self.events, *told),
         )
+
+    def _lightly_loaded(self, share: float, duration: float) -> "Run[Body]":
+        """Return the run at the equilibrium under light loads, from which the load step to the part
+        `share` begins; itself if there is none.
+        """
+        taken = lightly_loaded(self.system, self.state, share, duration)
+        return self._audited(taken) if taken else self
 
     def _settled(self, share: float, duration: float) -> "Run[Body]":
         """Return the run at the equilibrium under a part of the loads. Raises the errors of `load`."""

@@ -74,6 +74,7 @@ class Law:
     - `strands` (t, 2): holds of active ties.
     - `loops` (k, 2): first and last hole of loops that slide in them as one.
     - `by_hand` (m,): holds at which hands draw.
+    - `one_way` (m,): the only sense of ds, 1 or −1, in which a rough hold slides; 0 for both.
     - `own`: user's law of friction of each hold, None for a hold without one; empty if no hold has
       one.
     - `tie_compliance` [m/N]: compliance of the thread, by which the balance of a tie becomes a
@@ -93,6 +94,7 @@ class Law:
     s_free: Array
     injected: Array
     stretch: Array
+    one_way: Array
     strands: Indices = field(default_factory=lambda: NO_PAIRS)
     loops: Indices = field(default_factory=lambda: NO_PAIRS)
     by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
@@ -121,6 +123,7 @@ class Law:
             s_free=plain(self.s_free),
             injected=plain(self.injected),
             stretch=self.stretch.copy(),
+            one_way=plain(self.one_way),
             inertia=self.inertia + none,
             own_static=none,
             own_kinetic=none,
@@ -159,7 +162,10 @@ def law_of(
     """
     drawn_ties, (by_length, by_force) = system.drawn_ties(time), system.in_hand(time)
     in_hand, tied = by_length | by_force, system.of_ties & ~drawn_ties
-    rough = system.rough & ~drawn_ties & ~in_hand
+    asked = system.over_ties([tie.force for tie in system.ties], -1.0)
+    one_way = np.where(drawn_ties & (np.abs(pulls) < np.abs(asked)), -np.sign(asked), 0.0)
+    rough = np.where(drawn_ties, one_way != 0.0, system.rough & ~in_hand)
+    static, kinetic, grip, barb, per_channel = system.friction
     may_slide = system.may_slide & present & (rough | ~tied) & ~by_length
     injected = np.asarray(pulls * (present & ~tied & (by_force | system.of_ties)), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
@@ -169,8 +175,8 @@ def law_of(
     by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * (present & by_length), system.own_friction
     taut = np.ones(len(s_old)) if stretch is None else stretch
     return Law(
-        s_old, s_held, *system.friction, rough, may_slide, inertia, s_free, injected, taut, strands, loops, by_hand,
-        own, tie_compliance=give,
+        s_old, s_held, static, kinetic, np.where(drawn_ties, 0.0, grip), barb, per_channel, rough, may_slide, inertia,
+        s_free, injected, taut, one_way, strands, loops, by_hand, own, tie_compliance=give,
     )  # fmt: skip
 
 

@@ -16,9 +16,9 @@ from studies.scenario.course import STEPS, Timed
 from studies.scenario.meanings import because
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, unknown_clamp
-from studies.scenario.piercing import Piercing, grips, place_refused
+from studies.scenario.piercing import Piercing, place_refused
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
-from studies.scenario.solve import WHOLE, Output, Solve
+from studies.scenario.solve import Output, Solve
 from studies.scenario.stitch import Stitch, long_form
 from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, refuse, refused, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
@@ -226,19 +226,8 @@ class Scenario(ScenarioTable):
         if self.tie:
             self._require(TIED, "a thread cannot be tied with it; set it to ", ", or leave out [[tie]]")
         for tie in self.tie:
-            at_once = self.solve.step_by(tie.from_) == self.solve.step_by(tie.until)
+            at_once = self.solve.kind == "dynamic" and self.solve.step_by(tie.from_) == self.solve.step_by(tie.until)
             self._refuse(at_once, "tie.until.hasty", (dotted_key(["tie", tie.name, "until"]), tie.until))
-
-    def _check_hands(self) -> None:
-        solve = self.solve
-        sliding = [hole for hole in self.piercing if hole.kind == "sliding" and solve.kind == "static"]
-        for hole, rows in [(one, part) for one in sliding for part in grips(one.draw or ())]:
-            first, length = rows[0]
-            begins = solve.step_by(first) * solve.duration / solve.load_steps
-            late = begins - first > WHOLE * solve.duration
-            shortened = any(time < begins and after != length for (time, _), (_, after) in pairwise(rows))
-            shown = hole.key("draw"), hole.draw
-            self._refuse(late and shortened, "piercing.draw.late", shown, first=first, begins=begins)
 
     def _check_turning(self) -> None:
         held = any(isinstance(end, ClampedEnd) or getattr(end, "turn", None) for end in self.thread.ends)

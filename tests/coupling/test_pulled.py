@@ -20,6 +20,7 @@ from tests.thread.threads import load_step
 from thread.catalogue import suture
 
 FORCE = 0.05  # N
+ARM = 0.02  # m
 LEFT_OPEN = 1e-9  # [N], 1e-10 of the largest elastic force on a control point, some newtons on spans of 0.1 mm
 STRAIN = 6 * FORCE / suture("2-0 polypropylene").EA  # that of the hand's largest force, to which a force along is known
 
@@ -181,11 +182,11 @@ def scheduled(**solve: Any) -> dict[str, Any]:
     pull, hold = [[0.0, 0.0], [0.4 * end, 6 * FORCE]], [[0.4 * end, 0.0], [0.7 * end, 0.0]]
     return {
         "thread": {"suture": "2-0 polypropylene", "control_points": 60, "damping": 20.0,
-                   "path": [[0, 0, 0], [0.02, 0, 0], [0.02, 0, 0.02]],
+                   "path": [[0, 0, 0], [ARM, 0, 0], [ARM, 0, ARM]],
                    "end": {"kind": "pulled", "force": [0, 0, TAIL]}},
         "piercing": [
             {"name": "anchor", "at": [0.002, 0, 0], "kind": "anchored"},
-            {"name": "ring", "at": [0.02, 0, 0], "pull": pull, "draw": hold, "friction": {"static": MU, "kinetic": MU}},
+            {"name": "ring", "at": [ARM, 0, 0], "pull": pull, "draw": hold, "friction": {"static": MU, "kinetic": MU}},
         ],
         "solve": solve,
     }  # fmt: skip
@@ -215,8 +216,7 @@ def test_a_hand_tightens_holds_and_lets_go(solve: dict[str, Any]) -> None:
     if solve.get("kind"):
         assert first.tension_before / first.tension_after >= limit * (1 - BENT)
     energy = records[-1].energy
-    turned = energy.external_work + energy.numerical_dissipation  # a path with a corner is laid under tension
-    assert energy.friction_dissipation > 0.0 and abs(energy.balance_error) <= RESIDUAL * turned
+    assert energy.friction_dissipation > 0.0 and abs(energy.balance_error) <= LEFT_OPEN * ARM
 
 
 @pytest.mark.parametrize(
@@ -245,8 +245,7 @@ def test_a_hand_takes_the_same_thread_again(solve: dict[str, Any]) -> None:
     assert at[5].cone_residual <= RESIDUAL * force
     most = (1.0 + MU) / (1.0 - MU)
     assert (1.0 if "kind" in solve else 1.0 / most) < at[5].tension_before / at[5].tension_after < most
-    energy = records[-1].energy
-    assert abs(energy.balance_error) <= RESIDUAL * (energy.external_work + abs(energy.numerical_dissipation))
+    assert abs(records[-1].energy.balance_error) <= LEFT_OPEN * ARM
     del ring["pull"]
     ring["draw"] = [[0.0, 0.0], [0.2 * end, 1e-4], [0.3 * end], [0.5 * end, 3e-4], [0.7 * end, 4.5e-4]]
     _, records = run(table)
@@ -269,11 +268,10 @@ def test_a_hand_has_the_thread_to_the_end_of_its_load_step(monkeypatch: pytest.M
     assert again.new.lam[1, :3] == pytest.approx(held.new.lam[1, :3], rel=RESIDUAL, abs=RESIDUAL)
 
 
-@pytest.mark.parametrize("solve", [{"kind": "static", "load_steps": 3, "duration": 1.0}, {"dt": 6e-3, "duration": 0.2}])
-def test_a_hand_has_the_thread_to_the_end_of_the_step_in_which_it_lets_go(solve: dict[str, Any]) -> None:
-    """Independent check: the hand lets go within a step. It had the thread to the end of that step, so that its force
-    does not count against the law of friction."""
-    table = scheduled(**solve)
+def test_a_hand_has_the_thread_to_the_end_of_the_step_in_which_it_lets_go() -> None:
+    """Independent check: in time the hand lets go within a step. It had the thread to the end of that step, so that its
+    force does not count against the law of friction."""
+    table = scheduled(dt=6e-3, duration=0.2)
     ring = table["piercing"][1]
     del ring["draw"]
     records = run(table)[1]
@@ -296,24 +294,14 @@ def test_no_thread_is_drawn_by_a_hand_that_does_not_have_it_yet() -> None:
     assert stuck.sigma[1] == 0.0 and abs(stuck.s[1] - simulation.start.s[1]) <= IDENTITY * 1e-4
 
 
-def test_a_hand_that_no_load_step_begins_with_is_refused() -> None:
-    """Independent check: it would leave out what it draws until the next one begins. A hand that only holds may come
-    late, and in time no step is so long."""
-    table = scheduled(kind="static", load_steps=2, duration=1.0)
+@pytest.mark.parametrize("load_steps", [1, 2, 20])
+def test_what_is_planned_within_a_load_step_takes_place_at_its_time(load_steps: int) -> None:
+    """Independent check: a hand takes the thread, lets it go and takes it again at its own times. It draws the sum of
+    both lengths through a hole that keeps what it grips, in any number of load steps."""
+    table = scheduled(kind="static", load_steps=load_steps, duration=1.0)
     ring = table["piercing"][1]
     del ring["pull"]
-    for steps, rows, fits in (
-        (2, [[0.25, 0.0], [0.75, 1e-4]], False),
-        (4, [[0.25, 0.0], [0.75, 1e-4]], True),
-        (2, [[0.25, 1e-4], [0.75, 1e-4]], True),
-        (2, [[0.25, 0.0], [0.5, 0.0], [0.75, 1e-4]], True),
-    ):
-        table["solve"]["load_steps"], ring["draw"] = steps, rows
-        if fits:
-            Scenario.model_validate(table)
-        else:
-            with pytest.raises(ValueError, match=r"piercing\.ring\.draw = .*no load step ends at 0\.25 s"):
-                Scenario.model_validate(table)
-    table["solve"] = {"dt": 3e-2, "duration": 1.0}
-    ring["draw"] = [[0.25, 0.0], [0.75, 1e-4]]
-    Scenario.model_validate(table)
+    ring |= {"friction": {"static": 0.1, "kinetic": 0.1, "grip": 5.0}}
+    ring |= {"draw": [[0.25, 0.0], [0.45, 2e-4], [0.5], [0.65, 0.0], [0.85, 1e-4]]}
+    last = run(table)[1][-1]
+    assert last.piercings[1].slip == pytest.approx(3e-4, rel=RESIDUAL)

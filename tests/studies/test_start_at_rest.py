@@ -277,3 +277,24 @@ def test_a_thread_is_laid_through_the_corner_that_has_its_hole(turn: float) -> N
     *_, (last, _) = simulation.advance()
     tension = (4 * (1 - np.cos(way / 4)) * np.sqrt(thread.EI) * thread.EA / thread.spline.end) ** (2 / 3)
     assert last.piercings[0].tension_before == pytest.approx(tension, rel=0.05)
+
+
+@pytest.mark.parametrize("steps", [1, 4, 40])
+@pytest.mark.parametrize("suture", ["2-0 nylon", "2-0 polypropylene", "4-0 nylon"])
+def test_the_number_of_load_steps_does_not_matter(suture: str, steps: int) -> None:
+    """Independent check: the strands at a rough hole bear T₂ − T₁ = μ (T₁ + T₂) sin(turn/2) in any number of load
+    steps, although the bend of the laid thread is stretched by half a newton and friction could keep it."""
+    turn, mu, load, arm = np.radians(150.0), 0.4, 2.0, 0.02
+    arms = arm * np.array([[-np.cos(turn / 2), 0, np.sin(turn / 2)], [np.cos(turn / 2), 0, np.sin(turn / 2)]])
+    pulled = {"kind": "pulled", "force": (load / arm * arms[1]).tolist()}
+    path = [arms[0].tolist(), [0, 0, 0], arms[1].tolist()]
+    table = {
+        "thread": {"suture": suture, "path": path, "start": {"kind": "fixed"}, "end": pulled},
+        "piercing": [
+            {"name": "hole", "at": [0, 0, 0], "direction": [1, 0, 0], "friction": {"static": mu, "kinetic": mu}}
+        ],
+        "solve": {"kind": "static", "load_steps": steps},
+    }
+    *_, (last, _) = prepare(parse(table)).advance()
+    share = mu * np.sin(turn / 2)
+    assert last.piercings[0].tension_before == pytest.approx(load * (1 - share) / (1 + share), rel=0.01)

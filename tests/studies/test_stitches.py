@@ -57,6 +57,23 @@ def test_a_pulley_closes_with_the_strands_that_cross() -> None:
     assert (strands[1:3] / strands[:2] >= np.exp(-0.1 * np.pi)).all()
 
 
+@pytest.mark.parametrize("suture", ["2-0 polypropylene", "4-0 nylon"])
+def test_a_tied_loop_does_not_depend_on_the_load_steps(suture: str) -> None:
+    """Independent check: hands with a growing force let no thread out, so that a stiff loop keeps its laid length until
+    they draw it, and in the end they bear the force. Consistency check: 1, 4 and 40 load steps tie the same loop."""
+    friction = {"static": 0.1, "kinetic": 0.1}
+    stitch = {"name": "a", "at": [0, 0, 0], "bite": 5e-3, "depth": 4e-3, "force": 0.5, "friction": friction}
+    found = []
+    for steps in (1, 4, 40):
+        table = {"thread": {"suture": suture}, "stitch": [stitch], "solve": {"kind": "static", "load_steps": steps}}
+        records = [record for record, _ in prepare(parse(table)).advance()]
+        lengths = [record.ties[0].length for record in records]
+        assert max(np.diff(lengths)) <= 1e-9 * lengths[0] and records[-1].ties[0].state == "tied"
+        assert records[-1].ties[0].force == pytest.approx(stitch["force"], rel=0.01)
+        found.append([lengths[-1], *(hole.tension_before for hole in records[-1].piercings)])
+    assert found[0] == pytest.approx(found[2], rel=5e-3) and found[1] == pytest.approx(found[2], rel=1e-3)
+
+
 ALIKE = 0.02  # of a stitch's force: the mesh is not the same at all six
 SPACED = 0.02  # of the closing, by half the spacing of a tract's balls
 SHALLOW, DEEP = 4e-3, 15.5e-3  # m: within the fat, and behind it in the fascia
