@@ -25,7 +25,6 @@ from studies.simulation.assembly import Assembly, assemble
 from studies.study import require, scene
 from studies.verdicts import bearing_strain
 from thread.catalogue import suture
-from thread.path import rounded_path
 from tissue.elasticity import ELEMENTS
 
 E, NU, THICKNESS = 0.8e6, 0.45, 1.5e-3  # [Pa], [-], [m]: skin, as implied by the published Et = 1.2 kN/m
@@ -33,7 +32,6 @@ STIFFNESS = E * THICKNESS  # of the sheet [N/m]
 FOOTPRINT = 0.7e-3  # radius of the hole's averaging ball, limited by the sheet's thickness [m]
 SUTURE = "3-0 polypropylene"
 SPAN = 1e-3  # of the thread [m]
-TAIL = 6e-3  # of thread beyond the holes, in addition to the drawn length [m]
 NEAR = 0.02  # of the open width: lips this near count as closed; for smaller gaps the last stitch's force has no limit
 PRECISE = 1e-4  # of the width: tolerance of the hands
 MOVES = 30  # largest number of moves of the hands
@@ -87,23 +85,19 @@ class Case:
 
         `material` are keys of the sheet's material. A wound without width is a slit.
         """
-        y, depth = self.places, -0.5 * THICKNESS
-        sides = np.where(np.arange(len(y)) % 2 == 0, -1.0, 1.0)
-        half, reach = 0.5 * self.opening(y) + self.bite, 1.5 * self.width + self.bite + TAIL
-        ends = [(k, s * side) for k, side in enumerate(sides) for s in (1.0, -1.0)]
-        path = [[side * reach, y[k], depth] for k, side in ends]
-        turns = [[-side * reach, 0.5 * (a + b), depth] for side, a, b in zip(sides, y, y[1:], strict=False)]
-        hole = {"kind": "anchored", "footprint": FOOTPRINT, "draw": [[0.0, 0.0]]}
+        y = self.places
+        half = 0.5 * self.opening(y) + self.bite
+        lengths = 6.0 * half  # of each stitch with its tails
+        straight = {"depth": 0.0, "draw": [[0.0, 0.0]], "footprint": FOOTPRINT}
         shape = {"shape": "ellipse", "width": self.width} if self.width else {"generator": "gmsh"}
         sizes = {"size": [self.sheet, self.sheet, THICKNESS], "length": self.length, "depth": THICKNESS}
         values = {
             "tissue.mesh": {"kind": "wound", **shape, **sizes, "h": self.far, "h_site": self.size, "accuracy": "given"},
-            "thread.control_points": (round(2.0 * reach / SPAN) + 3) * len(y),
-            "thread.path": path,
-            "thread.cuts": [rounded_path(path).nearest(turn)[0] for turn in turns],
-            "piercing": [
-                {"name": f"{k + 1} {'left' if side < 0 else 'right'}", "at": [side * half[k], y[k], depth], **hole}
-                for k, side in ends
+            "thread.control_points": int(np.sum(np.round(lengths / SPAN) + 3)),
+            "stitch": [
+                {"name": f"{k + 1}", "at": [0.0, y[k], -0.5 * THICKNESS], "bite": half[k], **straight}
+                | {"along": [0.0, -1.0 if k % 2 else 1.0, 0.0]}
+                for k in range(len(y))
             ],
         }
         return assemble(scene("wound_closure", values | {f"tissue.{key}": value for key, value in material.items()}))

@@ -2,7 +2,8 @@
 
 It writes path, piercings, tracts, ties and cuts of a thread. A stitch is a row of bites. A bite
 goes down into the tissue through one hole and up through the next hole, along half an ellipse, like
-a curved needle. Strands on the surface join the bites. Each kind is a list of bites (`bites_of`)
+a curved needle. Strands on the surface join the bites. Without depth, as in the middle of a thin
+sheet, the whole stitch is straight from hole to hole. Each kind is a list of bites (`bites_of`)
 with coordinates along the wound and across it from left to right.
 """
 
@@ -19,14 +20,15 @@ from studies.arrays import Array
 from studies.scenario.meanings import because
 from studies.scenario.piercing import Friction
 from studies.scenario.solve import Solve
-from studies.scenario.table import ScenarioTable, check_ending, repetition
-from studies.scenario.values import From, Positive, Text, Vector, one_sentence
+from studies.scenario.table import ScenarioTable, check_ending, check_rising, repetition
+from studies.scenario.values import From, NotNegative, Positive, Text, Turn, Vector, one_sentence
 from thread.path import rounded_path
 
 NEAR = 0.3  # of bite and depth of a vertical mattress stitch: its inner bite near the edges
 BENDS = 8  # per bite: each turns the thread by 22.5°
 LIFT = 0.2  # of the bite: height of a strand above the surface, for about the length of its natural arch
 KNOT = 0.4  # of the bite: height at which the strands of a knot cross, and length of the tails
+TAIL = 2.0  # of the bite: length of the tails of a stitch without depth
 UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
@@ -55,10 +57,11 @@ class Stitch(ScenarioTable):
     along: Vector | None = None
     normal: Vector = (0.0, 0.0, 1.0)
     bite: Annotated[Positive | tuple[Positive, Positive], one_sentence("allowed-bite")]
-    depth: Positive
+    depth: NotNegative
     pitch: Positive | None = None
     count: Annotated[int, Field(strict=True, ge=2, le=200)] = 6
-    force: Positive
+    force: Positive | None = None
+    draw: Annotated[tuple[Turn, ...], Field(min_length=1)] | None = None
     from_: From = 0.0
     until: Positive | None = None
     hold: Positive | None = None
@@ -69,7 +72,10 @@ class Stitch(ScenarioTable):
     def _check(self) -> None:
         check_ending(self.from_, self.until)
         self._refuse(self.kind not in ROWS and "count" in self.model_fields_set, "count.fixed")
-        self._refuse(self.kind == "running" and self.hold is not None, "hold.running")
+        self._refuse((self.force is None) == (self.draw is None), "force.draw")
+        self._refuse(not self.is_tied and self.hold is not None, "hold.untied")
+        if self.draw is not None:
+            check_rising("draw", self.draw)
         self._refuse(not np.any(self.normal), "normal.zero")
         if self.along is not None:
             self._refuse(not np.any(self.along), "along.zero")
@@ -77,6 +83,11 @@ class Stitch(ScenarioTable):
             self._refuse(parallel, "along.parallel")
         crowded = self.kind == "purse-string" and self.count * 2.0 * self.mean >= 2.0 * pi * self.step
         self._refuse(crowded, "bite.long")
+
+    @property
+    def is_tied(self) -> bool:
+        """Whether the stitch is a loop that hands draw with a force and tie."""
+        return self.kind != "running" and self.draw is None
 
     @property
     def sides(self) -> tuple[float, float]:
@@ -130,8 +141,8 @@ class Stitch(ScenarioTable):
         lift, first, last = LIFT * self.mean, self.bites[0].first, self.bites[-1].last
         inside: list[Array] = []
         for bite in self.bites:
-            inside += [self.place(bite.first, lift), self.place(bite.first), *self.deep(bite)]
-            inside += [self.place(bite.last), self.place(bite.last, lift)]
+            down, up = ([self.place(end, lift)] if self.depth else [] for end in (bite.first, bite.last))
+            inside += [*down, self.place(bite.first), *self.deep(bite), self.place(bite.last), *up]
         return [*self.tail(first, last), *inside, *self.tail(last, first)[::-1]]
 
     def deep(self, bite: Bite) -> list[Array]:
@@ -140,7 +151,7 @@ class Stitch(ScenarioTable):
         They are the corners of tangents to half an ellipse, which is vertical at both holes.
         """
         (x, y), (u, v), half = bite.first, bite.last, 0.5 * pi / BENDS
-        turns = [(2 * k + 1) * half for k in range(BENDS)]
+        turns = [(2 * k + 1) * half for k in range(BENDS)] if bite.depth else []
         ways = [0.5 - 0.5 * cos(turn) / cos(half) for turn in turns]
         depths = [bite.depth * sin(turn) / cos(half) for turn in turns]
         return [self.place((x + w * (u - x), y + w * (v - y)), -d) for w, d in zip(ways, depths, strict=True)]
@@ -148,15 +159,17 @@ class Stitch(ScenarioTable):
     def tail(self, own: tuple[float, float], other: tuple[float, float]) -> list[Array]:
         """Return the points of the tail at a hole [m].
 
-        The two tails of a tied stitch cross halfway between their holes. A tail of a running stitch
-        is vertical.
+        The two tails of a tied stitch cross halfway between their holes. Those of another stitch are
+        vertical, or straight on without depth.
         """
         height = KNOT * self.mean
-        if self.kind == "running":
-            return [self.place(own, 2.0 * height)]
         (x, y), (u, v) = own, other
         size = float(np.hypot(x - u, y - v))
         ahead = (u - x) / size, (v - y) / size
+        if not self.depth:
+            return [self.place((x - TAIL * self.mean * ahead[0], y - TAIL * self.mean * ahead[1]))]
+        if not self.is_tied:
+            return [self.place(own, 2.0 * height)]
         knot = 0.5 * (x + u), 0.5 * (y + v)
         end = knot[0] + height * (ahead[0] - ahead[1]), knot[1] + height * (ahead[1] + ahead[0])
         return [self.place(end, 1.2 * height), self.place(knot, height)]
@@ -165,16 +178,17 @@ class Stitch(ScenarioTable):
         """Yield the tables of the stitch's piercings.
 
         `at_surface`: their places are found on the surface. `in_organ`: their direction is normal
-        to the surface, else along the thread.
+        to the surface, else along the thread. Without depth they are at their places, and free.
         """
         out = self.frame[2]
         for bite in self.bites:
             for name, where, down in zip(bite.names, (bite.first, bite.last), (-1.0, 1.0), strict=True):
                 full, at = f"{self.name}.{name}", rounded(self.place(where))
-                place = {"at": "surface", "near": at, "along": rounded(out)} if at_surface else {"at": at}
-                way = {"direction": "normal" if in_organ else rounded(down * out)}
+                found = at_surface and self.depth
+                place = {"at": "surface", "near": at, "along": rounded(out)} if found else {"at": at}
+                way = {"direction": "normal" if in_organ else rounded(down * out)} if self.depth else {}
                 table = {"name": full, **place, **way, "footprint": self.footprint}
-                hand = self.hand(full, solve) if self.kind == "running" else {}
+                hand = {} if self.is_tied else self.hand(full, solve)
                 yield table | hand | ({} if hand.get("kind") == "anchored" else self.friction_key())
 
     def friction_key(self, *without: str) -> dict[str, Any]:
@@ -184,21 +198,25 @@ class Stitch(ScenarioTable):
         return {"friction": self.friction.model_dump(exclude_unset=True, exclude=set(without))}
 
     def hand(self, hole: str, solve: Solve) -> dict[str, Any]:
-        """Return the keys that hold a running stitch at a hole.
+        """Return the keys of the hand that holds a stitch without a tie at a hole.
 
-        Its first hole is anchored. At its last hole a hand draws the thread and then holds it.
+        Hands that draw a length hold both ends. Otherwise the first hole is anchored, and at the last
+        hole a hand draws the thread with its force and then holds it.
         """
+        if hole not in self.ends:
+            return {}
+        if self.draw is not None:
+            sense = -1.0 if hole == self.ends[0] else 1.0
+            return {"kind": "anchored", "draw": [[time, sense * length] for time, length in self.draw]}
         if hole == self.ends[0]:
             return {"kind": "anchored"}
-        if hole != self.ends[1]:
-            return {}
         locks = self.locks(solve)
         held = {"draw": [[locks, 0.0], [solve.duration, 0.0]]} if locks < solve.duration else {}
         return {"pull": [[self.from_, 0.0], [locks, self.force]]} | held
 
     def tracts(self) -> list[dict[str, Any]]:
         """Return the tables of the stitch's tracts."""
-        if self.tract is False:
+        if self.tract is False or not self.depth:
             return []
         return [
             {"between": [f"{self.name}.{name}" for name in bite.names], "radius": self.tract or self.bearing(bite)}
@@ -216,8 +234,8 @@ class Stitch(ScenarioTable):
         return min(self.footprint, 0.5 * bite.depth, 0.25 * width)
 
     def ties(self, solve: Solve) -> list[dict[str, Any]]:
-        """Return the table of the stitch's tie in a list, empty for a running stitch."""
-        if self.kind == "running":
+        """Return the table of the stitch's tie in a list, empty without a tie."""
+        if not self.is_tied:
             return []
         hold = {} if self.hold is None else {"hold": self.hold}
         times = {"from": self.from_, "until": self.locks(solve)}

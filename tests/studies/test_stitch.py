@@ -170,7 +170,8 @@ def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.Captur
         ({"along": [0, 0, 1]}, r"along = .*it is parallel to normal"),
         ({"normal": [0, 0, 0]}, r"normal = .*must not be zero"),
         ({"from": 0.5, "until": 0.4}, r"until = 0\.4 is refused: it must be later than from"),
-        ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a running stitch has no tie"),
+        ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a stitch without a tie"),
+        ({"draw": [[0, 0]]}, r"force = 0\.2 is refused: hands draw with a force or by a length"),
         ({"kind": "purse-string", "pitch": 5e-3, "count": 6}, r"bite = 0\.005 is refused: 6 bites"),
         (
             {"bites": 1},
@@ -210,6 +211,28 @@ def test_a_stitch_is_drawn_to_its_force_and_locked() -> None:
     assert locked.ties[0].force == pytest.approx(STITCH["force"], rel=1e-3)
     left, right = locked.piercings
     assert left.tension_before == pytest.approx(right.tension_after, rel=0.02)
+
+
+@pytest.mark.parametrize("depth", [0.0, DEPTH])
+def test_hands_draw_a_length_at_both_ends(depth: float) -> None:
+    """Independent check: two hands draw the strand between them shorter, and its tension is EA times that over its rest
+    length (within 3 %: the strain jumps at a hole over a part of √(EI/T)); their tails are slack. Without depth the
+    stitch is straight."""
+    drawn = 2e-5
+    stitch = {key: value for key, value in STITCH.items() if key != "force"}
+    table = {"thread": WOUND["thread"], "solve": WOUND["solve"]}
+    table["stitch"] = [stitch | {"depth": depth, "draw": [[0.0, 0.0], [1.0, drawn]]}]
+    simulation = prepare(parse(table))
+    assert not simulation.assembly.system.ties
+    *_, (last, _) = simulation.advance()
+    left, right = last.piercings
+    assert max(abs(left.tension_before), abs(right.tension_after)) < 1e-9
+    if not depth:
+        taut = simulation.assembly.system.thread.EA * 2 * drawn / (2 * BITE - 2 * drawn)
+        assert left.tension_after == pytest.approx(taut, rel=0.03)
+        assert right.tension_before == pytest.approx(left.tension_after)
+        places = simulation.assembly.path.position(np.linspace(0.0, 0.02, 9))
+        assert np.ptp(places, axis=0)[1:] == pytest.approx([0, 0])
 
 
 @pytest.mark.parametrize("length", [None, 0.034])
