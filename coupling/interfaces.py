@@ -195,8 +195,8 @@ class Bearing(Protocol):
         """Return the facing data of points of the thread in a state, shape `(j, 9 + l)`.
 
         The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`. The columns are: facet,
-        barycentric coordinates in it, the unit vector into the organ, the distance, the bulge of
-        the surface over the facet [m], and the labels.
+        barycentric coordinates in it, d, which points into the organ and is minus the gradient of
+        the distance, the distance, d·(x − P) minus the distance [m], and the labels.
         """
 
     def touched(self, state: Any, points: Array) -> Any:

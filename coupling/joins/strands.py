@@ -41,7 +41,7 @@ from tissue.organs.lips import tangents
 ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
 LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, offset from the thread's axis, radius there
 CLEAR = 1.0  # diameters along the thread from a hole in which no point bears: the thread emerges there
-SLIGHT = 0.02  # of the radius: largest penetration of a point at the start that is still pushed out
+SLIGHT = 2e-3  # of the radius: largest penetration at the start that is pushed out, so far as a pressed point yields
 FIRM = 1e-4  # of the softest point's compliance, added to each point: several points may bear on few nodes
 HARD = 0.1  # of radius over EA: least added compliance, for held facets, whose gaps round-off would decide
 NEAR = 0.05  # radii: points with smaller gaps without their forces can be pressed in a correction
@@ -137,7 +137,8 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     own, step = np.transpose([(k, i) for k, n in enumerate(sides.tolist()) for i in range(-n, n + 1)])
     aside = (step * WIDEST * radius / most)[:, None]
-    on_thread = aside * across[own] + np.sqrt(radius**2 - aside**2) * points[own, ALONG]
+    d = points[:, ALONG] / np.linalg.norm(points[:, ALONG], axis=1, keepdims=True)
+    on_thread = aside * across[own] + np.sqrt(radius**2 - aside**2) * d[own]
     return faced(s[own], on_thread, np.zeros(len(own)))
 
 

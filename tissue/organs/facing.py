@@ -34,7 +34,7 @@ def face(at: Array, points: Array, triangles: Indices, ends: Mask, along: Array 
     corners, normals = points[triangles], averaged_normals(points, triangles)
     flat = np.eye(3) if along is None else across(along)
     seen, seen_corners, sizes = at @ flat.T, corners @ flat.T, triangle_sizes(corners)
-    triangle, inside, away = _nearest(seen, seen_corners)
+    triangle, inside, away = nearest(seen, seen_corners)
     n = np.einsum("kc,kcx->kx", inside, normals[triangle])
     n /= np.linalg.norm(n, axis=1)[:, None]
     past = seen - np.einsum("kc,kcx->kx", inside, seen_corners[triangle])
@@ -54,7 +54,7 @@ def across(normal: Array) -> Array:
 
 def triangle_sizes(corners: Array) -> Array:
     """Return the sizes √(2A) of triangles `(m, 3, 3)`, shape `(m,)` [m]."""
-    return np.asarray(np.sqrt(np.linalg.norm(_area_normals(corners), axis=1)))
+    return np.asarray(np.sqrt(np.linalg.norm(area_normals(corners), axis=1)))
 
 
 def averaged_normals(points: Array, triangles: Indices) -> Array:
@@ -63,7 +63,7 @@ def averaged_normals(points: Array, triangles: Indices) -> Array:
     The normal at a corner is the mean of the normals of its triangles, weighted by area. `points`
     `(n, 3)` [m] are the nodes.
     """
-    each, mean = _area_normals(points[triangles]), np.zeros((len(points), 3))
+    each, mean = area_normals(points[triangles]), np.zeros((len(points), 3))
     for corner in range(3):
         np.add.at(mean, triangles[:, corner], each)
     normals = mean[triangles]
@@ -74,11 +74,11 @@ def averaged_normals(points: Array, triangles: Indices) -> Array:
 
 def facet_normals(corners: Array) -> Array:
     """Return the unit normals of triangles `(m, 3, 3)`, shape `(m, 3)`."""
-    normals = _area_normals(corners)
+    normals = area_normals(corners)
     return np.asarray(normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
-def _area_normals(corners: Array) -> Array:
+def area_normals(corners: Array) -> Array:
     """Return the cross products of two sides of triangles `(m, 3, 3)`, shape `(m, 3)` [m²].
 
     Their lengths are twice the areas.
@@ -93,7 +93,7 @@ def open_sides(triangles: Indices) -> Mask:
     return np.asarray(count[side.ravel()].reshape(-1, 3) == 1)
 
 
-def _nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
+def nearest(at: Array, corners: Array) -> tuple[Indices, Array, Array]:
     """Return the triangle nearest to each point `at` `(k, d)`, its nearest point and the distance.
 
     They have shapes `(k,)`, `(k, 3)` and `(k,)`. Triangles have `corners` `(m, 3, d)`; the nearest
