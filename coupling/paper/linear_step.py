@@ -252,27 +252,13 @@ def solve_whole(posed: Posed[Body]) -> Answer:
 # -- the step ----------------------------------------------------------------------------------------------------------
 
 
-def linear_step(
-    system: System[Body],
-    state: State[Body],
-    dt: float,
-    held: Flags | None = None,
-    injected: Array | None = None,
-    evaluation: Evaluation = "end",
-    solver: Solver = solve_whole,
-) -> Step[Body]:
+def linear_step(system: System[Body], state: State[Body], dt: float) -> Step[Body]:
     """Return one step of `dt` [s] by one linear solve.
 
-    The caller gives the friction: `held` and `injected` as for `constrained`. Raises
-    `CouplingError` if holes have friction and both are None, and `StepError`, `InversionError`.
+    Raises `CouplingError` if holes have friction, and `StepError`, `InversionError`.
     """
-    if held is None and injected is None:
-        refuse_friction(system)
-    posed = pose(system, state, dt, evaluation)
-    if held is not None or injected is not None:
-        held = np.zeros(system.holds, dtype=bool) if held is None else held
-        posed = constrained(posed, held, np.zeros(system.holds) if injected is None else injected)
-    return solve_posed(posed, solver)
+    refuse_friction(system)
+    return solve_posed(pose(system, state, dt))
 
 
 def linear_two_pass(system: System[Body], state: State[Body], dt: float, passes: int = PASSES) -> Step[Body]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +115,7 @@ def violations(dt: float, evaluation: Any, count: int, size: float) -> np.ndarra
     state, out = replace(state, q=state.q + off, v=drift), []
     for _ in range(count):
         out.append(violation(system, state)[0])
-        state = linear_step(system, state, dt, evaluation=evaluation).new
+        state = solve_posed(pose(system, state, dt, evaluation)).new
     return np.array(out)
 
 
@@ -366,11 +366,11 @@ def test_elimination_needs_epsilon() -> None:
     """Independent check: it divides by ε, and says so; where its matrix is too bad the step is refused."""
     system, state = masses(0.0)
     with pytest.raises(CouplingError, match="epsilon = 0"):
-        linear_step(system, state, 1e-3, solver=solve_by_elimination)
+        solve_posed(pose(system, state, 1e-3), solve_by_elimination)
     system, state = masses(1e-15)
     state = run(system, state, 1e-3, 5e-3)[-1].new
     with pytest.raises(StepError, match="raise epsilon"):
-        linear_step(system, state, 1e-3, solver=solve_by_elimination)
+        solve_posed(pose(system, state, 1e-3), solve_by_elimination)
 
 
 # -- a real suture, and the monolithic organ ---------------------------------------------------------------------------
@@ -464,7 +464,7 @@ def test_held_and_injected() -> None:
     system, state = scene("dynamic")
     state = run(system, state, 1e-3, 5e-3)[-1].new
     held, force = np.array([True, False]), np.array([0.0, 0.02])
-    step = linear_step(system, state, 1e-3, held, force)
+    step = solve_posed(constrained(pose(system, state, 1e-3), held, force))
     at = step.solution.residual.passage
     drive = driving_force(at, step.new.lam, state.y) / np.linalg.norm(at.T, axis=1)
     assert step.new.s[0] == state.s[0]
@@ -484,15 +484,6 @@ def test_friction_is_refused() -> None:
     state = laid(system, ABSCISSAE, PATH)
     with pytest.raises(CouplingError, match=r"'exit'.*two passes"):
         linear_step(system, state, 1e-3)
-    assert linear_step(system, state, 1e-3, injected=np.array([0.0, 0.01])).new.s[1] != state.s[1]
-
-
-def test_the_solver_is_an_argument_of_advance() -> None:
-    """Consistency check: the elimination as a method of stepping."""
-    system, state = masses(1e-3)
-    a = advance(system, state, 1e-3, linear_step)[-1].new
-    b = advance(system, state, 1e-3, partial(linear_step, solver=solve_by_elimination))[-1].new
-    assert np.abs(a.q - b.q).max() <= TWO_SOLVERS * np.abs(a.q - state.q).max()
 
 
 def rough(mu: float, grip: float = 0.0) -> tuple[System, State]:
