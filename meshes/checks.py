@@ -7,7 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from meshes.errors import MeshError
-from meshes.facets import tet_facet_keys
+from meshes.facets import six_volumes, tet_facet_keys
+from meshes.quality import edge_lengths
 
 Array = NDArray[np.float64]
 Tets = NDArray[np.integer]
@@ -50,18 +51,8 @@ def check(points: Array, tets: Tets, twins: Tets = NO_TWINS, parts: int | None =
 
 
 def volumes(points: Array, tets: Tets) -> Array:
-    """Return the signed volumes of the tetrahedra, shape `(m,)`.
-
-    A volume is positive if the nodes 0, 1 and 2 turn anticlockwise as seen from node 3.
-    """
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0, dtype=np.float64)
-
-
-def _longest_edges(points: Array, tets: Tets) -> Array:
-    corners = points[tets]
-    edges = corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]]
-    return np.asarray(np.linalg.norm(edges, axis=2).max(axis=1), dtype=np.float64)
+    """Return the signed volumes of the tetrahedra, shape `(m,)`."""
+    return six_volumes(*(points[nodes] for nodes in tets.T)) / 6.0
 
 
 def _few(indices: NDArray[np.integer]) -> str:
@@ -130,7 +121,7 @@ def _check_distinct(points: Array, twins: Tets, bodies: NDArray[np.integer] | No
 
 
 def _check_orientation(points: Array, tets: Tets) -> None:
-    relative = volumes(points, tets) / _longest_edges(points, tets) ** 3
+    relative = volumes(points, tets) / edge_lengths(points[tets]).max(axis=1) ** 3
     flat = np.flatnonzero(np.abs(relative) <= FLAT)
     if flat.size:
         raise MeshError(

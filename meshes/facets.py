@@ -13,6 +13,14 @@ Indices = NDArray[np.int64]
 FACETS_OF_TET = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
+def six_volumes(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Return six times the signed volumes of tetrahedra, shape `(m,)`; corners have shape `(m, 3)` each.
+
+    A volume is positive if the nodes a, b and c turn anticlockwise as seen from d.
+    """
+    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
+
+
 def triangle_keys(triangles: NDArray[np.integer], nodes: int) -> Indices:
     """Return one integer per triangle, `(k,)`, the same for every order of its nodes.
 

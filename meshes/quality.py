@@ -6,7 +6,7 @@ import numpy as np
 import skfem
 from numpy.typing import NDArray
 
-from meshes.facets import FACETS_OF_TET
+from meshes.facets import FACETS_OF_TET, six_volumes
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Quality:
 def quality(mesh: skfem.MeshTet) -> Quality:
     """Return the quality of a tetrahedral mesh."""
     corners = mesh.p.T[mesh.t.T]
-    edges = np.linalg.norm(_edges(corners), axis=2)
+    edges = edge_lengths(corners)
     ratios = radius_ratios(corners)
     return Quality(
         dihedral_min=float(np.degrees(dihedral_angles(corners).min())),
@@ -61,18 +61,18 @@ def radius_ratios(corners: Array) -> Array:
 
     r = 3V/ΣA, R = √(s(s−aA)(s−bB)(s−cC))/6V with 2s = aA + bB + cC (Crelle).
     """
-    lengths = np.linalg.norm(_edges(corners), axis=2)
+    lengths = edge_lengths(corners)
     products = lengths[:, [0, 1, 2]] * lengths[:, [5, 4, 3]]
     s = products.sum(axis=1) / 2
     crelle = np.sqrt(np.maximum(s * np.prod(s[:, None] - products, axis=1), 0.0))
-    a, b, c, d = (corners[:, k] for k in range(4))
-    six_volumes = np.abs(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
+    six = np.abs(six_volumes(*np.moveaxis(corners, 1, 0)))
     area = np.linalg.norm(_facet_normals(corners), axis=2).sum(axis=1) / 2
-    return np.asarray(3 * (six_volumes / 2 / area) * six_volumes / crelle)
+    return np.asarray(3 * (six / 2 / area) * six / crelle)
 
 
-def _edges(corners: Array) -> Array:
-    return np.stack([corners[:, j] - corners[:, i] for i, j in EDGES], axis=1)
+def edge_lengths(corners: Array) -> Array:
+    """Return the lengths of the six edges of each tetrahedron, `(m, 6)` [m]; corners have shape `(m, 4, 3)` [m]."""
+    return np.asarray(np.linalg.norm(np.stack([corners[:, j] - corners[:, i] for i, j in EDGES], axis=1), axis=2))
 
 
 def _facet_normals(corners: Array) -> Array:

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from meshes.checks import check_span
 from meshes.child import call_in_child
 from meshes.errors import MeshError
+from meshes.facets import six_volumes
 from meshes.file import meshio_data, scaled
 from meshes.gmsh_session import generate, in_unit, session
 from meshes.grading import Grading, site_points
@@ -103,7 +104,8 @@ def welded(points: Array, triangles: Indices) -> tuple[Array, Indices]:
     same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     label = np.asarray(connected_components(same, directed=False)[1], dtype=np.int64)
     joined = label[triangles]
-    used, renumbered = np.unique(joined[_distinct(joined)], return_inverse=True)
+    whole = (joined != np.roll(joined, 1, axis=1)).all(axis=1)
+    used, renumbered = np.unique(joined[whole], return_inverse=True)
     _, first = np.unique(label, return_index=True)
     return points[first[used]], np.asarray(renumbered, dtype=np.int64).reshape(-1, 3)
 
@@ -219,11 +221,6 @@ def _check_ply_header(path: Path) -> None:
         raise MeshError(f"its header declares {max(told)} elements, and the file has {size} bytes: it is damaged")
 
 
-def _distinct(triangles: Indices) -> NDArray[np.bool_]:
-    a, b, c = triangles.T
-    return np.asarray((a != b) & (b != c) & (c != a))
-
-
 def _near_pairs(points: Array, triangles: Indices) -> Indices:
     """Return the pairs of triangles whose boxes touch, shape `(k, 2)`.
 
@@ -274,7 +271,7 @@ def _straddles(points: Array, triangles: Indices, others: Indices) -> NDArray[np
     The partners are the `others`.
     """
     a, b, c = np.moveaxis(points[others], 1, 0)
-    height = np.stack([_volume(a, b, c, points[node]) for node in triangles.T], axis=1)
+    height = np.stack([six_volumes(a, b, c, points[node]) for node in triangles.T], axis=1)
     height[(triangles[:, :, None] == others[:, None, :]).any(axis=2)] = 0.0
     return np.asarray((height.min(axis=1) < 0) & (height.max(axis=1) > 0))
 
@@ -286,14 +283,9 @@ def _pierces(segments: Array, triangles: Array) -> NDArray[np.bool_]:
     """
     p, q = segments[:, 0], segments[:, 1]
     a, b, c = np.moveaxis(triangles, 1, 0)
-    sides = _volume(a, b, c, p) * _volume(a, b, c, q) < 0
-    turns = np.stack([_volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)])
+    sides = six_volumes(a, b, c, p) * six_volumes(a, b, c, q) < 0
+    turns = np.stack([six_volumes(p, q, a, b), six_volumes(p, q, b, c), six_volumes(p, q, c, a)])
     return np.asarray(sides & ((turns > 0).all(axis=0) | (turns < 0).all(axis=0)))
-
-
-def _volume(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Return six times the signed volume of tetrahedra, corners of shape `(k, 3)`."""
-    return np.asarray(np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)))
 
 
 def _folded(points: Array, first: Indices, second: Indices) -> NDArray[np.bool_]:
