@@ -30,19 +30,16 @@ class StepError(CouplingError):
         return f"the step from t = {self.time:.6g} s{length} failed: {self.cause}{place}"
 
 
-@dataclass
 class UphillError(StepError):
     """A step that creates energy: its solution is on another branch than the motion (`coupling.run.watch`)."""
 
 
-@dataclass
 class LentError(StepError):
     """A step of BDF2 that returns too much energy of the last step and must be solved without
     memory (`coupling.run.watch`).
     """
 
 
-@dataclass
 class TurnedHoleError(StepError):
     """An unsolved step with a hole that a linear organ has turned too far.
 
@@ -143,18 +140,10 @@ class RestError(CouplingError):
         )
 
 
-@dataclass
 class BranchError(CouplingError):
-    """A branch of equilibria that was lost before the wanted loads were reached.
-
-    It was followed from `time` [s] on. `cause` says how far, and why not further.
+    """A branch of equilibria that was lost before the wanted loads were reached; it says how far it
+    was followed, and why not further.
     """
-
-    time: float
-    cause: str
-
-    def __str__(self) -> str:
-        return f"from t = {self.time:.6g} s on {self.cause}"
 
 
 @dataclass
@@ -216,7 +205,6 @@ class ConstraintError(CouplingError):
         return f"at t = {self.time:.6g} s {self.cause}"
 
 
-@dataclass
 class TogetherError(ConstraintError):
     """Two holes that tissue moves to one place: the strand between them has no length left."""
 

@@ -226,8 +226,8 @@ def with_branch(error: CouplingError, lost: CouplingError) -> CouplingError:
     if not isinstance(lost, BranchError):
         return error
     if isinstance(error, SpentError):
-        return replace(error, beyond=lost.cause)
-    return replace(error, cause=f"{error.cause}; {lost.cause}") if isinstance(error, EquilibriumError) else error
+        return replace(error, beyond=str(lost))
+    return replace(error, cause=f"{error.cause}; {lost}") if isinstance(error, EquilibriumError) else error
 
 
 def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
@@ -302,8 +302,7 @@ def near(branch: Branch[Body], step: Step[Body], length: float) -> Step[Body]:
 def lost(first: Branch[Body], taken: Sequence[Step[Body]], why: str) -> BranchError:
     """Return the error of a branch that was lost after the steps `taken`."""
     furthest = max([first.share, *(step.new.time / first.duration for step in taken)])
-    cause = (
+    return BranchError(
         f"the branch beyond was followed by arc length through {len(taken)} equilibria, to {100 * furthest:.4g} % of "
         f"the loads at most, and {why}"
     )
-    return BranchError(first.state.time, cause)
