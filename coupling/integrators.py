@@ -31,6 +31,7 @@ backward Euler at each corner of a hand's way, instead of BDF2 across it, change
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -83,26 +84,16 @@ class Scheme(ABC):
 
 
 @dataclass(frozen=True)
-class Equilibrium(Scheme):
-    """No motion: a = d = 0 for all earlier states; `dt` [s] after the last equilibrium, in which
-    tissue relaxes.
+class Equilibrium:
+    """No motion: a = d = 0 and no earlier states, in an organ's scheme (`tissue.organs.meshed.TimeScheme`).
+
+    It is `dt` [s] after the last equilibrium, in which tissue relaxes.
     """
 
     dt: float = 0.0
-
-    @property
-    def d(self) -> float:
-        """Zero [1/s]."""
-        return 0.0
-
-    @property
-    def weights(self) -> tuple[float, ...]:
-        """Empty: no earlier values are used."""
-        return ()
-
-    def local_error(self, *velocities: Array) -> Array:
-        """Return zeros, because there is no motion."""
-        return np.zeros_like(velocities[0])
+    a: ClassVar = 0.0
+    d: ClassVar = 0.0
+    coefficients: ClassVar = ()
 
 
 @dataclass(frozen=True)

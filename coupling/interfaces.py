@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from coupling.arrays import Array, Flags, Indices
-from coupling.integrators import Scheme
+from tissue.organs.meshed import TimeScheme
 
 Body = TypeVar("Body")
 
@@ -104,7 +104,7 @@ class Organ(Protocol[Body]):
     def start(self) -> Body:
         """Return the state at the start of a run."""
 
-    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> Answer[Body]:
+    def answer(self, scheme: TimeScheme, past: Sequence[Body], time: float, share: float = 1.0) -> Answer[Body]:
         """Return the answer for a step of `scheme` from the states `past`, newest first.
 
         Ramped loads are those at `time` [s], times `share`. In equilibrium slips are counted from
@@ -126,7 +126,7 @@ class Organ(Protocol[Body]):
         None for an organ without mass, which takes no impulse.
         """
 
-    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> Answer[Body]:
+    def displace(self, scheme: TimeScheme, state: Body, y: Array, f_y: Array) -> Answer[Body]:
         """Return the answer of a step without motion from `y` (9p,) under the site forces `f_y` (9p,).
 
         The contact forces are those of `state`; velocities do not change.
@@ -233,7 +233,7 @@ class Steady(Protocol):
 class Modal(Protocol):
     """Optional members of a linear organ with inertia: its motion is in modes."""
 
-    def modes(self, scheme: Scheme, state: Any, times: Sequence[float]) -> Modes | None:
+    def modes(self, scheme: TimeScheme, state: Any, times: Sequence[float]) -> Modes | None:
         """Return the data of the modes for steps of a scheme; None if the loads at the `times` [s]
         are not those of the state.
         """

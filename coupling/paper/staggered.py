@@ -29,7 +29,7 @@ from coupling.joins.contact import NO_FORCES, solve_contact
 from coupling.kernels.constraints import site_force
 from coupling.step.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
-from tissue.organs.meshed import SiteAnswer
+from tissue.organs.meshed import SiteAnswer, TimeScheme
 
 FARTHEST = 0.1  # of the thread's length: a hole that moves further in one step has run away
 
@@ -49,7 +49,7 @@ class HeldOrgan(Generic[Body]):
         """Return the state of the organ at the start."""
         return self.organ.start()
 
-    def answer(self, scheme: Scheme, past: Sequence[Body], time: float, share: float = 1.0) -> SiteAnswer[Body]:
+    def answer(self, scheme: TimeScheme, past: Sequence[Body], time: float, share: float = 1.0) -> SiteAnswer[Body]:
         """Return the answer of the organ at its place."""
         return hold_still(self.organ, past[0])
 
@@ -69,7 +69,7 @@ class HeldOrgan(Generic[Body]):
         """Return the organ's answer to an impulse."""
         return self.organ.impulse(state)
 
-    def displace(self, scheme: Scheme, state: Body, y: Array, f_y: Array) -> SiteAnswer[Body]:
+    def displace(self, scheme: TimeScheme, state: Body, y: Array, f_y: Array) -> SiteAnswer[Body]:
         """Return the answer of the organ at its place."""
         return hold_still(self.organ, state)
 

@@ -2,9 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import pairwise
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,7 +27,6 @@ from coupling.reports.audit import NONE, PLANE
 from coupling.reports.observation import Seen
 from coupling.run.tautness import loose_ends, strands_of
 from coupling.run.watch import CREATED, CREATED_BDF2, SHARE, TRACE
-from coupling.step import tables
 from coupling.step.newton import Problem
 from coupling.step.packets import fit_of
 from coupling.step.stability import borne_pressure
@@ -39,9 +37,11 @@ from coupling.step.tables import (
     empty_passing,
     empty_ridden,
     given_of,
+    is_kept,
     own_curve,
     solver_for,
     tables_of,
+    telling,
 )
 from coupling.step.tension import along_of
 from coupling.system import State, System, forgetful
@@ -174,9 +174,10 @@ class Course:
         """
         iterations, kept = np.zeros(len(times), np.int64), room_to_keep(self._now, len(times))
         motions = self._now, self._earlier
-        self.made, why = run_march(
-            self._plan, self._body.organ, Ends(*ends), *motions, np.array(energies), iterations, kept
-        )
+        with telling(march.march, is_kept(march.march, KEPT, march.__file__), "steps made at once"):
+            self.made, why = march.march(
+                self._plan, self._body.organ, Ends(*ends), *motions, np.array(energies), iterations, kept
+            )
         self.happened, self._times = why == march.HAPPENED, times[: self.made]
         self.iterations, self._kept = iterations[: self.made], kept
         self.energies, self.strains = kept.energies[: self.made].tolist(), kept.strain[: self.made]
@@ -222,20 +223,6 @@ class Course:
         elastic, by_hand = self._kept.elastic[: self.made], np.zeros_like(ends.sigma, dtype=bool)
         holds = ends.s, ends.sigma, ends.stretch, by_hand, ends.lam, ends.y
         return Seen(self._like.present, ends.q, elastic, *holds, Passage(first, b, D, drive))
-
-
-@cache
-def is_ready() -> bool:
-    """Return whether the compiled loops were on disk at the first call, newer than all their
-    modules; True if Numba is disabled.
-    """
-    return tables.is_kept(march.march, KEPT, march.__file__)
-
-
-def run_march(*given: object) -> tuple[int, int]:
-    """Make steps in the loops. If the loops must be compiled first, log this and the time that it takes."""
-    with tables.telling(march.march, is_ready(), "steps made at once"):
-        return cast(tuple[int, int], march.march(*given))
 
 
 def over_holds(x: Array, holds: int) -> Array:

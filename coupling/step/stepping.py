@@ -31,6 +31,7 @@ from thread.riding import carried, put_on
 from thread.thread import Thread
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
+from tissue.organs.meshed import TimeScheme
 
 HALVINGS = 8  # a step fails finally at dt / 2^8
 RUN_OUT = 4  # halvings after which a hole is released before the step in which the thread would run out of it
@@ -118,7 +119,7 @@ def organ_answer(system: System[Body], scheme: Scheme, state: State[Body]) -> An
 
 
 def ask_organ(
-    system: System[Body], scheme: Scheme, past: Sequence[State[Body]], time: float, share: float = 1.0
+    system: System[Body], scheme: TimeScheme, past: Sequence[State[Body]], time: float, share: float = 1.0
 ) -> Answer[Body]:
     """Return the organ's answer from the states `past`, newest first, under a `share` of the loads
     at `time` [s].

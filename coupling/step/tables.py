@@ -175,28 +175,26 @@ def own_curve(curve: Curve) -> Curve:
 
 
 def folder_of_loops() -> Path | None:
-    """Return the folder of the cached loops; None if no folder can be written or Numba is disabled."""
+    """Return the folder of the loops of a step, as `folder_of`."""
     return folder_of(iteration.solve)
 
 
 def folder_of(loops: object) -> Path | None:
-    """Return the folder of cached compiled loops; None as in `folder_of_loops`."""
+    """Return the folder of compiled loops; None if no folder can be written or Numba is disabled."""
     stats = getattr(loops, "stats", None)
     return Path(stats.cache_path) if stats is not None and stats.cache_path else None
 
 
-@cache
 def is_ready() -> bool:
-    """Return whether the compiled loops were on disk at the first call, newer than all their
-    modules; True if Numba is disabled.
-    """
+    """Return whether the loops of a step were on disk at the first call, as `is_kept`."""
     return is_kept(iteration.solve, KEPT, iteration.__file__)
 
 
+@cache
 def is_kept(loops: object, name: str, module: str) -> bool:
-    """Return whether loops were compiled after the last change of the kernels that their `module` can call.
+    """Return whether loops on disk at the first call were newer than the kernels that their `module` can call.
 
-    Their files on disk begin with `name`. True if Numba is disabled.
+    Their files begin with `name`. True if Numba is disabled.
     """
     folder = folder_of(loops)
     if folder is None:
