@@ -101,34 +101,18 @@ class Contact(Generic[Body]):
         return float(ROUND_OFF * np.abs(open_gaps).max() + force * by_forces.max())
 
 
-def forces_and_gaps(contact: Contact[Body], pressed: Flags, open_gaps: Array) -> tuple[Array, Array]:
-    """Return the forces p and gaps g of all pairs with the pairs `pressed` closed, `(k,)` each [N, m]."""
-    if not pressed.any():
-        return np.zeros_like(open_gaps), open_gaps
-    p = closing_pushes(contact, pressed, open_gaps)
-    return p, open_gaps + contact.pressing(pressed) @ p[pressed]
-
-
-def closing_pushes(contact: Contact[Body], pressed: Flags, opened: Array) -> Array:
-    """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` without friction.
-
-    `opened` are the gaps without forces.
-    """
-    p = np.zeros_like(opened)
-    p[pressed] = -cho_solve(factorize_pressed(contact.pressing(pressed)[pressed], cho_factor), opened[pressed])
-    return p
-
-
 def closed_by(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, opened: Array) -> Array:
     """Return the forces, `(k,)` or `(k, i)` [N], that close the pairs `pressed` with their friction.
 
     The forces can be tensile. `opened` [m] are the gaps without forces.
     """
+    p = np.zeros_like(opened)
     if not pressed.any():
-        return np.zeros_like(opened)
+        return p
     if contact.rubs:
         return forces_by_tangent(contact.law, pressed, rubbing, opened)
-    return closing_pushes(contact, pressed, opened)
+    p[pressed] = -cho_solve(factorize_pressed(contact.pressing(pressed)[pressed], cho_factor), opened[pressed])
+    return p
 
 
 def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
@@ -144,13 +128,14 @@ def factorize_pressed(C: Array, factorize: Callable[[Array], Factor]) -> Factor:
 
 
 def misfits(contact: Contact[Body], f: Array, pressed: Flags, force: float = 0.0) -> Flags:
-    """Return the pressed pairs with tension and the open pairs that cross, under the site forces
-    `f` (9m,), shape `(k,)`.
+    """Return the pressed pairs with tension and the open pairs that cross, without friction and
+    under the site forces `f` (9m,), shape `(k,)`.
 
     The site forces have an error of `force` [N]. A contact force counts by the gap that it opens.
     """
     open_gaps = contact.gaps_when_open(f)
-    (p, g), slack = forces_and_gaps(contact, pressed, open_gaps), contact.slack(open_gaps, force)
+    p, slack = closed_by(contact, pressed, contact.stuck, open_gaps), contact.slack(open_gaps, force)
+    g = open_gaps + contact.pressing(pressed) @ p[pressed]
     g[pressed] = p[pressed] * np.diag(contact.pressing(pressed)[pressed])
     return np.asarray(g < -slack)
 
@@ -235,7 +220,11 @@ def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing
     """
     if not contact.rubs:
         pressed = find_pressed(contact, f, pressed)
-        return pressed, rubbing, forces(contact, pressed, f)
+        return (
+            pressed,
+            rubbing,
+            np.maximum(closing_forces(contact, pressed, rubbing, f), 0.0),
+        )  # no tension by round-off
     open_gaps = contact.gaps_when_open(f)
     if (open_gaps[: len(pressed)] >= 0.0).all():
         return np.zeros_like(pressed), contact.stuck, np.zeros_like(open_gaps)
@@ -258,13 +247,6 @@ def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Arr
         return NO_FORCES
     f, k = np.pad(f_y, (0, NINE * system.holds_off_organ)), len(contact.friction) or len(contact.g_free)
     return find_sets(contact, f, np.zeros(k, dtype=bool), contact.stuck)[2]
-
-
-def forces(contact: Contact[Body], pressed: Flags, f: Array) -> Array:
-    """Return p of all pairs under the site forces `f` (9m,), shape `(k,)` [N]; tension by round-off
-    is set to zero.
-    """
-    return np.maximum(forces_and_gaps(contact, pressed, contact.gaps_when_open(f))[0], 0.0)
 
 
 @dataclass(frozen=True)

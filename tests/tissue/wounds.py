@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import tissue
 from coupling.integrators import Equilibrium
-from coupling.joins.contact import Contact, find_pressed, forces
+from coupling.joins.contact import Contact, find_sets
 from meshes.grading import Grading
 from meshes.wound import Wound, lips, wounded_block_structured
 from tests.thread.threads import SITES
@@ -77,7 +77,7 @@ def forced(g_free: Array, answer: Any, start: Any = None) -> Array:
     """Contact forces where the gaps would be `g_free` without them; the pressed pairs are sought from `start`."""
     contact, none = Contact(g_free, answer.C_cy, answer), np.zeros(0)
     first = np.zeros(len(g_free), dtype=bool) if start is None else start
-    return forces(contact, find_pressed(contact, none, first), none)
+    return find_sets(contact, none, first, contact.stuck)[2]
 
 
 def at_rest(organ: Any, start: Any = None) -> tissue.OrganState:
