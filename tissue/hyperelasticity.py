@@ -207,19 +207,13 @@ class Hyperelasticity:
         """Return θ_a, shape `(vertices,)` [m³]."""
         return self._at_vertices(self._hats * (J - 1.0 / self._before))
 
-    def pressure(self, U: Array) -> Array:
-        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa].
-
-        It is zero without averaging.
-        """
-        if self.body.pressure is None:
-            return np.zeros(self.body.mesh.nvertices)
-        return self._stiffness_of_vertices * self._gaps(determinant(self.gradient(U)))
+    def pressure(self, J: Array) -> Array:
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]."""
+        return self._stiffness_of_vertices * self._gaps(J)
 
     def _pressure_at_points(self, J: Array) -> Array:
         """Return Σ_a ψ_a p_a dX, shape `(q, c)` [N m]."""
-        p = self._stiffness_of_vertices * self._gaps(J)
-        return np.asarray(np.einsum("aqc,ac->qc", self._hats, p[self.body.mesh.t]))
+        return np.asarray(np.einsum("aqc,ac->qc", self._hats, self.pressure(J)[self.body.mesh.t]))
 
     # --- energy and its derivatives ---------------------------------------------------------------------------
 

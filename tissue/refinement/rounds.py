@@ -55,11 +55,6 @@ class Fitted:
     errors: Array
     indicators: Array
 
-    @property
-    def error(self) -> float:
-        """The largest of the errors [-]; 0 if no site has a footprint."""
-        return self.rounds[-1].error
-
 
 def fitted(
     mesh: MeshTet,

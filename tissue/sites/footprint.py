@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tissue.arrays import Array
-from tissue.errors import TissueError
 
 WEIGHTS = ("uniform", "parabolic")  # the weights of a `tissue.sites.site.Site`
 RADIAL, AROUND, RIM = 16, 40, 720  # 640 points on the disc
@@ -39,10 +38,6 @@ class FootprintRule:
 
     points: Array
     weights: Array
-
-    def __post_init__(self) -> None:
-        if abs(self.weights.sum() - 1.0) > 1e-12:
-            raise TissueError(f"footprint weights sum to {self.weights.sum():.17g}; they must sum to one")
 
 
 def disc(weight: str) -> FootprintRule:
@@ -187,11 +182,6 @@ class Slope:
 
     points: Array
     vectors: Array
-
-    def __post_init__(self) -> None:
-        drift = np.abs(self.vectors.sum(axis=0)).max()
-        if drift > 1e-12:
-            raise TissueError(f"footprint vectors sum to {drift:.1e}; the slope of a constant must be zero")
 
 
 def disc_slope(weight: str) -> Slope:

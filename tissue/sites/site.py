@@ -116,17 +116,6 @@ class Sites:
     directed: tuple[bool, ...] = ()
     slopes: tuple[csr_matrix | None, ...] = ()
 
-    def __post_init__(self) -> None:
-        p = len(self.points)
-        if self.y0.shape != (9 * p,) or self.Y.shape[0] != 9 * p:
-            raise TissueError(f"sites: y0 {self.y0.shape} and Y {self.Y.shape}; {p} sites need 9 rows each")
-        u, v = self.y0.reshape(p, 3, 3)[:, 1], self.y0.reshape(p, 3, 3)[:, 2]
-        frames = np.stack([u, v, self.directions], axis=1)
-        defect = np.abs(frames @ np.swapaxes(frames, 1, 2) - np.eye(3)).max(initial=0.0)
-        twist = np.abs(np.cross(u, v) - self.directions).max(initial=0.0)
-        if max(defect, twist) > 1e-12:
-            raise TissueError(f"sites: frames are off orthonormal and right-handed by {max(defect, twist):.1e}")
-
 
 def frame(t0: Array) -> tuple[Array, Array]:
     """Return u₀, v₀ with u₀ × v₀ = t₀.

@@ -93,11 +93,6 @@ def factorize_indefinite(A: csr_matrix, places: Array | None = None, pattern: di
     return Factor(A, norm, direct.indefinite(A, places, pattern or direct.Pattern()))
 
 
-def check_residual(A: csr_matrix, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
-    """Raise `FactorError` if ‖Ax − b‖ of a column exceeds the `allowed` fraction of ‖A‖‖x‖ + ‖b‖."""
-    check_size(np.linalg.norm(A @ x - b, axis=0), norm, x, b, allowed)
-
-
 def check_size(residual: Array | float, norm: float, x: Array, b: Array, allowed: float = RESIDUAL) -> None:
     """Raise `FactorError` if the `residual` of a column exceeds the `allowed` fraction of ‖A‖‖x‖ +
     ‖b‖.
