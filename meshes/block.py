@@ -262,7 +262,7 @@ def add_box(gmsh: Any, lower: Array, upper: Array, planes: Planes, unit: float) 
         gmsh.model.occ.fragment([(3, box)], [(2, cut) for cut in cuts])
 
 
-def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]], unit: float) -> int:
+def add_polygon(gmsh: Any, corners: ArrayLike, unit: float) -> int:
     """Add a plane polygon to the gmsh model of a `unit` [m], and return its tag.
 
     The `corners` `(k, 3)` [m] are in order.
@@ -272,13 +272,10 @@ def add_polygon(gmsh: Any, corners: Sequence[Sequence[float]], unit: float) -> i
     return int(gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(lines)]))
 
 
-def _rectangle(lower: Array, upper: Array, axis: int, place: float) -> list[list[float]]:
-    """Return the section of the box normal to an axis at a coordinate, four corners in order."""
+def _rectangle(lower: Array, upper: Array, axis: int, place: float) -> Array:
+    """Return the section of the box normal to an axis at a coordinate, four corners in order, `(4, 3)`."""
     first, second = (k for k in range(3) if k != axis)
-    corners = []
-    for low_first, low_second in ((True, True), (False, True), (False, False), (True, False)):
-        corner = [place] * 3
-        corner[first] = float((lower if low_first else upper)[first])
-        corner[second] = float((lower if low_second else upper)[second])
-        corners.append(corner)
+    corners = np.full((4, 3), place)
+    corners[:, first] = lower[first], upper[first], upper[first], lower[first]
+    corners[:, second] = lower[second], lower[second], upper[second], upper[second]
     return corners

@@ -37,7 +37,7 @@ from tissue.errors import TissueError
 from tissue.organs.basis import Level, Space
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import LinearAnswer, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import OrganOfModes
+from tissue.organs.modal import ModalArrays, OrganOfModes
 from tissue.organs.reduced import check_held, check_memory
 
 log = logging.getLogger(__name__)
@@ -217,9 +217,7 @@ class KrylovOrgan(OrganOfModes):
             return self.full.energies(self.whole(old), self.whole(new))
         return level.modes.energies(self._at(level, old), self._at(level, new))
 
-    def modes(
-        self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
-    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
+    def modes(self, scheme: TimeScheme, state: OrganState, times: Sequence[float]) -> ModalArrays | None:
         """Return the arrays with which a kernel makes steps, or None.
 
         The arrays are masses and loads (n,), W (n, 9p), Y, y0 and R. Then follow Rayleigh's α and

@@ -30,6 +30,10 @@ from tissue.recent import Recent
 from tissue.sites.site import Sites
 from tissue.solvers.choice import SolverChoice
 
+# The data with which a kernel makes steps: masses and loads (n,), W (n, 9p), Y, y0 and R, Rayleigh's α and β, and two
+# bounds of the residual.
+ModalArrays = tuple[Array, Array, Array, Array, Array, Array, float, float, float, float]
+
 
 @dataclass(frozen=True)
 class ModalOperator:

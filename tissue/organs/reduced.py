@@ -27,7 +27,7 @@ from tissue.errors import TissueError
 from tissue.organs.basis import Space
 from tissue.organs.dynamic import DynamicOrgan
 from tissue.organs.meshed import SHARE, OrganEnergies, OrganState, SiteAnswer, TimeScheme
-from tissue.organs.modal import Modes, OrganOfModes
+from tissue.organs.modal import ModalArrays, Modes, OrganOfModes
 from tissue.solvers.choice import GIGA
 from tissue.solvers.memory import free_memory
 from tissue.supports import holds_still
@@ -177,9 +177,7 @@ class ReducedOrgan(OrganOfModes):
         """Return the energies at `new` and the works of the step, exact for the model."""
         return self.both.energies(old, new)
 
-    def modes(
-        self, scheme: TimeScheme, state: OrganState, times: Sequence[float]
-    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, float, float] | None:
+    def modes(self, scheme: TimeScheme, state: OrganState, times: Sequence[float]) -> ModalArrays | None:
         """Return the arrays with which a kernel makes steps, or None if the loads change at the
         `times` [s].
 
