@@ -136,15 +136,6 @@ class Travel:
         """Return the strand that each span is on, shape `(spans,)`."""
         return np.searchsorted(self.first_of_strands(), np.arange(len(self.between)), side="right") - 1
 
-    def between_packets(self, s: Array) -> Array:
-        """Return the lengths of the middles of the strands with holds at `s` (m,) [m], shape
-        `(strands,)` [m].
-        """
-        first = self.first_of_strands()
-        holds = self.between[first]
-        ends = np.where(holds == END, self.limits[first], np.append(s, 0.0)[holds])
-        return np.asarray(ends[:, 1] - ends[:, 0] - self.rigid)
-
     def places(self, s: Array) -> Array:
         """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s`
         (m,) [m].

@@ -97,8 +97,3 @@ def created(step: Step[Body]) -> float:
 def memory_of(step: Step[Body]) -> float:
     """Return the weight of the earlier position in the scheme of a step; zero for backward Euler."""
     return float(scheme_of(step.old, step.dt).weights[1]) if is_of_bdf2(step) else 0.0
-
-
-def given_back(step: Step[Body], old: Energies) -> float:
-    """Return the part of a loan that a step of BDF2 may return [J]; zero for backward Euler, which has no loan."""
-    return watch.given_back(memory_of(step), old.loan)

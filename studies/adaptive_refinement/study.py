@@ -158,7 +158,7 @@ def measured_on(keys: Settings) -> tuple[tissue.Estimate, int, float]:
     assembly = assemble(given)
     seconds, body = perf_counter() - begun, assembly.body
     assert body is not None
-    sites = [site_of(hole, assembly.scenario) for hole in assembly.holes]
+    sites = [site_of(hole) for hole in assembly.holes]
     return estimate(body, sites, tissue.build_sites(body, sites)), int(body.free.size), seconds
 
 

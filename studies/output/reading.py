@@ -103,8 +103,7 @@ class FrameFiles:
         with refused_if_torn(path), pv.vtk_verbosity("off"):
             if not is_whole(path.read_bytes()):
                 raise ValueError("its checksum differs")
-            found = pv.read(path)
-        return found
+            return pv.read(path)
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

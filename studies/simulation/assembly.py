@@ -126,7 +126,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     through = path_through(scenario.piercing, path, np.array(own) * (path.length / length))
     holes, s = with_balls(scenario, through, own, length, mesh)
     check_balls(scenario.thread, holes)
-    sites = [site_of(hole, scenario) for hole in holes]
+    sites = [site_of(hole) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)
     make_organ = partial(organ_of, scenario, sites, body, fit, given, store)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
@@ -421,7 +421,7 @@ def tie_of(table: model.Tie, holes: Sequence[model.Piercing]) -> Tie:
     return Tie(table.name, (first, last), table.force, table.from_, table.until, table.growth, table.speed, hold)
 
 
-def site_of(hole: model.Piercing, scenario: Scenario) -> tissue.Site:
+def site_of(hole: model.Piercing) -> tissue.Site:
     """Return the place of a hole on the organ."""
     direction = None if hole.direction == "free" else hole.direction
     line = hole.tract if isinstance(hole, Ball) else ""
@@ -451,7 +451,7 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
     if table is None or body is None or not table.mesh.bound:
         return None
     accuracy = ACCURACY if table.mesh.accuracy == "given" else table.mesh.accuracy
-    sites = [site_of(hole, scenario) for hole in holes]
+    sites = [site_of(hole) for hole in holes]
     return tissue.relative_bounds(body, sites, table.clamp, table.roller, accuracy)
 
 

@@ -12,9 +12,10 @@ import coupling.run.watch
 import coupling.step.stepping
 from coupling.errors import LentError, StepError, UphillError
 from coupling.kernels.iteration import ROUND_OFF
+from coupling.kernels.steps.watch import given_back
 from coupling.reports.audit import Energies, is_of_bdf2
 from coupling.run.run import Run, begin
-from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, given_back
+from coupling.run.watch import CREATED, LOOSENED, SHARE, TRACE, Watch, memory_of
 from coupling.step.stepping import Step, advance, bdf2_step, try_step
 from coupling.system import Piercing, State, System
 from studies.scenario import parse
@@ -158,7 +159,7 @@ def test_bdf2_gives_back_its_loan_alone(dt: float) -> None:
     for _ in range(20):
         before, run = run, run.step(dt)
         made.append(before.energies.numerical_dissipation - run.energies.numerical_dissipation)
-        beyond.append(made[-1] - given_back(run.taken[0], before.energies))
+        beyond.append(made[-1] - given_back(memory_of(run.taken[0]), before.energies.loan))
         there.append(run.energies.kinetic + run.energies.elastic)
     moving = max(there) - there[0]
     assert max(beyond) <= SMALL * moving

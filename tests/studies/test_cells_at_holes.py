@@ -66,7 +66,7 @@ def test_a_run_reports_bounds_of_the_compliance(tmp_path: Path) -> None:
 
 def compliance(simulation: Simulation) -> NDArray[np.float64]:
     """Compliance of the hole to forces along x, y and z, `(3,)` [m/N]."""
-    sites = [site_of(hole, simulation.scenario) for hole in simulation.assembly.holes]
+    sites = [site_of(hole) for hole in simulation.assembly.holes]
     body = simulation.assembly.body
     assert body is not None
     organ = tissue.QuasiStaticOrgan(body, tissue.build_sites(body, sites))

@@ -36,11 +36,6 @@ class FixedSites:
     directed: tuple[bool, ...] = ()
 
     @property
-    def Y(self) -> csr_matrix:
-        """The matrix Y, without columns because there are no unknowns, shape `(9p, 0)`."""
-        return csr_matrix((self.y0.size, 0))
-
-    @property
     def size(self) -> int:
         """Number of unknowns, zero."""
         return 0
@@ -62,10 +57,6 @@ class FixedSites:
     def site_variables(self, state: OrganState) -> Array:
         """Return y0, shape `(9p,)`."""
         return self.y0
-
-    def displacement(self, state: OrganState) -> Array:
-        """Return no displacement, shape `(0,)`."""
-        return EMPTY
 
     def impulse(self, state: OrganState) -> SiteAnswer:
         """Return the answer of sites at rest: they do not move under any impulse."""

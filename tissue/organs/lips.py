@@ -195,11 +195,6 @@ class Gaps:
         return self.body.rows_of(self.lip_nodes)
 
     @cached_property
-    def G(self) -> csr_matrix:
-        """Gaps of the pairs of the reference over the free unknowns, shape `(k, N)`."""
-        return csr_matrix(self.sums(self.start) @ self.rows)
-
-    @cached_property
     def g0(self) -> Array:
         """Gaps of the reference shape, shape `(k,)` [m]."""
         return self.rest(self.start)
