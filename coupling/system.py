@@ -149,13 +149,9 @@ class Piercing:
         """Rows (k, 2) of `pull` for each time that a hand takes the thread."""
         return () if self.pull is None else grips(self.pull)
 
-    def is_drawn(self, time: float) -> bool:
-        """Return whether a hand draws the thread by a length, or holds it, in a step from `time` [s] on."""
-        return any(not self.slides or is_within(rows, time) for rows in self.drawing)
-
-    def is_pulled(self, time: float) -> bool:
-        """Return whether a hand draws the thread with a force in a step from `time` [s] on."""
-        return any(not self.slides or is_within(rows, time) for rows in self.pulling)
+    def is_held(self, schedules: Sequence[Array], time: float) -> bool:
+        """Return whether a hand holds the thread in a step from `time` [s] on, by `drawing` or `pulling`."""
+        return any(not self.slides or is_within(rows, time) for rows in schedules)
 
     def drawn_length(self, time: float) -> float:
         """Return the length drawn through until `time` [s], summed over the grips, each from its
@@ -466,7 +462,8 @@ class System(Generic[Body]):
         none = [False] * self.holds_off_organ
         if not self.by_hand.any():
             return self.by_hand, self.by_hand
-        drawn, pulled = ([getattr(p, way)(time) for p in self.piercings] for way in ("is_drawn", "is_pulled"))
+        drawn = [p.is_held(p.drawing, time) for p in self.piercings]
+        pulled = [p.is_held(p.pulling, time) for p in self.piercings]
         return np.array(drawn + none, dtype=bool), np.array(pulled + none, dtype=bool)
 
     def drawn_ties(self, time: float) -> Flags:

@@ -127,14 +127,10 @@ class Travel:
         """
         return np.minimum(FIRST * self.scale * layers, self.longest)
 
-    def first_of_strands(self) -> Indices:
-        """Return the first span of each strand, shape `(strands,)`."""
-        ends = np.hstack([self.between, self.limits])
-        return np.flatnonzero(np.append(True, (ends[1:] != ends[:-1]).any(axis=1)))
-
     def strand_of_spans(self) -> Indices:
         """Return the strand that each span is on, shape `(spans,)`."""
-        return np.searchsorted(self.first_of_strands(), np.arange(len(self.between)), side="right") - 1
+        ends = np.hstack([self.between, self.limits])
+        return np.cumsum(np.append(False, (ends[1:] != ends[:-1]).any(axis=1)))
 
     def places(self, s: Array) -> Array:
         """Return the rest abscissae S_i of the control values, shape `(n,)` [m], for holds at `s`

@@ -396,14 +396,13 @@ def _signals() -> Iterator[list[int]]:
         yield received
         return
 
-    def receive(number: int, frame: FrameType | None) -> None:
-        if received:
-            raise KeyboardInterrupt
-        received.append(number)
-
     def heed() -> None:
         if received:
             raise KeyboardInterrupt
+
+    def receive(number: int, frame: FrameType | None) -> None:
+        heed()
+        received.append(number)
 
     earlier = {number: signal.signal(number, receive) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
