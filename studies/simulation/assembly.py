@@ -68,9 +68,9 @@ class Assembly:
     `holes` are the piercings with the balls of tracts in between. Their abscissae are `s` (p,) [m]
     on the thread and `at` (p,) [m] on its path. The path passes `through` the holes, and the resting
     organ moves it to `laid`.
-    `recovery` returns stress from displacement, None without an organ. `depths` returns the depth
-    of points in the organ (k,) [m]. `given` are the parts from Python. `fit` is the refinement of
-    cells, None without refinement.
+    With an organ, `recovery` returns stress from displacement, and `depths` the depth of points in it
+    (k,) [m]. `given` are the parts from Python. `fit` is the refinement of cells, None without
+    refinement.
     """
 
     scenario: Scenario
@@ -82,7 +82,7 @@ class Assembly:
     at: Array
     s: Array
     body: tissue.Elasticity | None
-    recovery: Callable[[], tissue.StressRecovery | None]
+    recovery: Callable[[], tissue.StressRecovery]
     depths: Callable[[Array], Array]
     given: Given = NOTHING
     fit: tissue.Fitted | None = None
@@ -455,23 +455,18 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
     return tissue.relative_bounds(body, sites, table.clamp, table.roller, accuracy)
 
 
-def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Shared) -> tissue.StressRecovery | None:
-    """Return the recovery of stress from displacement, from the store if possible.
-
-    It is None without an organ.
-    """
-    if body is None:
-        return None
+def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Shared) -> tissue.StressRecovery:
+    """Return the recovery of stress from displacement, from the store if possible."""
+    assert body is not None
     return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
 
 
 def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Shared, points: Array) -> Array:
     """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m].
 
-    It is negative outside, and −∞ without an organ. The function comes from the store if possible.
+    It is negative outside. The function comes from the store if possible.
     """
-    if body is None:
-        return np.full(len(points), -np.inf)
+    assert body is not None
     mesh = body.mesh
 
     def remembered() -> Callable[[bytes], Array]:

@@ -322,10 +322,8 @@ class Simulation:
     def _linear_fields(self, body: tissue.Elasticity, state: tissue.OrganState) -> tuple[Array, dict[str, Any]]:
         """Return the stress at the nodes of a linear organ, and other fields by their names."""
         organ: Any = self.assembly.organ
-        recovery = self.assembly.recovery()
-        assert recovery is not None
         U = organ.displacement(state)
-        stress = recovery.stress(U)
+        stress = self.assembly.recovery().stress(U)
         if isinstance(organ, tissue.RelaxingOrgan):
             stress = stress - organ.relaxed_stress(state)
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
