@@ -21,6 +21,7 @@ from coupling.run import begin
 from coupling.system import State
 from studies.arrays import MILLI, Array
 from studies.lists import study_list
+from studies.scenario.stitch import TAIL
 from studies.simulation.assembly import Assembly, assemble
 from studies.study import require, scene
 from studies.verdicts import bearing_strain
@@ -87,7 +88,7 @@ class Case:
         """
         y = self.places
         half = 0.5 * self.opening(y) + self.bite
-        lengths = 6.0 * half  # of each stitch with its tails
+        lengths = 2.0 * (1.0 + TAIL) * half  # of each stitch with its tails
         straight = {"depth": 0.0, "draw": [[0.0, 0.0]], "footprint": FOOTPRINT}
         shape = {"shape": "ellipse", "width": self.width} if self.width else {"generator": "gmsh"}
         sizes = {"size": [self.sheet, self.sheet, THICKNESS], "length": self.length, "depth": THICKNESS}

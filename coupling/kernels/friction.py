@@ -212,7 +212,7 @@ def next_sigma(law: Law, k: int, sigma: float, s: float, judged: Array, margin: 
     A sticking hold slides if its force exceeds the bound by the margin [N]. A sliding hold sticks
     if it moved in the direction of its own friction, further than the margin stretches the thread.
     """
-    if sigma != 0.0:
+    if sigma != 0.0 and law.one_way[k] != -sigma:
         return 0.0 if sigma * (s - law.s_old[k]) < -margin * law.joints.compliance else sigma
     sense = law.one_way[k] if law.one_way[k] != 0.0 else 1.0 if judged[0] > 0.0 else -1.0
     return sense if excess(judged, sense) > margin else 0.0

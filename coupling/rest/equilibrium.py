@@ -18,7 +18,6 @@ A thread that runs out of a hole on the way has left the hole: the load step is 
 
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
@@ -82,7 +81,7 @@ from coupling.step.stepping import (
 )
 from coupling.step.tension import stretches_at
 from coupling.system import State, System
-from tissue.errors import OrganError
+from tissue.errors import FactorError, OrganError
 
 log = logging.getLogger(__name__)
 
@@ -528,22 +527,19 @@ def lightly_loaded(system: System[Body], state: State[Body], share: float, durat
     """Return the steps from the laid thread to its equilibrium under the part LIGHT of the loads.
 
     A laid thread is not in equilibrium. Its bends draw back through a rough hole as soon as the loads
-    allow it, and friction would hold them under larger loads. The list is empty if the first load
+    allow it, and friction would hold them under larger loads. Loads with a course are those at the
+    part LIGHT of the time, light only if they grow from zero. The list is empty if the first load
     step, to the part `share`, is as small. It is empty too if the thread has no such equilibrium in
     all its holes and ties, without a fold or a snap; it then begins with that load step.
     """
     if share <= LIGHT or state.time > 0.0:
         return []
     try:
-        with bounded(system, state, LIGHT):
-            steps = list(go_on(system, state, LIGHT, duration, 0.0, DEEPEST))
-        for step in steps:
-            refuse_folding(step)
-    except CouplingError as error:
-        log.debug("no equilibrium under light loads: %s", error)
+        step, gone = accepted(system, settle(system, state, LIGHT, duration), 0)
+    except (CouplingError, FactorError) as error:
+        log.info("no equilibrium under light loads, and friction may keep bends of the laid thread: %s", error)
         return []
-    stays = (steps[-1].new.present == state.present).all() and not any(step.snapped for step in steps)
-    return steps if stays else []
+    return [] if gone.any() or step.snapped else [step]
 
 
 def load_steps(
@@ -557,12 +553,6 @@ def load_steps(
     If `duration` is zero, all loads are those at t = 0 and begin with zero. Raises the errors of
     `go_on`, and `SpentError` after MOST_CORRECTIONS.
     """
-    with bounded(system, state, share):
-        yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)
-
-
-def bounded(system: System[Body], state: State[Body], share: float) -> AbstractContextManager[None]:
-    """Return a context in which corrections from a `state` raise `SpentError` after MOST_CORRECTIONS."""
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
@@ -570,7 +560,8 @@ def bounded(system: System[Body], state: State[Body], share: float) -> AbstractC
             doing = what_it_does(system, state)
             raise SpentError(state.time, share, MOST_CORRECTIONS, *doing, remedy=remedy_for(system, state))
 
-    return asked_before_corrections(count)
+    with asked_before_corrections(count):
+        yield from go_on(system, state, share, duration, state.time / duration if duration else 0.0)
 
 
 def go_on(

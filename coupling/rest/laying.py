@@ -1,8 +1,9 @@
 """A consistent start: Φ = 0, the thread as close to a given path as possible, and no strain except
 that of its length.
 
-The laid thread is an equilibrium. It is nearly inextensible and lies on an elastic bed along the
-path. Some bending stiffness rounds the kinks that the bed would cause, and the abscissae are held.
+The laid thread is an equilibrium on its bed. It is nearly inextensible and lies on an elastic bed
+along the path. Some bending stiffness rounds the kinks that the bed would cause, and the abscissae
+are held.
 The bed has the form of the inertia term of a step, so that the same Newton solver applies.
 """
 

@@ -6,11 +6,11 @@ their pressed pairs slip, and stick again when the first pair sticks. The same h
 along a tract, with the tract's balls instead of pairs.
 
 A piercing begins (`coupling.run.impact`) and ends between two steps: at the first end of a step
-that is not before its time (`coupling.run.run`). The times of four kinds of events are found within
-a step (`coupling.run.location`): a hole is left, a hold slips or sticks, a strand becomes taut or
-slack, tissue tears. A hold that reverses its motion in a step sticks and slips in it. All other
-events have the time of the end of the step. The end of a piercing changes neither positions nor
-velocities.
+that is not before its time, at rest at its time (`coupling.run.run`). The times of four kinds of
+events are found within a step (`coupling.run.location`): a hole is left, a hold slips or sticks, a
+strand becomes taut or slack, tissue tears. A hold that reverses its motion in a step sticks and
+slips in it. All other events have the time of the end of the step. The end of a piercing changes
+neither positions nor velocities.
 """
 
 from collections.abc import Callable, Sequence

@@ -14,7 +14,7 @@ slips from then on, while its force rises from one bound to the other. The motio
 divided at this time: a switch acts over its whole step. An integrator is of first order there
 anyway (`coupling.integrators`).
 
-Events at rest have no time within a load step. An event without a solution has the time of the end
+Events at rest have no time within a load step or its part. An event without a solution has the time of the end
 of the step.
 """
 
@@ -72,7 +72,7 @@ def locate(old: State[Body], step: Step[Body]) -> Times:
     if problem.stiffen:
         return times
     times = replace(times, leaves=leaving_times(old, step))
-    rubs = problem.law.rough & problem.law.may_slide & (old.sigma != step.new.sigma)
+    rubs = problem.law.rough & ~problem.law.by_hand & problem.law.may_slide & (old.sigma != step.new.sigma)
     if not rubs.any():
         return times
     stopped = rubs & (old.sigma != 0.0)

@@ -248,12 +248,12 @@ class Run(Generic[Body]):
     def planned(self) -> list[float]:
         """The times of scheduled changes [s], in order.
 
-        Cuts are due, piercings and ties begin or end, and hands take the thread or let go.
+        Cuts are due, piercings and ties begin or end, and hands take the thread, turn or let go.
         """
         holes, ties = self.system.piercings, self.system.ties
-        grips = [rows[ends, 0] for hole in holes for rows in (*hole.drawing, *hole.pulling) for ends in (0, -1)]
+        grips = [rows for hole in holes for rows in (*hole.drawing, *hole.pulling)]
         periods = [(hole.begins, hole.ends) for hole in holes] + [(tie.begins, tie.locks) for tie in ties]
-        return sorted({*(cut.time for cut in self.cuts), *chain(*periods), *map(float, grips)})
+        return sorted({*(cut.time for cut in self.cuts), *chain(*periods), *chain(*map(turns, grips))})
 
     def load(self, share: float, duration: float) -> "Run[Body]":
         """Return the run at the equilibrium under the part `share` of the loads at `duration` [s].
@@ -264,14 +264,16 @@ class Run(Generic[Body]):
         `InversionError`, `ConstraintError`.
         """
         run, now, end = replace(self, at_once=0, taken=(), events=(), seen=None), self.state.time, share * duration
-        slack = ON_TIME * (end - now)
-        parts = [time / duration for time in self.planned if now + slack < time < end - slack] + [share]
+        dt, parts = end - now, [share]
+        for time in reversed(self.planned):
+            if ON_TIME * dt < time - now and time < parts[0] * duration - ON_TIME * dt:
+                parts.insert(0, time / duration)
         if run.fresh:
             refuse_unbalanced(run.system, run.state, duration)
             run = run.held_together()._lightly_loaded(parts[0], duration)
         for part in parts:
             first = run if run.fresh else run._fitted()
-            run = first._settled(part, duration)._scheduled(now, part * duration - now)
+            run = first._settled(part, duration)._scheduled(now, dt)
             if any(event.kind == "cut" for event in run.events[len(first.events) :]):
                 run = run._audited(reach(run.system, run.state, part, duration))
             now = part * duration
@@ -490,6 +492,13 @@ def schedule_piercings(
             state, event = begin_piercing(system.at(state), state, k, dt, float(given[k]))
             out.append(event)
     return state, out
+
+
+def turns(rows: Array) -> list[float]:
+    """Return the times [s] of the first and last of a hand's `rows` (k, 2), and of those at which it turns."""
+    way = np.sign(np.diff(rows[:, 1]))
+    at_turn = np.r_[True, way[1:] != way[:-1], True] if len(rows) > 1 else [True]
+    return [float(time) for time in rows[at_turn, 0]]
 
 
 def is_due(time: float, earlier: float, now: float, dt: float) -> bool:

@@ -49,7 +49,7 @@ class Solve(ScenarioTable):
         return self.load_steps if self.kind == "static" else ceil(self.duration / self.dt - WHOLE)
 
     def step_by(self, time: float) -> int:
-        """Return the number of the first step, or load step, that ends at or after a time [s]."""
+        """Return the number of the first step that ends at or after a time [s]."""
         return ceil(time / self.step - WHOLE)
 
     @property

@@ -49,7 +49,7 @@ class Bite(NamedTuple):
 
 
 class Stitch(ScenarioTable):
-    """Stitch that is laid, drawn by hands and locked."""
+    """Stitch that is laid, drawn by hands, and locked if it is drawn with a force."""
 
     name: Text
     kind: Kind = "single"
@@ -73,6 +73,10 @@ class Stitch(ScenarioTable):
         check_ending(self.from_, self.until)
         self._refuse(self.kind not in ROWS and "count" in self.model_fields_set, "count.fixed")
         self._refuse((self.force is None) == (self.draw is None), "force.draw")
+        straight = self.kind == "running" or (self.kind == "single" and self.draw is not None)
+        self._refuse(not self.depth and not straight, "depth.tied")
+        self._refuse(not self.depth and bool(self.tract), "tract.straight")
+        self._refuse(self.draw is not None and self.until is not None, "until.draw")
         self._refuse(not self.is_tied and self.hold is not None, "hold.untied")
         if self.draw is not None:
             check_rising("draw", self.draw)

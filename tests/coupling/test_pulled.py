@@ -305,3 +305,17 @@ def test_what_is_planned_within_a_load_step_takes_place_at_its_time(load_steps: 
     ring |= {"draw": [[0.25, 0.0], [0.45, 2e-4], [0.5], [0.65, 0.0], [0.85, 1e-4]]}
     last = run(table)[1][-1]
     assert last.piercings[1].slip == pytest.approx(3e-4, rel=RESIDUAL)
+
+
+def test_a_hand_turns_within_a_load_step() -> None:
+    """Independent check: a hand draws at a hole that keeps what it grips, and lets out again. In one load step and in
+    ten the strand has been stretched, and then relaxed by the length that was let out."""
+    found = []
+    for load_steps in (1, 10):
+        table = scheduled(kind="static", load_steps=load_steps, duration=1.0)
+        ring = table["piercing"][1]
+        del ring["pull"]
+        ring["draw"] = [[0.0, 0.0], [0.3, 2e-4], [0.6, 1e-4], [1.0, 1e-4]]
+        found.append(run(table)[1][-1].piercings[1])
+    assert found[0].slip == pytest.approx(1e-4, rel=RESIDUAL)
+    assert found[0].tension_before == pytest.approx(found[1].tension_before, rel=1e-3)

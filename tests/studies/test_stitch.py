@@ -172,6 +172,8 @@ def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.Captur
         ({"from": 0.5, "until": 0.4}, r"until = 0\.4 is refused: it must be later than from"),
         ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a stitch without a tie"),
         ({"draw": [[0, 0]]}, r"force = 0\.2 is refused: hands draw with a force or by a length"),
+        ({"depth": 0.0}, r"depth = 0\.0 is refused: without depth a stitch is straight"),
+        ({"depth": 0.0, "kind": "running", "tract": 1e-3}, r"tract = 0\.001 is refused: a stitch without depth"),
         ({"kind": "purse-string", "pitch": 5e-3, "count": 6}, r"bite = 0\.005 is refused: 6 bites"),
         (
             {"bites": 1},
@@ -227,6 +229,7 @@ def test_hands_draw_a_length_at_both_ends(depth: float) -> None:
     *_, (last, _) = simulation.advance()
     left, right = last.piercings
     assert max(abs(left.tension_before), abs(right.tension_after)) < 1e-9
+    assert [left.slip, right.slip] == pytest.approx([-drawn, drawn])
     if not depth:
         taut = simulation.assembly.system.thread.EA * 2 * drawn / (2 * BITE - 2 * drawn)
         assert left.tension_after == pytest.approx(taut, rel=0.03)

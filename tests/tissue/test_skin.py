@@ -84,7 +84,7 @@ def test_d_is_the_gradient_of_the_distance_also_of_a_deformed_block() -> None:
     places = np.column_stack([*random.uniform(-0.011, 0.011, (2, 300)), random.uniform(1.5e-4, 4e-4, 300)])
     _, d = distances(surface, displacement, places)
     off = np.linalg.norm(slopes(surface, displacement, places) + d, axis=1)  # d points from the place to the surface
-    assert np.quantile(off, 0.98) <= 100.0 * SLOPE  # but for places within STEP of a kink of the distance
+    assert off.max() <= 10.0 * SLOPE  # beyond an edge the third derivative is 1/r², and STEP²/6r² = 7e-8
 
 
 @pytest.mark.parametrize("amount", [0.0, 2e-4])

@@ -8,12 +8,16 @@ the organ deforms.
 
 A point P faces the point x = Σ ξ_i x_i of a facet if P = x − t N with N = Σ ξ_i n_i, which points
 into the organ. Its gap is g = t |N| − b. It is continuous as P and the organ move, because facets
-share the normals on their common edge. A point beyond a sharp edge faces the nearest point x, and
-its gap is |x − P| − b.
+share the normals on their common edge.
 
-d = −∂g/∂P, so that a force along d does the work of the gap. Its length differs from 1 by the square
-of the angle between d and N. The organ's part of the gap, d·x, follows the displacement of the
-facet. The place of x in the facet and d are constant during a step.
+A point beyond a sharp edge faces the nearest point x along d = (x − P)/|x − P|, and its gap is
+|x − P| − b d·N/|N|. This gap jumps by a part of b where the nearest point goes from one facet to the
+other of the edge.
+
+Elsewhere d = −∂g/∂P, so that a force along d does the work of the gap as P moves. Its length differs
+from 1 by half the square of the angle between d and N. The organ's part of the gap, d·x, follows the
+displacement of the facet; normals that turn with the organ are not part of it. The place of x in
+the facet and d are constant during a step.
 """
 
 from dataclasses import dataclass
@@ -124,7 +128,8 @@ class Skin:
         length = np.linalg.norm(N, axis=1)
         by_place = (t / length)[:, None] * np.matvec(n, N) - by_place
         d = -np.vecmat(np.column_stack([by_place[:, 1:] - by_place[:, :1], length]), rates)
-        gap, way = t * length - bulge, np.vecmat(inside, corners) - places
+        facing = np.clip(-np.vecdot(rates[:, 2], N), 0.0, 1.0)  # less than 1 beyond a sharp edge only
+        gap, way = t * length - facing * bulge, np.vecmat(inside, corners) - places
         return np.column_stack([facet, inside, d, gap, np.vecdot(way, d) - gap, labels])
 
     def _feet(self, surface: tuple[Array, Array], places: Array) -> tuple[Indices, Array, Array, Array]:
