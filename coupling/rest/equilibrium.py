@@ -123,7 +123,7 @@ def static_problem(
     Friction in holes opposes the way from `first`, and drawn lengths count from there. The thread
     relaxes for `lapse` [s] from `first` on. The load step began at `began`. Which hands draw and
     which ties hold is decided at its time; their forces are those at the end of the load step. The
-    thread rubs on the organ on the way from `began`.
+    thread slides in ties, and rubs on the organ, on the way from `began`.
     """
     time = share * duration
     system = system.over(first, lapse)
@@ -133,6 +133,7 @@ def static_problem(
     load[loose] = 0.0
     by_hand = system.drawn_lengths(first.time, time), system.pulling_forces(time)
     stretch = stretches_at(system, state.s, state.N, state.present)
+    s_old = np.where(system.of_ties, began.s, first.s)
     return Problem(
         system=system,
         time=time,
@@ -142,7 +143,7 @@ def static_problem(
         load=load,
         answer=answer,
         rows=system.rows & state.present[:, None],
-        law=law_of(system, first.s, state.present, 0.0, first.s, *by_hand, began.time, stretch),
+        law=law_of(system, s_old, state.present, 0.0, s_old, *by_hand, began.time, stretch),
         stiffen=True,
         frame=state.frame,
         gaps=tie_gaps(system, state, time),
@@ -529,10 +530,11 @@ def lightly_loaded(system: System[Body], state: State[Body], share: float, durat
     A laid thread is not in equilibrium. Its bends draw back through a rough hole as soon as the loads
     allow it, and friction would hold them under larger loads. Loads with a course are those at the
     part LIGHT of the time, light only if they grow from zero. The list is empty if the first load
-    step, to the part `share`, is as small. It is empty too if the thread has no such equilibrium in
-    all its holes and ties, without a fold or a snap; it then begins with that load step.
+    step, to the part `share`, is as small, and for a body that only the thread holds, which light
+    loads do not bring to rest. It is empty too if the thread has no such equilibrium in all its
+    holes and ties, without a fold or a snap; it then begins with that load step.
     """
-    if share <= LIGHT or state.time > 0.0:
+    if share <= LIGHT or state.time > 0.0 or isinstance(system.organ, Floats):
         return []
     try:
         step, gone = accepted(system, settle(system, state, LIGHT, duration), 0)

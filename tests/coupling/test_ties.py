@@ -500,7 +500,11 @@ def test_a_run_with_ties_goes_on_where_it_was() -> None:
         ({"from": 0.6}, {}, r"tie\.knot1\.until = 0\.5 is refused: it must be later than from"),
         ({"ramp": 0.6}, {}, r"tie\.knot1\.ramp = 0\.6 is refused: the loop is locked 0\.5 s after"),
         ({"force": 0.0}, {}, r"tie\.knot1\.force"),
-        ({"from": 0.3, "until": 0.37}, {}, r"tie\.knot1\.until = 0\.37.*closed and locked in the same step"),
+        (
+            {"from": 0.3, "until": 0.37},
+            {"kind": "dynamic", "dt": 0.25},
+            r"tie\.knot1\.until = 0\.37.*closed and locked in the same step",
+        ),
         ({}, {"kind": "dynamic", "scheme": "linear"}, r"solve\.scheme.*a thread cannot be tied with it"),
         ({}, {"kind": "dynamic", "coupling": "staggered"}, r"solve\.coupling.*a thread cannot be tied with it"),
         ({}, {"kind": "dynamic", "epsilon": 1e-4}, r"solve\.epsilon.*a thread cannot be tied with it"),
