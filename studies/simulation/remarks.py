@@ -150,7 +150,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from undone(scenario, step)
     yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
     if dynamic:
-        yield from locked_slack(scenario.tie, extremes.locked)
+        yield from locked_off(scenario.tie, extremes.locked)
         yield from swinging(extremes.swing)
         yield from chattering(names, extremes.chattered)
 
@@ -340,13 +340,14 @@ def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension:
         yield from judged(force > bounds.OFF_LAW * tension, "knot-kept", tie.name, holes=tie.between, force=force)
 
 
-def locked_slack(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:
-    """Yield remarks on ties locked below their force.
+def locked_off(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:
+    """Yield remarks on ties locked below or above their force.
 
     `forces` (t,) [N] are NaN for a tie that was not locked.
     """
     for tie, force in zip(ties, forces.tolist(), strict=True):
         yield from judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
+        yield from judged(force > tie.force / bounds.LOCKED, "tie-tight", tie.name, tie=tie, force=force)
 
 
 def swinging(swing: float) -> list[Remark]:
