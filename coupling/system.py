@@ -185,6 +185,13 @@ def is_within(rows: Array, time: float) -> bool:
     return bool(first - slack <= time < last - slack)
 
 
+def turns(rows: Array) -> list[float]:
+    """Return the times [s] of the first and last of a hand's `rows` (k, 2), and of those at which it turns."""
+    way = np.sign(np.diff(rows[:, 1]))
+    at_turn = np.r_[True, way[1:] != way[:-1], True] if len(rows) > 1 else [True]
+    return [float(time) for time in rows[at_turn, 0]]
+
+
 def is_overlapping(one: Array, other: Array) -> bool:
     """Return whether two schedules of a hand, rows (k, 2), overlap in more than an end."""
     return bool(max(one[0, 0], other[0, 0]) < min(one[-1, 0], other[-1, 0]))

@@ -220,11 +220,8 @@ def find_sets(contact: Contact[Body], f: Array, pressed: Flags, rubbing: Rubbing
     """
     if not contact.rubs:
         pressed = find_pressed(contact, f, pressed)
-        return (
-            pressed,
-            rubbing,
-            np.maximum(closing_forces(contact, pressed, rubbing, f), 0.0),
-        )  # no tension by round-off
+        p = closing_forces(contact, pressed, rubbing, f)
+        return pressed, rubbing, np.maximum(p, 0.0)  # no tension by round-off
     open_gaps = contact.gaps_when_open(f)
     if (open_gaps[: len(pressed)] >= 0.0).all():
         return np.zeros_like(pressed), contact.stuck, np.zeros_like(open_gaps)

@@ -35,7 +35,7 @@ from coupling.run.watch import Watch
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.packets import fitted, fitting, know_holes
 from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_step, release
-from coupling.system import State, System, forgetful
+from coupling.system import State, System, forgetful, turns
 from coupling.ties import ON_TIME
 from tissue.errors import FactorError
 
@@ -492,13 +492,6 @@ def schedule_piercings(
             state, event = begin_piercing(system.at(state), state, k, dt, float(given[k]))
             out.append(event)
     return state, out
-
-
-def turns(rows: Array) -> list[float]:
-    """Return the times [s] of the first and last of a hand's `rows` (k, 2), and of those at which it turns."""
-    way = np.sign(np.diff(rows[:, 1]))
-    at_turn = np.r_[True, way[1:] != way[:-1], True] if len(rows) > 1 else [True]
-    return [float(time) for time in rows[at_turn, 0]]
 
 
 def is_due(time: float, earlier: float, now: float, dt: float) -> bool:

@@ -162,8 +162,8 @@ def law_of(
     """
     drawn_ties, (by_length, by_force) = system.drawn_ties(time), system.in_hand(time)
     in_hand, tied = by_length | by_force, system.of_ties & ~drawn_ties
-    asked = system.over_ties([tie.force for tie in system.ties], -1.0)
-    one_way = np.where(drawn_ties & (np.abs(pulls) < np.abs(asked)), -np.sign(asked), 0.0)
+    full = system.over_ties([tie.force for tie in system.ties], -1.0)
+    one_way = np.where(drawn_ties & (np.abs(pulls) < np.abs(full)), -np.sign(full), 0.0)
     rough = np.where(drawn_ties, one_way != 0.0, system.rough & ~in_hand)
     static, kinetic, grip, barb, per_channel = system.friction
     may_slide = system.may_slide & present & (rough | ~tied) & ~by_length

@@ -135,7 +135,7 @@ class Skin:
     def _feet(self, surface: tuple[Array, Array], places: Array) -> tuple[Indices, Array, Array, Array]:
         """Return facets, ξ and t with P = Σ ξ_i (x_i − t n_i), and the rates of ξ_1, ξ_2 and t by P.
 
-        The search starts on the nearest facet and goes on to the facet beyond a side that Newton's
+        The search starts on the nearest facet and continues on the facet beyond a side that Newton's
         method has crossed. If there is no such place, as beyond a sharp edge, x is the nearest point
         and the direction of N is that to x, or N at x if P is inside or touches the facet.
         """
