@@ -133,6 +133,7 @@ class Tangent:
     Z: csr_matrix
     definite: bool = True
     _gaps: Recent[Columns] = field(default_factory=lambda: Recent(1), repr=False)
+    _by_sites: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
     _ways: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
 
     @cached_property
@@ -163,6 +164,13 @@ class Tangent:
         They are cached for the last G. Raises `OrganError` if the tangent cannot be solved.
         """
         return self._gaps.of((pairing.G,), lambda: gap_compliance(self.factor, pairing.G)).of(some)
+
+    def gaps_by_sites(self, sums: csr_matrix, lip_rows: csr_matrix) -> Array:
+        """Return G A⁻¹ Zᵀ, shape `(k, number of z)`, for a pairing with G = `sums` `lip_rows`.
+
+        It is cached for the last `sums`. Raises `OrganError`.
+        """
+        return self._by_sites.of((sums,), lambda: np.asarray(sums @ touching(lip_rows, self.W)))
 
 
 def unsolved(error: FactorError) -> OrganError:
@@ -256,10 +264,10 @@ class FiniteAnswer:
         g = self.pairing.g0 + self.pairing.G @ (self.point.U + self._U_r)
         return np.asarray(g + self._GW_turning @ (self.organ.map.Z @ self._U_r))
 
-    @cached_property
+    @property
     def _GW(self) -> Array:
         """G A⁻¹ Zᵀ, shape `(k, number of z)`."""
-        return np.asarray(self.pairing.sums @ touching(self.organ.lip_rows, self.tangent.W))
+        return self.tangent.gaps_by_sites(self.pairing.sums, self.organ.lip_rows)
 
     @cached_property
     def _GW_turning(self) -> Array:
