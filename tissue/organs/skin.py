@@ -148,7 +148,8 @@ class Skin:
         straight = np.vecdot(way, d) / length, np.pad(-d[:, None] / length[:, None, None], ((0, 0), (2, 0), (0, 0)))
         facet, inside, t = start, place, straight[0]
         for _ in range(FACETS):
-            inside, t, rates, change = foot(places, corners[facet], normals[facet], inside, t)
+            with np.errstate(over="ignore", invalid="ignore"):  # a search that diverges finds no place
+                inside, t, rates, change = foot(places, corners[facet], normals[facet], inside, t)
             crossed = inside.min(axis=1) < -ON_EDGE
             after = np.where(crossed, self._smooth[2][facet, inside.argmin(axis=1)], facet)
             if np.array_equal(after, facet):
