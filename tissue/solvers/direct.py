@@ -10,6 +10,7 @@
   is therefore loaded only on request.
 """
 
+import os
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,7 +34,7 @@ COLUMNS = 12  # given to CHOLMOD together: its sparse solve takes four at a time
 SMALL_PIVOT = 0.1  # of the largest entry of its column: the usual threshold of symmetric indefinite LU
 PARDISO_SPD = 2  # matrix type: real, symmetric, positive definite
 METIS = 2
-SOLVE = 33  # Pardiso's phase: back-substitution
+ANALYSE_AND_FACTORISE, FACTORISE, SOLVE = 12, 22, 33  # phases of Pardiso
 NOT_DEFINITE = -4  # Pardiso's error: a zero or negative pivot
 
 
@@ -198,26 +199,45 @@ def _columns(rows: csr_matrix) -> Any:
 
 def pardiso(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubstitution:
     """Factorise by the Cholesky of MKL's Pardiso, ordered by METIS. Raises `FactorError`."""
-    from pypardiso import PyPardisoSolver
     from pypardiso.pardiso_wrapper import PyPardisoError
 
     upper = triu(A, format="csr")
     upper.sort_indices()
-    library = PyPardisoSolver(mtype=PARDISO_SPD)
-    library.set_iparm(1, 1)  # no defaults: the default of two refinement steps costs a second solve
-    library.set_iparm(2, METIS)
+    idle = pattern.once("analysed", upper, Idle)
+    library, phase = (idle.pop(), FACTORISE) if idle else (_pardiso(), ANALYSE_AND_FACTORISE)
+    library.set_phase(phase)
+    # Pardiso's public calls store a copy of the matrix, and compare it at every solve.
     try:
-        library.factorize(upper)
+        library._call_pardiso(upper, np.zeros((A.shape[0], 1)))
     except PyPardisoError as error:
+        library.free_memory(everything=True)
         if error.value == NOT_DEFINITE:
             raise FactorError("the matrix is not positive definite or singular: a pivot is not positive") from error
         raise FactorError(f"Pardiso failed: {error}") from error
-
     library.set_phase(SOLVE)
 
     def back_substitute(b: Array) -> Array:
-        # Pardiso's public solve compares the whole matrix with the factorised one; this takes longer than solving.
         return np.asarray(library._call_pardiso(upper, np.asfortranarray(b, dtype=float)))
 
-    weakref.finalize(back_substitute, library.free_memory, everything=True)
+    weakref.finalize(back_substitute, idle.append, library)
     return back_substitute
+
+
+def _pardiso() -> Any:
+    """Return a new solver of Pardiso, without an analysed matrix."""
+    from pypardiso import PyPardisoSolver, ps
+
+    # Without this path, every solver searches all folders of the environment for the library.
+    os.environ.setdefault("PYPARDISO_MKL_RT", ps.libmkl._name)
+    library = PyPardisoSolver(mtype=PARDISO_SPD)
+    library.set_iparm(1, 1)  # no defaults: the default of two refinement steps costs a second solve
+    library.set_iparm(2, METIS)
+    return library
+
+
+class Idle(list[Any]):
+    """Solvers of Pardiso whose factor is no longer used; their analysis serves the next one."""
+
+    def __del__(self) -> None:
+        for library in self:
+            library.free_memory(everything=True)
