@@ -27,7 +27,7 @@ from studies.scenario.values import Turn
 from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.keeping import kept_reduction
-from studies.simulation.laid import LaidPath, moved_with, through_holes
+from studies.simulation.laid import LaidPath, moved_with, over_surface, through_holes
 from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
@@ -131,6 +131,8 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     make_organ = partial(organ_of, scenario, sites, body, fit, given, store)
     organ: AnyOrgan = store.take("organ", organ_key(scenario), make_organ)
     at = np.array(s) * (path.length / length)
+    if (skin := getattr(organ, "skin", None)) is not None:
+        through = over_surface(through, at, section_of(scenario.thread).diameter, skin)
     moves = store.take("rest", organ_key(scenario), lambda: moves_at_rest(organ))
     there = np.array([is_known(hole) for hole in holes], dtype=bool)
     laid = moved_with(scenario, through, at[there], moves[there])

@@ -1,4 +1,4 @@
-"""The path of a thread through its holes, which moves with the holes of an organ.
+"""The path of a thread through its holes and over surfaces, which moves with the holes of an organ.
 
 The path rounds its corners and passes near its holes. It is moved so that it passes through them.
 
@@ -18,10 +18,13 @@ from studies.arrays import Array
 from studies.scenario import Scenario
 from studies.scenario.thread import FreeEnd, PulledEnd
 from thread.path import RoundedPath
+from tissue.organs.skin import Skin
 
 PARTS = 8  # per piece of a path, for the integration of its length
 STILL = 1e-9  # of the path's length: smaller motions of holes, and smaller distances to them, are neglected
 CORNER = 0.5  # of half an arc: a hole is at the corner if the path is nearest to it in this part of the arc
+LOOKS = 4  # points of a path per diameter of the thread that are tested for lying below a surface
+DIP = 0.15  # of a dip's length: greatest depth of a chord of an arc of 70°; a deeper dip is a bite without its holes
 GAUSS = 0.5 + 0.5 * np.array([-1.0, 1.0]) / np.sqrt(3.0)
 
 
@@ -102,6 +105,29 @@ def through_holes(path: RoundedPath, at: Array, ways: Array) -> LaidPath:
             bumps.append((places, np.append(share, share[-2::-1])[:, None] ** 2 * ways[k]))
     rest = ways - sum(along(at, *bump) for bump in bumps)
     return sum_of(path, [with_zeros(np.array([0.0, path.length]), at, rest), *bumps])
+
+
+def over_surface(through: LaidPath, at: Array, diameter: float, skin: Skin) -> LaidPath:
+    """Return a path whose chords are lifted onto the surface `skin` where they dip below it.
+
+    The thread with a `diameter` [m] then lies on the surface.
+
+    Holes are at abscissae `at` (p,) of the path [m]; a dip with a hole is a bite.
+    """
+    places = np.linspace(0.0, through.path.length, int(LOOKS * through.path.length / diameter) + 2)
+    still, labels = np.zeros_like(skin.body.points), np.zeros((len(places), 0))
+    facing = skin.faced(still, through.position(places), labels)
+    d, depth = facing[:, 4:7], np.maximum(0.5 * diameter - facing[:, 7], 0.0)
+    ends = np.flatnonzero(np.diff(np.r_[0.0, depth > 0.0, 0.0])).reshape(-1, 2)
+    for first, stop in ends:
+        low, high = max(first - 1, 0), min(stop, len(places) - 1)
+        pierced = ((at >= places[low]) & (at <= places[high])).any() or low == first or high < stop
+        if pierced or depth[first:stop].max() > DIP * (places[high] - places[low]):
+            depth[first:stop] = 0.0
+    if not depth.any():
+        return through
+    lift = -depth[:, None] * d / np.vecdot(d, d)[:, None]
+    return sum_of(through.path, [(through.at, through.moves), (places, lift)])
 
 
 def moved_with(scenario: Scenario, through: LaidPath, at: Array, moves: Array) -> LaidPath:

@@ -18,6 +18,7 @@ from coupling.step.newton import direction, evaluate
 from coupling.system import System, ThreadContact
 from studies.scenario import ScenarioError, load, parse
 from studies.simulation import prepare
+from studies.simulation.laid import LaidPath
 from studies.simulation.recording import step_record
 from tests.bounds import GAP, IDENTITY, RESIDUAL
 from thread.catalogue import Section
@@ -29,6 +30,7 @@ from thread.thread import MASS_POINTS, Thread
 
 HERTZ = 0.03  # of the half width of a line contact: nodes of P2 cells are a tenth of it apart
 CAPSTAN = 0.01  # of a tension: the thread turns by up to 0.35 rad between two points, and by the facets' 0.15
+NO_MOVES = np.zeros(1), np.zeros((1, 3))
 SUNK = 0.1  # diameters: between the points a strand lies on facets that turn by 0.1 rad
 R, E, NU, DEEP, NARROW = 1e-3, 1e5, 0.3, 5e-5, 1.5e-4  # m, Pa, -, m, about the half width [m]
 
@@ -125,6 +127,23 @@ def test_a_strand_round_a_bar_of_tissue_is_a_capstan(friction: float) -> None:
     assert strands is not None and strands.pressed > 5
     assert strands.friction == pytest.approx(friction * strands.force, rel=1e-6)  # it slips everywhere
     assert strands.depth < 0.0
+
+
+def test_chords_of_a_path_are_laid_on_the_surface() -> None:
+    """Independent check: chords over 30° dip into a bar by more than a radius of the thread, and lie on it when they are laid:
+    without friction the thread then bears the same on both sides."""
+    turns = np.linspace(np.pi, 0.0, 7)
+    over = 8.1e-3 * np.column_stack([0 * turns, np.cos(turns), np.sin(turns)])
+    tables = tomllib.loads(capstan(0.0))
+    tables["thread"]["path"] = [[0.0, -8.1e-3, -0.02], *over.tolist(), [0.0, 8.1e-3, -0.02]]
+    simulation = prepare(parse(tables))
+    run, laid = simulation.beginning(), simulation.assembly.laid
+    places = [path.position(np.linspace(0.0, path.path.length, 500)) for path in (LaidPath(laid.path, *NO_MOVES), laid)]
+    deep = [simulation.assembly.depths(each).max() for each in places]
+    assert deep[0] > 1.5e-4 and deep[1] < -0.9e-4
+    for share in (0.5, 1.0):
+        run = run.load(share, simulation.scenario.solve.duration)
+    assert -run.state.reaction[0, 2] == pytest.approx(0.2, rel=CAPSTAN)
 
 
 STRAND = """
