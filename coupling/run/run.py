@@ -62,6 +62,7 @@ class Run(Generic[Body]):
       (`coupling.step.stepping.local_error`).
     - `downhill`: whether a step that creates energy has failed (`coupling.run.watch`).
     - `cuts`: cuts of the thread at their times.
+    - `marks`: further times [s] at which a load step is divided.
     - `number`: number of steps made.
     - `fresh`: whether the thread has no tension yet for packets to fit.
     - `at_once`: Newton iterations of the steps made by compiled loops.
@@ -82,6 +83,7 @@ class Run(Generic[Body]):
     tolerance: float = np.inf
     downhill: bool = True
     cuts: tuple[Cut, ...] = ()
+    marks: tuple[float, ...] = ()
     number: int = 0
     fresh: bool = True
     at_once: int = 0
@@ -259,13 +261,13 @@ class Run(Generic[Body]):
         """Return the run at the equilibrium under the part `share` of the loads at `duration` [s].
 
         Scheduled changes within the load step take place in the equilibrium at their time. A thread
-        that is cut finds another equilibrium under the same loads, with friction from the first
-        one. Raises `StepError` (for unbalanced dead loads before the first load step),
-        `InversionError`, `ConstraintError`.
+        that is cut, or whose tie may slip as it is locked, finds another equilibrium under the same
+        loads, with friction from the first one. Raises `StepError` (for unbalanced dead loads before the first
+        load step), `InversionError`, `ConstraintError`.
         """
         run, now, end = replace(self, at_once=0, taken=(), events=(), seen=None), self.state.time, share * duration
         dt, parts = end - now, [share]
-        for time in reversed(self.planned):
+        for time in sorted({*self.planned, *self.marks}, reverse=True):
             if ON_TIME * dt < time - now and time < parts[0] * duration - ON_TIME * dt:
                 parts.insert(0, time / duration)
         if run.fresh:
@@ -274,10 +276,15 @@ class Run(Generic[Body]):
         for part in parts:
             first = run if run.fresh else run._fitted()
             run = first._settled(part, duration)._scheduled(now, dt)
-            if any(event.kind == "cut" for event in run.events[len(first.events) :]):
+            if any(self._unbalances(event) for event in run.events[len(first.events) :]):
                 run = run._audited(reach(run.system, run.state, part, duration))
             now = part * duration
         return replace(run, number=self.number + 1)
+
+    def _unbalances(self, event: Event) -> bool:
+        """Return whether a scheduled change ends an equilibrium: a cut, or the lock of a tie that may slip."""
+        may_slip = {tie.name for tie in self.system.ties if tie.hold < np.inf}
+        return event.kind == "cut" or (event.kind == "tied" and event.piercing in may_slip)
 
     def rested(self) -> "Run[Body]":
         """Return the run before its first step, at the equilibrium under the loads at its time.
@@ -448,6 +455,7 @@ def begin(
     downhill: bool = True,
     cuts: tuple[Cut, ...] = (),
     tolerance: float = np.inf,
+    marks: tuple[float, ...] = (),
 ) -> Run[Body]:
     """Return the run before its first step; the arguments are as for `Run`."""
     nearest, closed, system = np.full(len(system.piercings), np.nan), [], system.at(state)
@@ -469,6 +477,7 @@ def begin(
         tolerance=tolerance,
         downhill=downhill,
         cuts=cuts,
+        marks=marks,
         events=tuple(closed),
     )
 

@@ -7,6 +7,7 @@ linear in between. A named course is converted into rows; a wave has WAVE rows i
 from math import ceil, cos, inf, pi
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from studies.scenario.refusal import as_toml
@@ -16,6 +17,7 @@ from studies.scenario.values import From, NotNegative, Number, Positive, Turn, o
 WAVE = 32  # rows per period: with linear interpolation the error is 0.25 % of the wave's height
 JUMP = 1e-9  # of a time: duration of a sudden change of a load, longer than the round-off of a step's end
 STEPS = 4  # per wave: fewer steps can miss its height by more than a seventh
+MISSED = 1.0 / 7.0  # of the height of a turn of rows: the same limit
 COUGH = 0.4  # s, from the rise of the abdominal pressure to its end
 
 
@@ -125,6 +127,25 @@ class Timed(ScenarioTable):
                 return "course.period", length
             case Cough(duration=length) if length < shortest:
                 return "course.duration", length
+        return None
+
+    def missed_turn(self, step: float, end: float) -> tuple[float, float] | None:
+        """Return the time [s] of a turn of the load that steps miss, and the missed share of its height.
+
+        The turn is before `end` [s], and steps have the length `step` [s]. None if there is none.
+        """
+        rows = self.rows(end) if isinstance(self.course, tuple) else None
+        time, factor = np.array(rows or [(0.0, 0.0)]).T
+        reach = np.r_[0.0, time[1:-1], end]  # the first and the last factor hold before and after
+        way = np.sign(np.diff(factor))
+        at = np.r_[0, 1 + np.flatnonzero(way[1:] != way[:-1]), len(time) - 1]
+        for before, turn, after in zip(at, at[1:], at[2:], strict=False):
+            last = min(reach[after], end) / step + JUMP
+            steps = step * np.arange(ceil(reach[before] / step - JUMP), int(last) + 1)
+            off = np.abs(np.interp(steps, time, factor) - factor[turn]).min(initial=inf)
+            share = off / max(np.ptp(factor[[before, turn, after]]), JUMP)
+            if time[turn] < end and share > MISSED:
+                return float(time[turn]), float(min(share, 1.0))
         return None
 
 

@@ -240,6 +240,11 @@ class Scenario(ScenarioTable):
         for key, table in tables.items():
             if isinstance(table, Timed) and (wave := table.short_wave(STEPS * self.solve.step)):
                 self._refuse(True, "course.short", (f"{key}.{wave[0]}", wave[1]), steps=STEPS, shorter=shorter)
+            if isinstance(table, Timed) and (missed := table.missed_turn(self.solve.step, self.solve.duration)):
+                time, share = missed
+                self._refuse(
+                    True, "course.missed", (f"{key}.course", table.course), time=time, share=share, shorter=shorter
+                )
 
     def _check_held(self) -> None:
         tissue, static = self.tissue, self.solve.kind == "static"

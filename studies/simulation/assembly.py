@@ -13,7 +13,7 @@ import skfem
 import tissue
 from coupling.rest.laying import start
 from coupling.step.solver import are_kept
-from coupling.system import Friction, Piercing, State, System, ThreadContact
+from coupling.system import Friction, Piercing, State, System, ThreadContact, turns
 from coupling.ties import Tie
 from meshes.wound import lips
 from studies import scenario as model
@@ -53,6 +53,7 @@ AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Dynamic | tissue.Finite
 TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.packets.FIRST √(EI/T)
 ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
 STRAND_LOOKS = 20  # points of a strand that are tested for lying in tissue
+DRAWN = 4  # parts of the draw of a loop that relaxes: its force is then right to 0.2 %, with one part to 3 %
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
 LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
@@ -558,6 +559,22 @@ def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...]
     In statics a load without a course grows over the load steps.
     """
     return table.rows(solve.duration, 0.0 if solve.kind == "static" else ramp)
+
+
+def marks_of(assembly: Assembly) -> tuple[float, ...]:
+    """Return the times [s] at which a load step is divided.
+
+    They are those at which a load turns, because its height would be missed. If anything relaxes,
+    they also divide the draw of each tie into DRAWN parts, because the loop relaxes as it is drawn.
+    """
+    scenario, system, organ = assembly.scenario, assembly.system, assembly.organ
+    table, thread = scenario.tissue, scenario.thread
+    loads = [*(table.load if table else ()), *(end for end in (thread.start, thread.end) if isinstance(end, Timed))]
+    courses = [rows for load in loads if (rows := load.rows(scenario.solve.duration))]
+    out = {time for rows in courses for time in turns(np.array(rows))}
+    if getattr(organ, "relaxation", None) or system.thread.relaxation:
+        out |= {time for tie in system.ties for time in np.linspace(tie.begins, tie.locks, DRAWN + 1).tolist()}
+    return tuple(sorted(out))
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:

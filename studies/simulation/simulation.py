@@ -36,7 +36,7 @@ from studies.scenario.organ import LIPS
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.scenario.table import refused
-from studies.simulation.assembly import Assembly, assemble, bounds_of, lip_gaps, shareable
+from studies.simulation.assembly import Assembly, assemble, bounds_of, lip_gaps, marks_of, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
 from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
@@ -241,6 +241,7 @@ class Simulation:
             downhill=(solve.scheme, solve.coupling, solve.friction) == ("newton", "monolithic", "implicit"),
             cuts=tuple(cuts),
             tolerance=np.inf if solve.tolerance is None else solve.tolerance,
+            marks=marks_of(self.assembly),
         )
 
     def next(self, now: OrganRun) -> OrganRun:

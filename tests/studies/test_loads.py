@@ -180,6 +180,7 @@ def test_a_surface_under_pressure_that_turns_has_a_remark() -> None:
         ({"boundary": "left", "pressure": 1.0}, r'load\.0\.boundary = "left".*a roller holds its normal direction'),
         ({"boundary": "corner", "traction": [1, 0, 0]}, r'load\.0\.boundary = "corner".*the whole boundary is held'),
         ({"boundary": "top", "pressure": 1.0, "ramp": -1.0}, r"load\.0\.ramp = -1\.0"),
+        ({"boundary": "top", "pressure": 1.0, "course": [[0, 0], [1.05e-4, 1], [1.1e-4, 0]]}, r"turns at 0\.000105 s"),
         ({"boundary": "top", "pressur": 1.0}, r"nearest is tissue\.load\.0\.pressure"),
     ],
 )

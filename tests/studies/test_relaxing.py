@@ -173,3 +173,19 @@ def test_a_run_goes_on_from_what_the_thread_remembers(more: dict[str, Any]) -> N
     assert kept is not None
     *_, (again, _) = islice(simulation.advance(kept()), 11)
     assert again.step == 70 and np.array_equal(steps[70].end_reaction, again.end_reaction)
+
+
+@pytest.mark.parametrize("hold", [{}, {"hold": 0.04}])
+def test_a_tie_that_is_drawn_within_a_load_step_holds_the_same(hold: dict[str, float]) -> None:
+    """Two ways: load steps longer than the draw, and load steps that divide it. A knot slips when it is locked, before
+    the tissue relaxes."""
+    stitch = {"name": "a", "at": [0.0, 0.0, 0.0], "bite": 5e-3, "depth": 3e-3, "force": 0.05, "until": 10.0, **hold}
+    tables = held(tissue={"relaxation": [[0.3, 10.0], [0.2, 100.0]]}) | {"stitch": [stitch]}
+    del tables["piercing"], tables["thread"]["path"], tables["thread"]["start"], tables["thread"]["end"]
+    force = []
+    for load_steps in (4, 160):
+        solve = {"kind": "static", "duration": 400.0, "load_steps": load_steps}
+        *_, (last, _) = prepare(parse(tables | {"solve": solve})).advance()
+        force.append(last.ties[0].force)
+    assert force[0] == pytest.approx(force[1], rel=3e-3)
+    assert force[1] < hold.get("hold", 0.05)
