@@ -130,8 +130,8 @@ def test_a_strand_round_a_bar_of_tissue_is_a_capstan(friction: float) -> None:
 
 
 def test_chords_of_a_path_are_laid_on_the_surface() -> None:
-    """Independent check: chords over 30° dip into a bar by more than a radius of the thread, and lie on it when they are laid:
-    without friction the thread then bears the same on both sides."""
+    """Independent check: chords over 30° dip into a bar by more than a radius of the thread, and are laid on it.
+    Without friction the thread then bears the same on both sides."""
     turns = np.linspace(np.pi, 0.0, 7)
     over = 8.1e-3 * np.column_stack([0 * turns, np.cos(turns), np.sin(turns)])
     tables = tomllib.loads(capstan(0.0))

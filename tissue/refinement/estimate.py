@@ -12,6 +12,9 @@ Numer. Meth. Eng. 24, 1987):
 σ* has the order of the element. It is averaged only within one material, because stress jumps
 between two materials. The part of the pressure that is already averaged at the vertices
 (`tissue.elasticity`) is the same in σ* and in σ_h.
+
+At the edges of a clamp the stress is singular, and σ* misses most of the error. η_T² of the cells
+there is therefore multiplied by SINGULAR.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,6 +41,8 @@ OWN = 4.0  # radii of a goal: within this distance every cell is used for its co
 THEIRS, NEARER = 8.0, 0.5  # radii of another goal, and ratio of distances: cells within both are fine due to that goal
 SMOOTH = np.cos(np.radians(30.0))  # least cosine between normals of facet and node; below it the node is on an edge
 AXES = 3
+# Times η² of a cell at a clamp, as measured on sheets in bending (ν = 0.3 to 0.49, cells of 0.4 to 2.5 heights).
+SINGULAR = 4.0
 SOFT = 1.0  # of E/ρL²: springs that hold a free body; they are as soft as the body itself
 
 
@@ -74,6 +79,7 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
     compliance, missed = np.empty((2, goals.size, AXES))
     indicators, recovery = np.zeros(body.mesh.nelements), Recovery(body)
     factor = solver_of_columns(held(body), body.basis.doflocs[:, body.free].T)
+    at_clamp = np.where(body.held[body.cells].all(axis=2).any(axis=1), SINGULAR, 1.0)
     seen = seen_cells(body, [sites[goal].radius for goal in goals], placed.points[goals])
     for first in range(0, goals.size, TOGETHER):
         some = np.arange(first, min(first + TOGETHER, goals.size))
@@ -85,6 +91,7 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
             own = W[:, AXES * column : AXES * column + AXES]
             cells = seen(row)
             each = recovery.missed(own, tractions(body, recovery, sites, placed, int(goals[row])), cells)
+            each *= at_clamp[cells]
             missed[row] = each.sum(axis=1)
             indicators[cells] += np.sum(each / compliance[row, :, None], axis=0)
     return Estimate(goals, compliance, missed, indicators)
