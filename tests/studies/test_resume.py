@@ -390,12 +390,16 @@ def test_a_damaged_folder_is_refused(
 # -- bit by bit ------------------------------------------------------------------------------------------------------
 
 
+WOUND = 'tissue.mesh={kind="wound", size=[0.03, 0.02, 0.01], length=0.014, depth=0.006, h=3e-3, accuracy="given"}'
+PRESSED = """tissue.load=[{ boundary = "left", pressure = 1e3 }, { boundary = "right", pressure = 1e3 },
+                          { boundary = "top", pressure = -2e3, course = { kind = "ramp", over = 0.024 } }]"""
 METHODS = {
     "euler": ("solve.integrator=euler",),
     "bdf2": ("solve.integrator=bdf2",),
     "staggered": ("solve.coupling=staggered", "thread.control_points=60"),
     "quasi-static": ("tissue.inertia=false",),
     "reduced": ("tissue.reduction={ blocks = 1 }",),
+    "lips": ("tissue.inertia=false", "tissue.contact=true", "tissue.youngs_modulus=1e6", WOUND, PRESSED),
     "static": ("solve.kind=static", "piercing.exit.from=0.0", "piercing.entry.until=1.0", "solve.load_steps=8"),
 }
 

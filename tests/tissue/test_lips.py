@@ -258,8 +258,9 @@ def test_every_node_of_the_lips_has_its_pair(element: str, width: float) -> None
     assert np.abs(over_unknowns(gaps) @ field[body.free] - apart).max() <= IDENTITY
 
 
-def test_columns_of_contact_are_solved_once_and_for_the_pairs_that_press_alone() -> None:
-    """Independent check: G A⁻¹ Gᵀ by the inverse of a dense matrix, and the columns that go through the solver."""
+def test_columns_of_contact_are_solved_once_and_in_groups_of_the_pairs_that_press() -> None:
+    """Independent check: G A⁻¹ Gᵀ by the inverse of a dense matrix, and the columns that go through the solver; the
+    last group is shorter."""
     rng, solved = np.random.default_rng(7), []
     root, G = rng.standard_normal((30, 30)), csr_matrix(rng.standard_normal((8, 30)))
     A = root @ root.T + 30.0 * np.eye(30)
@@ -268,12 +269,12 @@ def test_columns_of_contact_are_solved_once_and_for_the_pairs_that_press_alone()
         solved.append(b.shape[1])
         return np.linalg.solve(A, b)
 
-    columns, C = gap_compliance(SimpleNamespace(solve=solve), G), G @ np.linalg.inv(A) @ G.T
+    columns, C = gap_compliance(SimpleNamespace(solve=solve), G, together=3), G @ np.linalg.inv(A) @ G.T
     for some in ([2, 5], [5, 7, 2], [7]):
         assert np.abs(columns.of(np.array(some)) - C[:, some]).max() <= IDENTITY * np.abs(C).max()
     p = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert np.abs(columns.times(p) - C @ p).max() <= IDENTITY * np.abs(C @ p).max()
-    assert solved == [2, 1]
+    assert solved == [3, 3, 2]
 
 
 def test_a_search_that_would_go_round_ends() -> None:

@@ -51,7 +51,8 @@ from tissue.supports import holds_still
 # Cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step.
 KEPT_OPERATORS = 12
 ROWS_OF_NODE = 3  # one row for each component of the displacement
-COLUMNS = 64  # columns of A⁻¹Gᵀ that are solved for together
+COLUMNS = 64  # columns of A⁻¹Yᵀ that are solved for together
+PAIRS = 8  # columns of A⁻¹Gᵀ that are solved for together: more are faster by multigrid only, and often not needed
 SHARE = 0.5  # of the free memory: the largest part that the compliance of the gaps can take
 SLIPPING = 1.0 - 1e-9  # of the largest friction: a pair with at least this friction slips
 EMPTY = np.zeros(0)
@@ -344,7 +345,7 @@ class MeshedOrgan:
         gaps have another number of `unknowns`.
         """
         N, room = self.elasticity.free.size, SHARE * free_memory()
-        need = 8.0 * ((KEPT_OPERATORS + 2) * self.contacts**2 + COLUMNS * N)
+        need = 8.0 * ((KEPT_OPERATORS + 2) * self.contacts**2 + PAIRS * N)
         if unknowns != N:
             raise TissueError(f"gaps over {unknowns} unknowns on an organ of {N}; build them on it")
         if need > room:
@@ -673,19 +674,26 @@ def refuse_loose(body: Elasticity) -> None:
 
 
 class Columns:
-    """A compliance `(k, k)` [m/N] whose columns are computed when first needed.
+    """A compliance `(k, k)` [m/N] whose columns are computed when first needed, in fixed groups.
 
-    Columns are expensive, and only few of the possible pairs touch.
+    Columns are expensive, and only few of the possible pairs touch. The last bits of a column
+    depend on the other columns of a solve. Fixed groups make them independent of earlier requests,
+    which a resumed run does not repeat.
     """
 
-    def __init__(self, k: int, make: Callable[[Indices], Array]) -> None:
-        """Make an empty cache; `make` returns some of the k columns, shape `(k, j)`."""
-        self._make, self._at, self._C = make, np.full(k, -1), np.zeros((k, 0), order="F")
+    def __init__(self, k: int, make: Callable[[Indices], Array], together: int = 1) -> None:
+        """Make an empty cache; `make` returns some of the k columns, shape `(k, j)`, always whole
+        groups of `together` columns.
+        """
+        self._make, self._together = make, together
+        self._at, self._C = np.full(k, -1), np.zeros((k, 0), order="F")
 
     def of(self, some: Indices) -> Array:
         """Return the columns of `some` `(j,)`, shape `(k, j)` [m/N]."""
-        new = np.unique(some[self._at[some] < 0])
-        if new.size:
+        groups = np.unique(some[self._at[some] < 0] // self._together)
+        if groups.size:
+            new = (self._together * groups[:, None] + np.arange(self._together)).ravel()
+            new = new[new < self._at.size]
             self._at[new] = self._C.shape[1] + np.arange(new.size)
             self._C = np.asfortranarray(np.hstack([self._C, self._make(new)]))
         return self._C[:, self._at[some]]
@@ -754,8 +762,7 @@ class Operator:
     def C_rr(self) -> Columns:
         """R A⁻¹ Rᵀ of the nodes of the lips, `(3r, 3r)` [m/N].
 
-        It is not needed before a pair has slid. Columns are solved node by node: a resumed run,
-        which needs other nodes together, then has equal bits.
+        It is not needed before a pair has slid. Columns are solved node by node.
         """
         return gap_compliance(self.factor, self.organ.lip_rows, together=ROWS_OF_NODE)
 
@@ -779,15 +786,15 @@ def compliance(factor: Solver, Y: csr_matrix, rough: bool = False) -> tuple[Arra
     return W, 0.5 * (C + C.T)
 
 
-def gap_compliance(factor: Solver, G: csr_matrix, together: int = COLUMNS) -> Columns:
+def gap_compliance(factor: Solver, G: csr_matrix, together: int = PAIRS) -> Columns:
     """Return G A⁻¹ Gᵀ, `(k, k)`; `together` is the number of columns per solve."""
 
     def some_rows(some: Indices) -> Array:
-        """Return the columns `some` `(j,)`, which are computed a few at a time."""
+        """Return the columns `some` `(j,)` of whole groups, one group at a time."""
         few = [some[first : first + together] for first in range(0, some.size, together)]
         return np.hstack([touching(G, factor.solve(G[rows].T.toarray())) for rows in few])
 
-    return Columns(G.shape[0], some_rows)
+    return Columns(G.shape[0], some_rows, together)
 
 
 def touching(Y: csr_matrix, W: Array) -> Array:
