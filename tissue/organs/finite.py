@@ -110,13 +110,14 @@ class Course:
     """The relaxation of stress in a step of `dt` [s].
 
     `relaxing` `(b, 3, 3, q, c)` [Pa] are the relaxing stresses at the start of the step, and `S`
-    `(3, 3, q, c)` [Pa] is S_iso there. `density` is the energy density in the step
-    (`tissue.relaxation`).
+    `(3, 3, q, c)` [Pa] is S_iso there. `H` `(3, 3, q, c)` [Pa] is the constant stress in the step,
+    and `density` the energy density with it (`tissue.relaxation`).
     """
 
     dt: float
     relaxing: Array
     S: Array
+    H: Array
     density: Density
 
 
@@ -124,7 +125,8 @@ class Course:
 class Tangent:
     """The factorised tangent A at the displacement `U`.
 
-    `Z` `(k, N)` are the rows of the sites. `definite` is True if A is positive definite.
+    `Z` `(k, N)` are the rows of the sites. `definite` is True if A is positive definite. `H` is the
+    constant stress of its course; None without relaxation.
     """
 
     U: Array
@@ -132,6 +134,7 @@ class Tangent:
     factor: Solver
     Z: csr_matrix
     definite: bool = True
+    H: Array | None = None
     _gaps: Recent[Columns] = field(default_factory=lambda: Recent(1), repr=False)
     _by_sites: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
     _ways: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
@@ -547,7 +550,7 @@ class FiniteOrgan(MeshedOrgan):
         The last few tangents are cached. Raises `OrganError`.
         """
         shares = motion.shares if self.surface.follows else None
-        met = None if motion.course is None else motion.course.dt
+        met, H = (None, None) if motion.course is None else (motion.course.dt, motion.course.H)
 
         def made() -> Tangent:
             A = self.law.tangent(self.law.gradient(self.whole(U)) if F is None else F, motion.density)
@@ -557,10 +560,10 @@ class FiniteOrgan(MeshedOrgan):
             if motion.a:
                 A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
             factor, definite = self._factor(A, motion.creeps)
-            return Tangent(U, A, TangentSolver(factor), self.map.Z, definite)
+            return Tangent(U, A, TangentSolver(factor), self.map.Z, definite, H)
 
         values = motion.a, motion.d, met, b"" if shares is None else shares.tobytes()
-        return self._tangents.of((U,), made, values)
+        return self._tangents.of((U, H), made, values)
 
     @cached_property
     def _tangents(self) -> Recent[Tangent]:
@@ -602,7 +605,7 @@ class FiniteOrgan(MeshedOrgan):
         S = self.law.distortional_stress(self.law.gradient(self.whole(state.U)))
         relaxing = np.zeros((len(self.relaxation.times), *S.shape)) if state.relaxing is None else state.relaxing
         H = self.relaxation.held(relaxing, S, dt)
-        return Course(dt, relaxing, S, self.law.relaxing(self.relaxation.met(dt), H))
+        return Course(dt, relaxing, S, H, self.law.relaxing(self.relaxation.met(dt), H))
 
     def stressed(self, state: OrganState) -> Density | None:
         """Return the density with the stress of a state; None for the density of the body."""
@@ -658,7 +661,8 @@ class FiniteOrgan(MeshedOrgan):
         for _ in range(MOST_CORRECTIONS):
             after = answer.again(none, no_push)
             if after is answer:
-                return replace(state, U=answer.moved(no_forces), linearised=answer.tangent.U)
+                last = answer.tangent
+                return replace(state, U=answer.moved(no_forces), linearised=last.U, linearised_H=last.H)
             answer = after
         raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
 
@@ -672,9 +676,18 @@ class FiniteOrgan(MeshedOrgan):
         """
         motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
         point = self.point(motion, state.U)
-        known = state.linearised if self.keep and state.linearised is not None else state.U
-        tangent = self.tangent(motion, known, point.F if known is state.U else None)
+        if self.keep and state.linearised is not None:
+            tangent = self.tangent(self._with_stress(motion, state.linearised_H), state.linearised)
+        else:
+            tangent = self.tangent(motion, state.U, point.F)
         return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_after(past, scheme))
+
+    def _with_stress(self, motion: Motion, H: Array | None) -> Motion:
+        """Return the motion with the constant stress `H` of an earlier step; None without relaxation."""
+        if motion.course is None or H is None or self.relaxation is None:
+            return motion
+        density = self.law.relaxing(self.relaxation.met(motion.course.dt), H)
+        return replace(motion, course=replace(motion.course, H=H, density=density))
 
     def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
         """Return the answer of an organ that creeps from a state towards its equilibrium.
@@ -753,7 +766,8 @@ class FiniteOrgan(MeshedOrgan):
         else:
             V = A = np.zeros(self.size)
         rest = p, pairing.facing, motion.shares, tangent.U
-        return OrganState(U, V, A, f_y, *rest, relaxing=self.relaxed(motion.course, U), points=pairing.points)
+        stress = self.relaxed(motion.course, U)
+        return OrganState(U, V, A, f_y, *rest, relaxing=stress, points=pairing.points, linearised_H=tangent.H)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
         """Return the relaxing stresses at the end of a step, shape `(b, 3, 3, q, c)` [Pa].

@@ -73,6 +73,8 @@ class OrganState:
     - `shares` `(l,)`: the parts of the loads that act (`tissue.loads`); None without loads.
     - `linearised` `(N,)` [m]: the displacement at which the tangent of a nonlinear organ was last
       computed; the next step reuses this tangent. None for a linear organ.
+    - `linearised_H` `(3, 3, q, c)` [Pa]: the constant stress of this tangent (`tissue.relaxation`);
+      None without relaxation.
     - `MU` [kg m], `MV` [N s], `KU` [N]: the products M U, M V and K U `(N,)`; None if they are
       not stored.
     - `relaxing`: the relaxing stresses `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`), or in a linear
@@ -99,6 +101,7 @@ class OrganState:
     points: Array | None = None
     ahead: Array | None = None
     tally: float = 0.0
+    linearised_H: Array | None = None
 
 
 @dataclass(frozen=True)
