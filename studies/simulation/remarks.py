@@ -91,8 +91,12 @@ def strength_of(scenario: Scenario) -> float | None:
 def times_of(scenario: Scenario) -> dict[str, float]:
     """Return the times of scheduled events [s], by their keys."""
     begins = {hole.key("from"): hole.from_ for hole in scenario.piercing}
-    closes = {dotted_key(["tie", tie.name, "from"]): tie.from_ for tie in scenario.tie}
-    return begins | closes | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
+    ties = {
+        dotted_key(["tie", tie.name, key]): time
+        for tie in scenario.tie
+        for key, time in (("from", tie.from_), ("until", tie.until))
+    }
+    return begins | ties | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 
 
 def rest_unloaded(scenario: Scenario) -> Iterator[Remark]:

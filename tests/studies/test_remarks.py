@@ -397,6 +397,14 @@ speed = {speed}
 """
 
 
+@pytest.mark.parametrize(("duration", "late"), [(0.12, []), (0.1, ["until"]), (0.005, ["from", "until"])])
+def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: list[str]) -> None:
+    """Independent check: the tie of the loop is begun at 0.01 s and locked at 0.12 s, if the run is that long."""
+    text = LOOP.format(speed=0.5).replace("duration = 0.125", f"duration = {duration}")
+    found = judging.after_end(judging.times_of(parse(tomllib.loads(text))), duration)
+    assert [each.where for each in found] == [f"tie.knot.{key}" for key in late]
+
+
 def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     """Independent check: hands of 0.05 m/s take up 11 mm in 0.11 s, less than the loop has too much; fast ones lock it
     under the force that is asked, to what their last speed takes."""
