@@ -5,6 +5,7 @@ brackets. All units are SI units, except in a mesh file. ``schema`` gives the JS
 """
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from itertools import combinations, pairwise
 from math import ceil, dist, inf
 from typing import Annotated, Any
@@ -16,6 +17,7 @@ from studies.scenario.course import STEPS, Timed
 from studies.scenario.meanings import because
 from studies.scenario.names import name_faults
 from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, unknown_clamp
+from studies.scenario.origin import stitch_names, with_origin
 from studies.scenario.piercing import Piercing, place_refused
 from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
@@ -99,6 +101,14 @@ class Scenario(ScenarioTable):
             key = hole.key("friction")
             self._refuse(hole.friction and linear, "solve.friction.linear", key=key)
             self._refuse(hole.friction and not self.thread.bending, "thread.bending.friction", key=key)
+
+    @cached_property
+    def stitches(self) -> tuple[str, ...]:
+        """Names of the stitches whose long form the scenario has.
+
+        `parse` sets them. They are no field, so that the long form in a file is an equal scenario.
+        """
+        return ()
 
     @property
     def touching(self) -> tuple[tuple[str, str], ...]:
@@ -338,10 +348,22 @@ def parse(data: Mapping[str, Any]) -> Scenario:
     if not isinstance(data, Mapping):
         raise ScenarioError(f"{data!r} is refused: {because('tables')}")
     data = plain_values(data)
+    stitches = stitch_names(data)
     try:
-        return Scenario.model_validate(data)
+        scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(dict.fromkeys([*sentences(error, Scenario, data), *name_faults(data)])) from None
+        problems = [*sentences(error, Scenario, written_out(data)), *name_faults(data)]
+        raise ScenarioError(dict.fromkeys(with_origin(problem, stitches) for problem in problems)) from None
+    vars(scenario)["stitches"] = stitches
+    return scenario
+
+
+def written_out(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return tables in the long form of their stitches, or as they are if a stitch is refused."""
+    try:
+        return long_form(data)
+    except (ValueError, TypeError):
+        return data
 
 
 def schema() -> dict[str, Any]:

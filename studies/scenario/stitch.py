@@ -19,6 +19,7 @@ from pydantic import Field
 from studies.arrays import Array
 from studies.scenario.meanings import because
 from studies.scenario.piercing import Friction
+from studies.scenario.refusal import dotted_key, refusal
 from studies.scenario.solve import Solve
 from studies.scenario.table import ScenarioTable, check_ending, check_rising, repetition
 from studies.scenario.values import From, NotNegative, Positive, Text, Turn, Vector, one_sentence
@@ -295,6 +296,10 @@ def long_form(data: Mapping[str, Any]) -> dict[str, Any]:
     mesh = organ.get("mesh") if isinstance(organ, Mapping) else None
     mesh = mesh if isinstance(mesh, Mapping) else {}
     default = (-1.0, 0.0, 0.0) if mesh.get("kind") == "wound" and mesh.get("along") == "x" else (0.0, 1.0, 0.0)
+    for stitch in stitches:
+        if stitch.draw is None and stitch.from_ >= (until := stitch.locks(solve)):
+            key = dotted_key(["stitch", stitch.name, "from"])
+            raise ValueError(refusal(key, stitch.from_, because("stitch-late", until=until)))
     stitches = [stitch.model_copy(update={"along": stitch.along or default}) for stitch in stitches]
     parts = [stitch.points for stitch in stitches]
     path = [rounded(point) for part in parts for point in part]

@@ -31,7 +31,7 @@ from studies.simulation.laid import LaidPath, moved_with, over_surface, through_
 from studies.simulation.law import hyperelasticity_of, relaxation_of
 from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
-from studies.simulation.places import with_places
+from studies.simulation.places import check_inside, with_places
 from studies.simulation.sharing import Shared, body_key, mesh_key, organ_key, reduction_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
@@ -121,6 +121,8 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     scenario = with_places(given.applied_to(scenario), store, given.volume)
     make_mesh = partial(organ_mesh, scenario, given.volume)
     mesh = None if scenario.tissue is None else store.take("mesh", mesh_key(scenario), make_mesh)
+    if mesh is not None:
+        check_inside(scenario.piercing, mesh)
     own = abscissae(scenario, path, length)
     known = [(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)]
     check_order(known, length)

@@ -9,12 +9,14 @@ import skfem
 import tissue
 from studies import scenario as model
 from studies.scenario import Scenario
+from studies.scenario.piercing import place_refused
 from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
 from studies.scenario.table import refused
 from studies.scenario.values import Vector
 from studies.simulation.meshing import check_smooth, mesh_of
 from studies.simulation.sharing import Shared, places_key
+from tissue.sites.surface import ON_SURFACE
 
 Holes = tuple[model.Piercing, ...]
 
@@ -65,6 +67,16 @@ def landed(mesh: skfem.MeshTet, holes: Holes) -> Holes:
         x, y, z = (place + 0.0).tolist()  # no −0.0
         places.append((x, y, z))
     return moved(holes, places)
+
+
+def check_inside(holes: Holes, mesh: skfem.MeshTet) -> None:
+    """Refuse a hole outside the organ, unless it is near enough to count as a hole on the surface."""
+    places = np.array([hole.place for hole in holes]).reshape(-1, 3)
+    limit = ON_SURFACE * float(np.linalg.norm(np.ptp(mesh.p, axis=1)))
+    for hole, depth in zip(holes, tissue.depths(mesh)(places).tolist() if holes else (), strict=True):
+        if depth < -limit:
+            nearest = np.round(np.asarray(tissue.landing(mesh)(hole.place, None), float), 6) + 0.0
+            raise place_refused(hole, "place-outside", away=-depth, nearest=as_toml(nearest.tolist()))
 
 
 def moved(holes: Holes, places: Sequence[Vector]) -> Holes:

@@ -92,7 +92,7 @@ def times_of(scenario: Scenario) -> dict[str, float]:
     """Return the times of scheduled events [s], by their keys."""
     begins = {hole.key("from"): hole.from_ for hole in scenario.piercing}
     ties = {
-        dotted_key(["tie", tie.name, key]): time
+        dotted_key(["stitch" if tie.name in scenario.stitches else "tie", tie.name, key]): time
         for tie in scenario.tie
         for key, time in (("from", tie.from_), ("until", tie.until))
     }

@@ -1,6 +1,7 @@
 """A run: the steps of a scenario in order, each with its record."""
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -33,6 +34,7 @@ from studies.output.tally import Tally
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.meanings import because
 from studies.scenario.organ import LIPS
+from studies.scenario.origin import with_origin
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.scenario.table import refused
@@ -417,11 +419,22 @@ def prepare(
     check_given(scenario)
     given = Given(mesh, basis, stiffness, {} if friction is None else friction, energy, ranks)
     check_doors(store, on_step)
-    with threadpool_limits(limits=1, user_api="blas"):  # the same bits on any number of cores
+    with threadpool_limits(limits=1, user_api="blas"), with_hints(scenario):  # the same bits on any number of cores
         assembly = assemble(scenario, store, given)
         simulation = Simulation(assembly, sound_start(assembly, shareable(store, given)), on_step)
         refuse_open_ties(simulation)
     return simulation
+
+
+@contextmanager
+def with_hints(scenario: Scenario) -> Iterator[None]:
+    """Add to refusals of what a stitch wrote the keys of the stitch to change."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError([with_origin(problem, scenario.stitches) for problem in error.problems]) from error
+    except tissue.TissueError as error:
+        raise tissue.TissueError(with_origin(str(error), scenario.stitches)) from error
 
 
 def check_doors(store: object, on_step: object) -> None:

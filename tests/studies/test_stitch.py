@@ -9,11 +9,13 @@ import pytest
 
 from studies.command import command
 from studies.scenario import ScenarioError, load, parse
+from studies.scenario.origin import with_origin
 from studies.scenario.stitch import NEAR, Stitch, bites_of
 from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from thread.path import rounded_path
+from tissue import TissueError
 
 BITE, DEPTH, PITCH = 5e-3, 4e-3, 7e-3
 STITCH: dict[str, Any] = {"name": "first", "at": [0.0, 0.0, 0.0], "bite": BITE, "depth": DEPTH, "force": 0.2}
@@ -170,6 +172,11 @@ def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.Captur
         ({"along": [0, 0, 1]}, r"along = .*it is parallel to normal"),
         ({"normal": [0, 0, 0]}, r"normal = .*must not be zero"),
         ({"from": 0.5, "until": 0.4}, r"until = 0\.4 is refused: it must be later than from"),
+        ({"from": 0.75}, r"stitch\.first\.from = 0\.75 is refused: .*default is three quarters .* 0\.75 s; lower it"),
+        (
+            {"footprint": 1e-7},
+            r'piercing\."first\.left"\.footprint = .*; it is part of stitch \'first\': change its at, ',
+        ),
         ({"kind": "running", "hold": 1.0}, r"hold = 1\.0 is refused: a stitch without a tie"),
         ({"draw": [[0, 0]]}, r"force = 0\.2 is refused: hands draw with a force or by a length"),
         ({"depth": 0.0}, r"depth = 0\.0 is refused: without depth a stitch is straight"),
@@ -186,6 +193,39 @@ def test_refused_stitches(stitch: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError, match=words) as refused:
         parse(wound(stitch))
     assert "thread.path" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("stitch", "words"),
+    [
+        ({"bite": 0.03}, r'piercing\."first\.left"\.at = .*, which is 0\.01 m away; .* \[-0\.02, 0\.0, 0\.0\]; {}'),
+        ({"at": [0, 0, -3e-3]}, r"""piercing "first\.left": direction = 'normal' .*; {}"""),
+        ({"tract": 4e-3}, r'tract\.0\.between = \["first\.left", .* use a smaller tract\.0\.radius; {}'),
+    ],
+)
+def test_a_refused_part_of_a_stitch_names_the_stitch(stitch: dict[str, Any], words: str) -> None:
+    """Independent check: a hole outside of the organ, one without a normal and a tract without room are found in the
+    organ only, under keys that are not in the file; in the long form nothing is said of a stitch."""
+    table = wound(stitch)
+    for data, hint in (
+        (table, r"it is part of stitch 'first': change its at, bite, depth"),
+        (tomllib.loads(_written(table)), ""),
+    ):
+        with pytest.raises((ScenarioError, TissueError), match=words.format(hint).removesuffix("; ")) as refused:
+            prepare(parse(data))
+        assert ("stitch" in str(refused.value)) == bool(hint)
+
+
+def test_a_tie_of_another_name_is_no_part_of_a_stitch() -> None:
+    """Independent check: only ties can be written beside stitches, and names can begin alike."""
+    late, none = "tie.{} = 0.2 is refused: it must be later", "thread.suture = 1 is refused"
+    for key, name in (("first.until", "first"), ('"first.b".until', "first.b"), ("firsts.until", None)):
+        said = with_origin(late.format(key), ["first", "first.b"])
+        assert said.endswith(f"stitch {name!r}: change its from, until, force or hold") == (name is not None)
+    assert with_origin(none, ["first"]) == none and with_origin(late, []) == late
+    assert with_origin("thread.cuts = [0.1] is refused: it", ["first"]).endswith(
+        "change at, bite, depth or pitch of one"
+    )
 
 
 def test_stitches_and_a_path_are_refused() -> None:
