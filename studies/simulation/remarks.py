@@ -27,7 +27,7 @@ from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at, radii_at
 from studies.simulation.given import Given, shear_moduli
-from studies.simulation.tracts import Ball, across_wounds, of_piercings, radius_of
+from studies.simulation.tracts import Ball, gaps_of, of_piercings, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
 from thread.path import rounded_path
@@ -491,8 +491,13 @@ def along_path(assembly: Assembly, body: tissue.Elasticity) -> list[Remark]:
                 out += unpierced(where, one.name, float(found.max()), diameter)
         else:
             balls = [(hole, at) for hole, at, _ in placed if isinstance(hole, Ball) and hole.tract == tract.name]
-            borne = sum(ball.length for ball, _ in balls) + across_wounds(scenario, body.mesh, balls)
-            out += bare_tract(tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing))
+            gaps = gaps_of(scenario, body.mesh, balls)
+            borne = sum(ball.length for ball, _ in balls) + sum(end - begin for begin, end, across in gaps if across)
+            open_ways = [np.linspace(begin, end, LOOKS) for begin, end, across in gaps if not across]
+            heights = [-float(assembly.depths(assembly.through.position(at)).min()) for at in open_ways]
+            out += out_of_organ(tract.name, max(heights, default=0.0), diameter) or bare_tract(
+                tract.name, last - first - borne, last - first, radius_of(tract, scenario.piercing)
+            )
     return [*without_tract(depths, diameter), *out]
 
 
@@ -562,6 +567,11 @@ def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> I
         (one, other), others = next(iter(deep)), len(deep) - 1
         also = f", and between {others} other pair{'s' * (others > 1)} of holes," if others else ""
         yield remark("no-tract", one, other=other, also=also, depth=max(deep.values()) / MILLI)
+
+
+def out_of_organ(name: str, outside: float, diameter: float) -> list[Remark]:
+    """Return a remark if a tract lies up to `outside` [m] outside the organ, between two parts in it."""
+    return judged(outside > bounds.IN_TISSUE * diameter, "tract-out", name, outside=outside / MILLI)
 
 
 def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Remark]:

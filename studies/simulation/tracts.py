@@ -166,15 +166,18 @@ def covered(path: RoundedPath, low: float, high: float, along: Array, depths: Di
     return float(shares @ np.maximum(np.diff(points, axis=0) @ along, 0.0))
 
 
-def across_wounds(scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]) -> float:
-    """Return the length of a tract's path across wounds and contacts [m].
+def gaps_of(
+    scenario: Scenario, mesh: skfem.MeshTet, balls: Sequence[tuple[Ball, float]]
+) -> list[tuple[float, float, bool]]:
+    """Return the gaps of a tract between its deep parts.
 
-    Between two balls on opposite sides the path leaves the tissue at one surface and enters it at
-    the other. `balls` have their abscissae on the path [m].
+    Each has its two abscissae on the path [m], and whether it is across a wound or a contact: the
+    path then leaves the tissue at one surface and enters it at the other. `balls` have their
+    abscissae on the path [m].
     """
     away = [(tissue.distances(mesh, one), tissue.distances(mesh, other)) for one, other in scenario.wounds]
-    gaps = [(one, other, high - low) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
-    return sum(length for one, other, length in gaps if any(are_beside(*sides, one, other) for sides in away))
+    gaps = [(one, other, low, high) for (one, low), (other, high) in pairwise(balls) if one.part != other.part]
+    return [(low, high, any(are_beside(*sides, one, other) for sides in away)) for one, other, low, high in gaps]
 
 
 def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> bool:

@@ -20,7 +20,7 @@ from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import stiff_in_tract, without_tract
-from studies.simulation.tracts import Ball, across_wounds
+from studies.simulation.tracts import Ball, gaps_of
 
 BORDER = 1e-6  # of the way across: where a path is deep enough is found by twenty halvings
 FOUNDATION = 2e-3  # of the deflection of the tip: the spline's 160 points, and the beam's own theory at these loads
@@ -266,18 +266,24 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
 
 def test_the_way_across_a_wound_is_no_fault_of_a_tract() -> None:
     """Independent check: a bite through both lips of a slit is bare for two radii there, where it passes from lip to
-    lip, and that is not held against it; of as much beneath a surface that is no wound is."""
+    lip, and that is not held against it; of as much beneath a surface that is no wound is, and of a bite that leaves
+    the block through its bottom the whole height is told."""
     deep = tomllib.loads(STITCH.format(thread=THREAD, depth=6e-3, spacing=1.5e-3))
     near = deepcopy(deep)
     near["thread"]["path"][1:3] = [[-0.006, 0, -6e-3], [-0.0014, 0, -1e-3], [0.0014, 0, -1e-3], [0.006, 0, -6e-3]]
-    for tables, codes in ((deep, []), (near, ["tract-bare"])):
+    through = deepcopy(deep)
+    through["thread"]["path"][1:3] = [[-0.006, 0, -0.016], [0.006, 0, -0.016]]
+    for tables, codes in ((deep, []), (near, ["tract-bare"]), (through, ["tract-out"])):
         simulation = prepare(parse(tables))
         assembly = simulation.assembly
         balls = [(hole, float(s)) for hole, s in zip(assembly.holes, assembly.s, strict=True) if isinstance(hole, Ball)]
         assert {ball.part for ball, _ in balls} == {0, 1} and assembly.body is not None
-        across = across_wounds(assembly.scenario, assembly.body.mesh, balls)
-        assert across == pytest.approx(0.0 if codes else 3e-3, rel=BORDER)
-        assert [each.code for each in simulation.foreseen if each.code == "tract-bare"] == codes
+        gaps = gaps_of(assembly.scenario, assembly.body.mesh, balls)
+        across = [high - low for low, high, is_across in gaps if is_across]
+        assert sum(across) == pytest.approx(0.0 if codes else 3e-3, rel=BORDER)
+        said = [each for each in simulation.foreseen if each.code in ("tract-bare", "tract-out")]
+        assert [each.code for each in said] == codes
+    assert "up to 2 mm outside" in said[0].message
 
 
 def test_a_thread_is_cut_in_its_tract() -> None:

@@ -151,6 +151,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     ),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),
+    "tract-out": (IN_TISSUE * 3e-4, 1, lambda x: judging.out_of_organ("a-b", x, 3e-4)),
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
