@@ -33,6 +33,7 @@ TAIL = 2.0  # of the bite: length of the tails of a stitch without depth
 UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
+ACROSS = ("single", "vertical-mattress")  # kinds with all bites in one plane across the wound, so without a pitch
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
 
 
@@ -73,11 +74,15 @@ class Stitch(ScenarioTable):
     def _check(self) -> None:
         check_ending(self.from_, self.until)
         self._refuse(self.kind not in ROWS and "count" in self.model_fields_set, "count.fixed")
+        self._refuse(self.kind in ACROSS and self.pitch is not None, "pitch.across")
         self._refuse((self.force is None) == (self.draw is None), "force.draw")
         straight = self.kind == "running" or (self.kind == "single" and self.draw is not None)
         self._refuse(not self.depth and not straight, "depth.tied")
         self._refuse(not self.depth and bool(self.tract), "tract.straight")
         self._refuse(self.draw is not None and self.until is not None, "until.draw")
+        self._refuse(self.draw is not None and self.from_ > 0.0, "from.draw", ("from", self.from_))
+        slips = self.kind != "single" or self.draw is None or (self.depth and self.tract is not False)
+        self._refuse(self.friction is not None and not slips, "friction.held")
         self._refuse(not self.is_tied and self.hold is not None, "hold.untied")
         if self.draw is not None:
             check_rising("draw", self.draw)
