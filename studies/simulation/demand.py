@@ -210,7 +210,8 @@ def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Arra
     strained = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
     if strained:
         worst = max(strained, key=demands.__getitem__)
-        also = f", and {len(strained) - 1} other holes too much" if len(strained) > 1 else ""
+        others = len(strained) - 1
+        also = f", and {others} other hole{'s' * (others > 1)} too much" if others else ""
         words = {"force": forces[worst], "way": ways[worst] / MILLI, "strain": demands[worst], "also": also}
         yield remark("demand", holes[worst].name, **words)
 

@@ -7,6 +7,7 @@ catalogue, `studies.output.remarks`.
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, pairwise
 from math import dist
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -137,8 +138,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from torn(names, extremes, strengths)
     yield from on_surfaces(extremes)
     yield from overloaded(extremes, strength_of(scenario))
-    for tract in step.tracts:
-        yield from stiff_in_tract(scenario, tract)
+    yield from stiff_in_tracts(scenario, step.tracts)
     yield from assumed_channels(scenario.piercing, step.piercings)
     yield from coarse_spans(step.span_ratio)
     yield from few_spans(step.spans_between)
@@ -161,9 +161,24 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
 
 def beyond_at_holes(names: Sequence[str], extremes: records.Extremes) -> Iterator[Remark]:
     """Yield remarks on strain and turn of the tissue at the holes."""
-    for name, strain, turn in zip(names, extremes.mean_strain, extremes.turn, strict=True):
-        yield from judged(strain > bounds.SMALL_STRAIN, "hole-strain", name, strain=strain)
-        yield from judged(turn > bounds.SMALL_ROTATION, "hole-rotation", name, turn=turn)
+    strains, turns = (zip(names, each, strict=True) for each in (extremes.mean_strain, extremes.turn))
+    strained = [(strain, name, {"strain": strain}) for name, strain in strains if strain > bounds.SMALL_STRAIN]
+    turned = [(turn, name, {"turn": turn}) for name, turn in turns if turn > bounds.SMALL_ROTATION]
+    yield from worst_of(strained, "hole-strain", "holes")
+    yield from worst_of(turned, "hole-rotation", "holes")
+
+
+def worst_of(found: Sequence[tuple[float, str, dict[str, Any]]], code: str, kind: str) -> list[Remark]:
+    """Return one remark of this code on the worst that was `found`, or none.
+
+    Each has its measure, its name and the values of the message, which also says how many such
+    parts of this `kind`, in the plural, there are.
+    """
+    if not found:
+        return []
+    _, name, values = max(found, key=itemgetter(0))
+    among = f" (the worst of {len(found)} such {kind})" if len(found) > 1 else ""
+    return [remark(code, name, among=among, **values)]
 
 
 def beyond_in_tissue(extremes: records.Extremes) -> Iterator[Remark]:
@@ -189,8 +204,13 @@ def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[f
 
     The strength is infinite if unknown.
     """
-    for name, pressure, strength in zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True):
-        yield from judged(pressure > strength, "tears", name, pressure=pressure, strength=strength)
+    each = zip(names, extremes.bearing_pressure.tolist(), strengths, strict=True)
+    found = [
+        (pressure / strength, name, {"pressure": pressure, "strength": strength})
+        for name, pressure, strength in each
+        if pressure > strength
+    ]
+    yield from worst_of(found, "tears", "holes")
 
 
 def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[PiercingObservation]) -> Iterator[Remark]:
@@ -376,9 +396,9 @@ def chattering(names: Sequence[str], times: Array) -> Iterator[Remark]:
 
 def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> Iterator[Remark]:
     """Yield remarks on errors of the holes' compliance above the requested `accuracy`."""
-    for name, error in errors.items():
-        percent = {"error": 100.0 * error, "accuracy": 100.0 * accuracy}
-        yield from judged(error > accuracy, "accuracy", name, **percent, unknowns=unknowns)
+    words = {"accuracy": 100.0 * accuracy, "unknowns": unknowns}
+    found = [(error, name, words | {"error": 100.0 * error}) for name, error in errors.items() if error > accuracy]
+    yield from worst_of(found, "accuracy", "holes")
 
 
 def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
@@ -584,22 +604,24 @@ def bare_tract(name: str, bare: float, length: float, radius: float) -> list[Rem
     return judged(bare > bounds.BARE * radius, "tract-bare", name, **ways)
 
 
-def stiff_in_tract(scenario: Scenario, tract: records.TractRecord) -> list[Remark]:
-    """Return a remark on the stiffness of the thread along a tract."""
-    radius = next(radius_of(each, scenario.piercing) for each in scenario.tract if each.name == tract.tract)
+def stiff_in_tracts(scenario: Scenario, tracts: Sequence[records.TractRecord]) -> list[Remark]:
+    """Return a remark on the stiffness of the thread along tracts."""
+    radii = {tract.name: radius_of(tract, scenario.piercing) for tract in scenario.tract}
     EI = section_of(scenario.thread).EI if scenario.thread.bending else 0.0
-    return stiffer_than_taut(tract.tract, EI * tract.turn / radius**2, tract.turn, tract.tension, tract.spacing)
+    return stiffer_than_taut(tracts, [EI * tract.turn / radii[tract.tract] ** 2 for tract in tracts])
 
 
-def stiffer_than_taut(name: str, push: float, turn: float, tension: float, spacing: float) -> list[Remark]:
-    """Return a remark if the thread bends stiffly in a tract.
+def stiffer_than_taut(tracts: Sequence[records.TractRecord], pushes: Sequence[float]) -> list[Remark]:
+    """Return a remark if the thread bends stiffly in one of the tracts.
 
-    Its bending force `push` [N] on a ball is then large against its `tension` [N]. The thread makes
-    a `turn` [rad] from one ball of the tract to the next, at a distance `spacing` [m].
+    Its bending force on a ball of each tract, `pushes` [N], is then large against its tension.
     """
-    stiff = turn > bounds.SLIGHT and push > bounds.STIFF * tension
-    words = {"push": push, "turn": turn, "tension": tension, "spacing": spacing / MILLI}
-    return judged(stiff, "tract-stiff", name, **words)
+    found = []
+    for tract, push in zip(tracts, pushes, strict=True):
+        words = {"push": push, "turn": tract.turn, "tension": tract.tension, "spacing": tract.spacing / MILLI}
+        if tract.turn > bounds.SLIGHT and push > bounds.STIFF * tract.tension:
+            found.append((push / max(tract.tension, np.finfo(float).tiny), tract.tract, words))
+    return worst_of(found, "tract-stiff", "tracts")
 
 
 def values_of(assembly: Assembly) -> dict[str, Array]:

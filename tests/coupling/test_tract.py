@@ -19,7 +19,7 @@ from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.simulation.remarks import stiff_in_tract, without_tract
+from studies.simulation.remarks import stiff_in_tracts, without_tract
 from studies.simulation.tracts import Ball, gaps_of
 
 BORDER = 1e-6  # of the way across: where a path is deep enough is found by twenty halvings
@@ -174,7 +174,7 @@ def closing(depth: float, share: float, drawn: float = 0.0) -> tuple[np.ndarray,
     assert error <= CLOSE
     alone = ask_organ(now.system, Equilibrium(), [now.state], 1.0, 1.0).accept(np.zeros(9 * len(now.piercings)), NONE)
     left, whole = (gaps(simulation, organ.displacement(state)) for state in (now.state.organ, alone))
-    said = [found for tract in step_record(now).tracts for found in stiff_in_tract(simulation.scenario, tract)]
+    said = stiff_in_tracts(simulation.scenario, step_record(now).tracts)
     return left, whole - left, [remark.code for remark in said]
 
 

@@ -95,6 +95,7 @@ def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, nu
 
 
 TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, speed=0.05)
+TRACT: Any = SimpleNamespace(tract="a-b", turn=0.2, tension=0.3, spacing=1e-3)
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
 JUDGED: dict[str, tuple[float, int, Judge]] = {
@@ -150,7 +151,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
         lambda x: judging.sunk(StrandsRecord(pressed=0, force=0.0, friction=0.0, depth=x, s=0.01), [], [], 3e-4, False),
     ),
     "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
-    "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut("a-b", x, 0.2, 0.3, 1e-3)),
+    "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
     "tract-out": (IN_TISSUE * 3e-4, 1, lambda x: judging.out_of_organ("a-b", x, 3e-4)),
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
@@ -195,6 +196,21 @@ def test_a_remark_is_said_beyond_its_bound_and_not_within(code: str) -> None:
     assert [(each.code, each.severity) for each in said] == [(code, CATALOGUE[code]["severity"])]
     assert re.search(r"\d", said[0].message) and said[0].where
     assert list(judge(bound * (1.0 - side * ROUND))) == []
+
+
+def test_holes_and_tracts_of_one_fault_have_one_remark() -> None:
+    """Independent check: of three holes, two too far turned and strained, the worst is named with their number; so is a
+    tract, by its push over its tension, and a hole that tears, by its pressure over the strength there."""
+    turned = replace(nothing_met(3, 0), turn=np.array([0.3, 0.1, 0.4]), mean_strain=np.array([0.5, 0.3, 0.0]))
+    said = list(judging.beyond_at_holes(["a", "b", "c"], turned))
+    assert [(each.code, each.where) for each in said] == [("hole-strain", "a"), ("hole-rotation", "c")]
+    assert all(f"'{each.where}' (the worst of 2 such holes)" in each.message for each in said)
+    taut: Any = SimpleNamespace(tract="c-d", turn=0.2, tension=3.0, spacing=1e-3)
+    (stiff,) = judging.stiffer_than_taut([taut, TRACT], [4.0, 2.0])
+    assert stiff.where == "a-b" and "'a-b' (the worst of 2 such tracts)" in stiff.message
+    pressed = replace(nothing_met(2, 0), bearing_pressure=np.array([3e6, 2e6]))
+    (torn,) = judging.torn(["a", "b"], pressed, [2.5e6, 1e6])
+    assert torn.where == "b" and "'b' (the worst of 2 such holes) is 2e+06 Pa" in torn.message
 
 
 COLUMN = """
