@@ -198,6 +198,14 @@ def turned_over(step: StepRecord) -> float:
     return max(step.energy.kinetic + step.energy.of_deformation, abs(step.energy.external_work))
 
 
+def settling_loss(step: StepRecord) -> float | None:
+    """Return the energy that the first step dissipated numerically [J], None at other steps.
+
+    Bends of the laid thread store energy, and one step brings them to rest.
+    """
+    return step.energy.numerical_dissipation if step.step == 1 else None
+
+
 @dataclass(frozen=True)
 class Extremes:
     """The largest values of a run until now, and the forces of its last steps.
@@ -236,6 +244,8 @@ class Extremes:
     energy: float = field(default=0.0, metadata={"step": turned_over})
     # largest energy created by the integrator [J]
     created: float = field(default=0.0, metadata={"step": lambda step: -step.energy.numerical_dissipation})
+    # energy that the first step dissipated numerically [J]
+    settling: float = field(default=0.0, metadata={"step": settling_loss})
     # largest strain of the organ's cells [-]
     strain: float = field(default=0.0, metadata={"frame": lambda organ: organ.strain.max()})
     # largest rotation of the organ's cells [rad]

@@ -289,9 +289,11 @@ def has_slid(assembly: Assembly, step: records.StepRecord) -> bool:
 def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
     """Return remarks on energy that the time steps created or dissipated.
 
-    `rough`: the run has friction. `slid`: the thread slid far.
+    `rough`: the run has friction. `slid`: the thread slid far. The first step is judged apart,
+    because the energy of the laid thread does not depend on the length of the steps.
     """
-    scale, created, dissipated = extremes.energy, extremes.created, energy.numerical_dissipation
+    scale, created, settling = extremes.energy, extremes.created, extremes.settling
+    dissipated = energy.numerical_dissipation - settling
     out, effect = [], ""
     if created > bounds.CREATED * scale:
         out.append(remark("energy-created", "solve", created=created, share=created / scale, energy=scale))
@@ -304,6 +306,12 @@ def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: boo
         effect = (
             f"friction only {energy.friction_dissipation:.2g} J, so the length that the thread slid depends on the "
             "steps; compare with a smaller solve.dt, or set solve.tolerance"
+        )
+    elif settling > bounds.DISSIPATED * scale and rough:
+        dissipated = settling
+        effect = (
+            f"{settling / scale:.0%} of the run's largest energy ({scale:.2g} J), in the first step: energy stored at "
+            'the start, as in bends of the laid thread; set solve.start = "rest" to begin without it'
         )
     return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 

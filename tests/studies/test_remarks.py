@@ -302,8 +302,14 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
     """Independent check: what has come to rest without friction does not know what was damped on the way."""
     swings = course(lambda t: 1.0 + 0.8 * t * (1.0 + t))
     for extremes, rough, said in ((met(), False, False), (met(), True, True), (swings, False, True)):
-        found = judging.audited(energy(numerical=2.0 * DISSIPATED), replace(extremes, energy=1.0), rough, False)
+        found = judging.audited(
+            energy(numerical=2.0 * DISSIPATED), replace(extremes, energy=1.0, settling=0.0), rough, False
+        )
         assert [each.code for each in found] == ["numerical-dissipation"] * said
+    for settling, words in ((0.0, "use a smaller solve.dt"), (1.0, "in the first step: energy stored at the start")):
+        lost = energy(numerical=settling + (1.0 - settling) * 2.0 * DISSIPATED, friction=1.0)
+        (one,) = judging.audited(lost, met(energy=1.0, settling=settling), True, True)
+        assert words in one.message
     for share, slid, said in ((1.0 - ROUND, True, False), (1.0 + ROUND, True, True), (1.0 + ROUND, False, False)):
         took = energy(friction=0.1 * DISSIPATED, numerical=0.1 * OUTDONE * DISSIPATED * share)
         found = judging.audited(took, met(energy=1.0), True, slid)
