@@ -28,6 +28,7 @@ from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at, radii_at
 from studies.simulation.given import Given, shear_moduli
+from studies.simulation.meshing import wound_of
 from studies.simulation.tracts import Ball, gaps_of, of_piercings, radius_of
 from studies.verdicts import BETWEEN, RESOLVED, SETTLED, unrest
 from thread.catalogue import knot_pull
@@ -81,6 +82,8 @@ def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequen
     yield from moved_holes(scenario.piercing)
     yield from steep_friction(scenario.contact)
     yield from unheld(scenario)
+    for name, sides in beside_wound(scenario).items():
+        yield from not_across(name, sides)
     yield from along_path(assembly, body)
 
 
@@ -455,6 +458,28 @@ def unheld(scenario: Scenario) -> list[Remark]:
     organ = scenario.tissue
     free = not (organ is None or organ.clamp or organ.roller or scenario.touching)
     return judged(free, "not-held", "tissue.clamp")
+
+
+def beside_wound(scenario: Scenario) -> dict[str, list[float]]:
+    """Return for each tie the distances of the holes in its loop from the plane of the wound [m].
+
+    They are negative on one side. The result is empty without a wound.
+    """
+    shape = scenario.tissue.mesh if scenario.tissue else None
+    if not isinstance(shape, model.WoundMesh):
+        return {}
+    axis, names = wound_of(shape).normal_axis, [hole.name for hole in scenario.piercing]
+    loops = {tie.name: sorted(map(names.index, tie.between)) for tie in scenario.tie}
+    return {
+        name: [hole.place[axis] for hole in scenario.piercing[first : last + 1]]
+        for name, (first, last) in loops.items()
+    }
+
+
+def not_across(name: str, sides: Sequence[float]) -> list[Remark]:
+    """Return a remark on a tie whose holes are all on one side of the wound, at distances `sides` [m]."""
+    away = max(min(sides), -max(sides))
+    return judged(away > 0.0, "not-across", name, away=away / MILLI)
 
 
 def off_path(assembly: Assembly) -> list[Remark]:

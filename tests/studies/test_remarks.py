@@ -156,6 +156,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
     "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
+    "not-across": (1e-3, 1, lambda x: judging.not_across("a", [x - 1e-3, 5e-3])),
     "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
     "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
     "channel": (
