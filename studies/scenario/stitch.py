@@ -33,7 +33,6 @@ TAIL = 2.0  # of the bite: length of the tails of a stitch without depth
 UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
-ACROSS = ("single", "vertical-mattress")  # kinds with all bites in one plane across the wound, so without a pitch
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
 
 
@@ -74,7 +73,6 @@ class Stitch(ScenarioTable):
     def _check(self) -> None:
         check_ending(self.from_, self.until)
         self._refuse(self.kind not in ROWS and "count" in self.model_fields_set, "count.fixed")
-        self._refuse(self.kind in ACROSS and self.pitch is not None, "pitch.across")
         self._refuse((self.force is None) == (self.draw is None), "force.draw")
         straight = self.kind == "running" or (self.kind == "single" and self.draw is not None)
         self._refuse(not self.depth and not straight, "depth.tied")

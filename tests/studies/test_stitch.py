@@ -55,9 +55,8 @@ def wound(*stitches: dict[str, Any], **more: Any) -> dict[str, Any]:
 
 
 def of_kind(kind: str) -> dict[str, Any]:
-    """The keys of a stitch of a kind, with a pitch and three bites where it may have them."""
-    pitch = {} if kind in ("single", "vertical-mattress") else {"pitch": PITCH}
-    return {"kind": kind} | pitch | ({"count": 3} if kind in ("running", "purse-string") else {})
+    """The keys of a stitch of a kind with a pitch, and three bites where it may have them."""
+    return {"kind": kind, "pitch": PITCH} | ({"count": 3} if kind in ("running", "purse-string") else {})
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -172,11 +171,6 @@ def test_the_long_form_is_the_same_scenario(tmp_path: Any, capsys: pytest.Captur
         ({"bite": 0.0}, r"stitch\.first\.bite = 0\.0 is refused"),
         ({"kind": "singel"}, r'nearest is "single"'),
         ({"count": 3}, r"count = 3 is refused: a single stitch has a fixed count"),
-        (
-            {"pitch": 7e-3},
-            r"pitch = 0\.007 is refused: the bites of a single stitch are not along the wound; leave it out",
-        ),
-        ({"kind": "vertical-mattress", "pitch": 7e-3}, r"pitch = 0\.007 is refused: .* vertical-mattress stitch"),
         (DRAWN | {"from": 0.5}, r"from = 0\.5 is refused: the rows of draw have their own times"),
         (DRAWN | {"tract": False, "friction": {"static": 0.2, "kinetic": 0.1}}, r"friction is refused: hands hold"),
         ({"along": [0, 0, 1]}, r"along = .*it is parallel to normal"),

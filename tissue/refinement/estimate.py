@@ -79,7 +79,7 @@ def estimate(body: Elasticity, sites: Sequence[Site], placed: Sites) -> Estimate
     compliance, missed = np.empty((2, goals.size, AXES))
     indicators, recovery = np.zeros(body.mesh.nelements), Recovery(body)
     factor = solver_of_columns(held(body), body.basis.doflocs[:, body.free].T)
-    at_clamp = np.where(body.held[body.cells].all(axis=2).any(axis=1), SINGULAR, 1.0)
+    at_clamp = np.where(np.any(np.all(body.held, axis=1)[body.cells], axis=1), SINGULAR, 1.0)
     seen = seen_cells(body, [sites[goal].radius for goal in goals], placed.points[goals])
     for first in range(0, goals.size, TOGETHER):
         some = np.arange(first, min(first + TOGETHER, goals.size))
