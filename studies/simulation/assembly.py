@@ -54,6 +54,7 @@ TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.pa
 ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
 STRAND_LOOKS = 20  # points of a strand that are tested for lying in tissue
 DRAWN = 4  # parts of the draw of a loop that relaxes: its force is then right to 0.2 %, with one part to 3 %
+APART = 1e-6  # of the duration: of times that are closer, as at a jump of a load, the first counts
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
 SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
 LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
@@ -576,7 +577,8 @@ def marks_of(assembly: Assembly) -> tuple[float, ...]:
     out = {time for rows in courses for time in turns(np.array(rows))}
     if getattr(organ, "relaxation", None) or system.thread.relaxation:
         out |= {time for tie in system.ties for time in np.linspace(tie.begins, tie.locks, DRAWN + 1).tolist()}
-    return tuple(sorted(out))
+    times = np.sort([*out])
+    return tuple(times[np.diff(times, prepend=-np.inf) > APART * scenario.solve.duration].tolist())
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
