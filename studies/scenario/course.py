@@ -4,7 +4,8 @@ The load is on the organ or on an end of the thread. A course is rows of time [s
 linear in between. A named course is converted into rows; a wave has WAVE rows in each period.
 """
 
-from math import ceil, cos, inf, pi
+from itertools import pairwise
+from math import ceil, cos, floor, inf, pi
 from typing import Annotated, Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from studies.scenario.values import From, NotNegative, Number, Positive, Turn, o
 WAVE = 32  # rows per period: with linear interpolation the error is 0.25 % of the wave's height
 JUMP = 1e-9  # of a time: duration of a sudden change of a load, longer than the round-off of a step's end
 STEPS = 4  # per wave: fewer steps can miss its height by more than a seventh
-MISSED = 1.0 / 7.0  # of the height of a turn of rows: the same limit
+MISSED = 1.0 / 7.0  # of the range of a load: the same limit at its other turns
 COUGH = 0.4  # s, from the rise of the abdominal pressure to its end
 
 
@@ -130,22 +131,23 @@ class Timed(ScenarioTable):
         return None
 
     def missed_turn(self, step: float, end: float) -> tuple[float, float] | None:
-        """Return the time [s] of a turn of the load that steps miss, and the missed share of its height.
+        """Return the time [s] of a turn of the load that steps miss, and the missed share of its range.
 
-        The turn is before `end` [s], and steps have the length `step` [s]. None if there is none.
+        The turn is before `end` [s], and steps have the length `step` [s]. None if there is none, or
+        for a wave.
         """
-        rows = self.rows(end) if isinstance(self.course, tuple) else None
+        rows = None if isinstance(self.course, Cycle | Cough) else self.rows(end)
         time, factor = np.array(rows or [(0.0, 0.0)]).T
-        reach = np.r_[0.0, time[1:-1], end]  # the first and the last factor hold before and after
         way = np.sign(np.diff(factor))
-        at = np.r_[0, 1 + np.flatnonzero(way[1:] != way[:-1]), len(time) - 1]
-        for before, turn, after in zip(at, at[1:], at[2:], strict=False):
-            last = min(reach[after], end) / step + JUMP
-            steps = step * np.arange(ceil(reach[before] / step - JUMP), int(last) + 1)
-            off = np.abs(np.interp(steps, time, factor) - factor[turn]).min(initial=inf)
-            share = off / max(np.ptp(factor[[before, turn, after]]), JUMP)
-            if time[turn] < end and share > MISSED:
-                return float(time[turn]), float(min(share, 1.0))
+        moving = np.flatnonzero(way)
+        for one, other in pairwise(moving.tolist()):
+            first, last = time[one + 1], time[other]  # it may stay there for a while
+            if way[one] == way[other] or first >= end:
+                continue
+            steps = np.minimum([floor(last / step + JUMP) * step, ceil(first / step - JUMP) * step], end)
+            share = np.abs(np.interp(steps, time, factor) - factor[other]).min() / np.ptp(factor)
+            if share > MISSED:
+                return float(first), float(share)
         return None
 
 

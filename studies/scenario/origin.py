@@ -32,10 +32,10 @@ def with_origin(problem: str, stitches: Sequence[str]) -> str:
 
     All piercings and tracts of a scenario with stitches are theirs, but ties can be the user's own.
     """
-    if stitches and problem.startswith(("thread.path", "thread.cuts")):
+    if stitches and re.match(r"thread\.(path|cuts)\b", problem) and because("stitch-writes") not in problem:
         return f"{problem}; {because('stitch-path')}"
     names = "|".join(re.escape(as_toml(name)[1:-1]) for name in sorted(stitches, key=len, reverse=True))
-    found = re.match(rf"""(tie)\."?({names})"?\.|(piercing|tract)\b.*?["']({names})\.""", problem)
+    found = re.match(rf"""(tie)\.(?:"({names})"|({names}))\.|(piercing|tract)\b.*?["']({names})\.""", problem)
     if not stitches or found is None:
         return problem
     table, name = filter(None, found.groups())

@@ -252,9 +252,8 @@ class Scenario(ScenarioTable):
                 self._refuse(True, "course.short", (f"{key}.{wave[0]}", wave[1]), steps=STEPS, shorter=shorter)
             if isinstance(table, Timed) and (missed := table.missed_turn(self.solve.step, self.solve.duration)):
                 time, share = missed
-                self._refuse(
-                    True, "course.missed", (f"{key}.course", table.course), time=time, share=share, shorter=shorter
-                )
+                given = (f"{key}.course", table.course) if table.course else (f"{key}.until", table.until)
+                self._refuse(True, "course.missed", given, time=time, share=share, shorter=shorter)
 
     def _check_held(self) -> None:
         tissue, static = self.tissue, self.solve.kind == "static"

@@ -567,14 +567,17 @@ def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...]
 def marks_of(assembly: Assembly) -> tuple[float, ...]:
     """Return the times [s] at which a load step is divided.
 
-    They are those at which a load turns, because its height would be missed. If anything relaxes,
-    they also divide the draw of each tie into DRAWN parts, because the loop relaxes as it is drawn.
+    They are those at which a load or the hand at an end turns, because its height would be missed.
+    If anything relaxes, they also divide the draw of each tie into DRAWN parts, because the loop
+    relaxes as it is drawn.
     """
     scenario, system, organ = assembly.scenario, assembly.system, assembly.organ
     table, thread = scenario.tissue, scenario.thread
     loads = [*(table.load if table else ()), *(end for end in (thread.start, thread.end) if isinstance(end, Timed))]
-    courses = [rows for load in loads if (rows := load.rows(scenario.solve.duration))]
-    out = {time for rows in courses for time in turns(np.array(rows))}
+    courses = [np.array(rows) for load in loads if (rows := load.rows(scenario.solve.duration))]
+    hands = [end.waypoints for end in system.ends if isinstance(end, Driven)]
+    courses += [rows[:, [0, axis]] for rows in hands for axis in (1, 2, 3)]
+    out = {time for rows in courses for time in turns(rows)}
     if getattr(organ, "relaxation", None) or system.thread.relaxation:
         out |= {time for tie in system.ties for time in np.linspace(tie.begins, tie.locks, DRAWN + 1).tolist()}
     times = np.sort([*out])

@@ -108,11 +108,11 @@ def through_holes(path: RoundedPath, at: Array, ways: Array) -> LaidPath:
 
 
 def over_surface(through: LaidPath, at: Array, diameter: float, skin: Skin) -> LaidPath:
-    """Return a path whose chords are lifted onto the surface `skin` where they dip below it.
+    """Return a path whose chords are lifted onto the reference surface `skin` where they dip below it.
 
-    The thread with a `diameter` [m] then lies on the surface.
-
-    Holes are at abscissae `at` (p,) of the path [m]; a dip with a hole is a bite.
+    The thread with a `diameter` [m] then lies on the surface. Holes are at abscissae `at` (p,) of
+    the path [m]. A dip with a hole is a bite, and one that leaves by another face passes through
+    the organ.
     """
     places = np.linspace(0.0, through.path.length, int(LOOKS * through.path.length / diameter) + 2)
     still, labels = np.zeros_like(skin.body.points), np.zeros((len(places), 0))
@@ -122,7 +122,8 @@ def over_surface(through: LaidPath, at: Array, diameter: float, skin: Skin) -> L
     for first, stop in ends:
         low, high = max(first - 1, 0), min(stop, len(places) - 1)
         pierced = ((at >= places[low]) & (at <= places[high])).any() or low == first or high < stop
-        if pierced or depth[first:stop].max() > DIP * (places[high] - places[low]):
+        through_organ = (np.vecdot(d[first : stop - 1], d[first + 1 : stop]) <= 0.0).any()
+        if pierced or through_organ or depth[first:stop].max() > DIP * (places[high] - places[low]):
             depth[first:stop] = 0.0
     if not depth.any():
         return through

@@ -5,6 +5,7 @@ catalogue, `studies.output.remarks`.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, pairwise
 from math import dist
 from operator import itemgetter
@@ -149,7 +150,8 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         yield from judged(not step.would_stay, "would-not-stay", "solve")
     yield from along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
     if dynamic:
-        yield from audited(step.energy, extremes, rubs(assembly) or not names, has_slid(assembly, step))
+        laid = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)
+        yield from audited(step.energy, laid, rubs(assembly) or not names, has_slid(assembly, step))
         yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
     abscissae = [hole.s for hole in step.piercings]
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)

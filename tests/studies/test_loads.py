@@ -13,6 +13,7 @@ import pytest
 from studies.command import command
 from studies.output.remarks import SMALL_ROTATION
 from studies.scenario import ScenarioError, dump, parse
+from studies.scenario.course import Timed
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
 from tests.bounds import RESIDUAL
@@ -190,6 +191,25 @@ def test_refusals(load: dict[str, Any], words: str) -> None:
     corner = [{"name": "corner", "box": box}]
     with pytest.raises(ScenarioError, match=words):
         assemble(parse(changed(load=[load], clamp=["right"], roller=["left"], boundary=corner)))
+
+
+@pytest.mark.parametrize(
+    ("load", "time"),
+    [
+        ({"course": [[0, 0], [0.16, 1], [0.2, 0]]}, 0.16),
+        ({"course": [[0, 0], [0.1, 1], [0.2, 0]]}, None),
+        ({"course": [[0, 0], [1, 1]], "until": 0.55}, None),
+        ({"course": [[0, 0], [0.52, 1], [0.54, 0.99], [0.56, 1], [1, 1]]}, None),
+        ({"course": [[0, 0], [1, 0], [1.045, 1], [3, 0]]}, None),
+        ({"course": {"kind": "hold", "rise": 0.01, "hold": 0.01, "fall": 0.01}}, 0.01),
+        ({"from": 0.12, "until": 0.14}, 0.12),
+        ({"from": 0.12, "until": 0.24}, None),
+    ],
+)
+def test_a_turn_is_missed_if_no_step_is_near_its_height(load: dict[str, Any], time: float | None) -> None:
+    """Independent check: by hand, for steps of 0.1 s and a last one of 0.05 s."""
+    missed = Timed.model_validate(load).missed_turn(0.1, 1.05)
+    assert (None if missed is None else missed[0]) == (None if time is None else pytest.approx(time))
 
 
 @pytest.mark.parametrize("knots", ["travelling", "fixed"])

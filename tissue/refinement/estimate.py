@@ -14,7 +14,7 @@ between two materials. The part of the pressure that is already averaged at the 
 (`tissue.elasticity`) is the same in σ* and in σ_h.
 
 At the edges of a clamp the stress is singular, and σ* misses most of the error. η_T² of the cells
-there is therefore multiplied by SINGULAR.
+with a held node is therefore multiplied by SINGULAR.
 """
 
 from collections.abc import Callable, Sequence
