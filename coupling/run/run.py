@@ -262,8 +262,8 @@ class Run(Generic[Body]):
 
         Scheduled changes within the load step take place in the equilibrium at their time. A thread
         that is cut, or whose tie may slip as it is locked, finds another equilibrium under the same
-        loads, with friction from the first one. Raises `StepError` (for unbalanced dead loads before the first
-        load step), `InversionError`, `ConstraintError`.
+        loads, with friction from the first one. Raises `StepError` (for unbalanced dead loads
+        before the first load step), `InversionError`, `ConstraintError`.
         """
         run, now, end = replace(self, at_once=0, taken=(), events=(), seen=None), self.state.time, share * duration
         dt, parts = end - now, [share]

@@ -571,14 +571,14 @@ def marks_of(assembly: Assembly) -> tuple[float, ...]:
     If anything relaxes, they also divide the draw of each tie into DRAWN parts, because the loop
     relaxes as it is drawn.
     """
-    scenario, system, organ = assembly.scenario, assembly.system, assembly.organ
-    table, thread = scenario.tissue, scenario.thread
-    loads = [*(table.load if table else ()), *(end for end in (thread.start, thread.end) if isinstance(end, Timed))]
-    courses = [np.array(rows) for load in loads if (rows := load.rows(scenario.solve.duration))]
+    scenario, system = assembly.scenario, assembly.system
+    of_loads = [load.course for load in loads_of(scenario)]
+    of_ends = [end.course for end in system.ends if isinstance(end, Pulled)]
+    courses = [np.array(course) for course in (*of_loads, *of_ends) if course is not None]
     hands = [end.waypoints for end in system.ends if isinstance(end, Driven)]
     courses += [rows[:, [0, axis]] for rows in hands for axis in (1, 2, 3)]
     out = {time for rows in courses for time in turns(rows)}
-    if getattr(organ, "relaxation", None) or system.thread.relaxation:
+    if getattr(assembly.organ, "relaxation", None) or system.thread.relaxation:
         out |= {time for tie in system.ties for time in np.linspace(tie.begins, tie.locks, DRAWN + 1).tolist()}
     times = np.sort([*out])
     return tuple(times[np.diff(times, prepend=-np.inf) > APART * scenario.solve.duration].tolist())

@@ -83,7 +83,7 @@ def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequen
     yield from moved_holes(scenario.piercing)
     yield from steep_friction(scenario.contact)
     yield from unheld(scenario)
-    for name, sides in beside_wound(scenario).items():
+    for name, sides in distances_from_wound(scenario).items():
         yield from not_across(name, sides)
     yield from along_path(assembly, body)
 
@@ -150,8 +150,8 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         yield from judged(not step.would_stay, "would-not-stay", "solve")
     yield from along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
     if dynamic:
-        laid = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)
-        yield from audited(step.energy, laid, rubs(assembly) or not names, has_slid(assembly, step))
+        judged_steps = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)
+        yield from audited(step.energy, judged_steps, rubs(assembly) or not names, has_slid(assembly, step))
         yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
     abscissae = [hole.s for hole in step.piercings]
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
@@ -294,8 +294,8 @@ def has_slid(assembly: Assembly, step: records.StepRecord) -> bool:
 def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: bool) -> list[Remark]:
     """Return remarks on energy that the time steps created or dissipated.
 
-    `rough`: the run has friction. `slid`: the thread slid far. The first step is judged apart,
-    because the energy of the laid thread does not depend on the length of the steps.
+    `rough`: the run has friction. `slid`: the thread slid far. The first step is judged
+    separately, because the energy of the laid thread does not depend on the length of the steps.
     """
     scale, created, settling = extremes.energy, extremes.created, extremes.settling
     dissipated = energy.numerical_dissipation - settling
@@ -462,7 +462,7 @@ def unheld(scenario: Scenario) -> list[Remark]:
     return judged(free, "not-held", "tissue.clamp")
 
 
-def beside_wound(scenario: Scenario) -> dict[str, list[float]]:
+def distances_from_wound(scenario: Scenario) -> dict[str, list[float]]:
     """Return for each tie the distances of the holes in its loop from the plane of the wound [m].
 
     They are negative on one side. The result is empty without a wound.

@@ -267,7 +267,7 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
 def test_the_way_across_a_wound_is_no_fault_of_a_tract() -> None:
     """Independent check: a bite through both lips of a slit is bare for two radii there, where it passes from lip to
     lip, and that is not held against it; of as much beneath a surface that is no wound is, and of a bite that leaves
-    the block through its bottom the whole height is told."""
+    the block through its bottom the remark has the whole height."""
     deep = tomllib.loads(STITCH.format(thread=THREAD, depth=6e-3, spacing=1.5e-3))
     near = deepcopy(deep)
     near["thread"]["path"][1:3] = [[-0.006, 0, -6e-3], [-0.0014, 0, -1e-3], [0.0014, 0, -1e-3], [0.006, 0, -6e-3]]

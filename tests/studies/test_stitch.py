@@ -14,7 +14,7 @@ from studies.scenario.stitch import NEAR, Stitch, bites_of
 from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
-from studies.simulation.remarks import beside_wound, not_across
+from studies.simulation.remarks import distances_from_wound, not_across
 from thread.path import rounded_path
 from tissue import TissueError
 
@@ -221,17 +221,17 @@ def test_a_refused_part_of_a_stitch_names_the_stitch(stitch: dict[str, Any], wor
 
 
 @pytest.mark.parametrize(("along", "axis"), [("y", 0), ("x", 1)])
-@pytest.mark.parametrize(("way", "told"), [(0.0, False), (0.9 * BITE, False), (1.1 * BITE, True), (-1.1 * BITE, True)])
-def test_a_stitch_beside_the_wound_is_told(along: str, axis: int, way: float, told: bool) -> None:
+@pytest.mark.parametrize(("way", "named"), [(0.0, False), (0.9 * BITE, False), (1.1 * BITE, True), (-1.1 * BITE, True)])
+def test_a_stitch_on_one_side_of_the_wound_has_a_remark(along: str, axis: int, way: float, named: bool) -> None:
     """Independent check: the stitch is moved across the wound, along either axis, until both holes are on one side."""
     table = wound({"at": [way if axis == k else 0.0 for k in range(3)]})
     table["tissue"]["mesh"]["along"] = along
-    (sides,) = beside_wound(parse(table)).values()
-    assert [each.code for each in not_across("first", sides)] == ["not-across"] * told
+    (sides,) = distances_from_wound(parse(table)).values()
+    assert [each.code for each in not_across("first", sides)] == ["not-across"] * named
 
 
 def test_a_tie_of_another_name_is_no_part_of_a_stitch() -> None:
-    """Independent check: only ties can be written beside stitches, and names can begin alike."""
+    """Independent check: only ties can be written next to stitches, and names can begin alike."""
     late, none = "tie.{} = 0.2 is refused: it must be later", "thread.suture = 1 is refused"
     for key, name in (("first.until", "first"), ('"first.b".until', "first.b"), ("firsts.until", None)):
         said = with_origin(late.format(key), ["first", "first.b"])
