@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 
 REACH = ORDERS - 1
 OVER = {"over": True}  # mark of a log record: the wait is over
-COMPILING = 10  # s, for a step or for steps at once: 12 and 6 s elapsed on a quiet machine, 19 and 11 s on a busy one
+COMPILING = 12  # s, for a step or for steps at once: 14 and 7 s elapsed on a quiet machine, 22 and 13 s on a busy one
 KEPT = "iteration.solve_of."  # first part of the file names of the loops on disk
 
 

@@ -133,59 +133,6 @@ def test_a_record_is_read_by_its_address() -> None:
     assert out.tolist() == [[0.0, 2.0, 4.0, 6.0], [0.5, 2.5, 4.5, 0.0], [-1.0, -1.0, -1.0, -1.0]]
 
 
-def walked(x: Any, y: Any, flags: Any, start: int, out: Any) -> int:
-    """Read and write entries and parts of arrays in all ways that kernels use."""
-    count = 0
-    for i in range(start, len(y)):
-        part, plane = x[i], y[-1]
-        out[i, -1] = part[1, -2] + plane[i] + x[i, 0, 1] + x[i, -1][0] + part.size + len(plane)
-        flags[i] = not flags[-1 - i]
-    for i in range(4, -1, -2):
-        out[0, 0] += i
-        count += 1
-    for _ in range(start, -start):
-        count += 10
-    return count
-
-
-@pytest.mark.parametrize("turned", [False, True])
-def test_short_code_reads_arrays_as_numpy_does(turned: bool) -> None:
-    """Consistency: entries, parts and negative indices of arrays in rows and of views, and ranges of all kinds."""
-    x, y = np.random.default_rng(0).random((2, 3, 3, 3))
-    x, y = (x.transpose(2, 0, 1), y[0].T) if turned else (x, y[0])
-    results = []
-    for each in (walked, loops.outermost(walked)):
-        flags, out = np.array([True, False, False]), np.zeros((3, 2))
-        results.append((each(x, y, flags, 1, out), flags.tolist(), out.tolist()))
-    assert results[0] == results[1]
-
-
-@loops.loop
-def down_from(n: int) -> range:
-    """A range with a step, made by a part."""
-    return range(n, -1, -1)
-
-
-@loops.owning
-def summed(n: int) -> float:
-    """The sum over two arrays of one's own in a tuple, and over ranges with steps."""
-    total = 0.0
-    for each in (np.ones(n), np.full(n, 2.0)):
-        for i in down_from(n - 1):
-            total += each[i]
-    for i in range(*(n, 0, -1)):
-        total += i
-    return total
-
-
-def test_ranges_with_steps_and_tuples_of_arrays_are_numpys() -> None:
-    """Independent check: sums in closed form, again and again, so that a lost array would be seen."""
-    whole = loops.entry(summed)
-    for n in (1, 11, 5000):
-        for _ in range(20):
-            assert whole(n) == 3.0 * n + n * (n + 1) / 2
-
-
 def test_a_function_is_called_where_it_stands() -> None:
     """Independent check: what stands at the address is called, and not what has the name."""
     one = loops.outermost(lambda x, n: x + n)
