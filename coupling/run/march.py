@@ -13,7 +13,6 @@ gives the same numbers for the same step, except for round-off. These steps are 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,15 +21,13 @@ from coupling.calls import ask_before_correction
 from coupling.integrators import BackwardEuler, Scheme
 from coupling.interfaces import Body
 from coupling.reports.audit import Energies
+from coupling.run.course import Course, body_of
 from coupling.run.tautness import taut_strands
 from coupling.step.newton import Iterate, Problem, Solution, evaluate
 from coupling.step.solver import covers
 from coupling.step.stepping import Step, Take, bdf2_step, dynamic_problem, organ_answer, scheme_of, try_step
 from coupling.system import State, System
 from thread.placed import Placed
-
-if TYPE_CHECKING:
-    from coupling.run.course import Course
 
 
 def covered_scheme(system: System[Body], state: State[Body], dt: float, take: Take[Body]) -> Scheme | None:
@@ -77,7 +74,7 @@ def march(
     times: Sequence[float],
     take: Take[Body],
     taut: Flags | None = None,
-) -> "Course | None":
+) -> Course | None:
     """Make smooth steps of `dt` [s] from a state, whose ends are at the `times` [s].
 
     None if the first step is not smooth, or if the loops do not cover it. `taut` (k + 1,) are the
@@ -87,8 +84,6 @@ def march(
     scheme = covered_scheme(system, state, dt, take)
     if scheme is None:
         return None
-    from coupling.run.course import Course, body_of
-
     remembers = take is bdf2_step
     if remembers and state.dt_before != dt:
         times = times[:1]  # the next step uses an earlier step of another size

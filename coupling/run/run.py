@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate, chain
-from typing import TYPE_CHECKING, Generic
+from typing import Generic
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from coupling.reports.audit import Energies, audit_step, closing_works, drawing_
 from coupling.reports.observation import PiercingObservation, Sight, largest_gap, look, observe
 from coupling.rest.branch import reach
 from coupling.rest.equilibrium import lightly_loaded, refuse_unbalanced
+from coupling.run.course import Course
 from coupling.run.cutting import Cut, cut_thread
 from coupling.run.events import Event, Events, find_events, kept_taut
 from coupling.run.impact import begin_piercing
@@ -38,9 +39,6 @@ from coupling.step.stepping import CURVED, HALVINGS, Step, Take, advance, bdf2_s
 from coupling.system import State, System, forgetful, turns
 from coupling.ties import ON_TIME
 from tissue.errors import FactorError
-
-if TYPE_CHECKING:
-    from coupling.run.course import Course
 
 log = logging.getLogger(__name__)
 
@@ -198,7 +196,7 @@ class Run(Generic[Body]):
         runs = [self._marched(made, *one) for made, one in enumerate(each, 1)]
         return [self._switched(runs[0], dt)] if course.happened else runs
 
-    def _course(self, dt: float, times: Sequence[float]) -> "Course | None":
+    def _course(self, dt: float, times: Sequence[float]) -> Course | None:
         """Return the steps of `dt` [s] to the `times` [s] that the loops make before scheduled
         changes; None if they make none.
         """

@@ -6,23 +6,19 @@ covers the problem; otherwise `coupling.step.newton` is used.
 
 import logging
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coupling.calls import ask_before_correction
 from coupling.errors import StepError
 from coupling.interfaces import Body, Certified
+from coupling.kernels import iteration
 from coupling.kernels.bordered import SINGULAR_HOLDS, SINGULAR_THREAD
-from coupling.step import newton
+from coupling.step import newton, tables
 from coupling.step.descent import PATIENCE, descend
 from coupling.step.newton import Iterate, Problem, Solution
 from coupling.system import System
 from thread.errors import ThreadError
-
-if TYPE_CHECKING:
-    from coupling.step.tables import Ended
-
 
 log = logging.getLogger(__name__)
 
@@ -75,22 +71,13 @@ def solve_once(problem: Problem[Body], start: Iterate, downhill: int) -> Solutio
     """Solve with the organ's answer as given, as described in `solve`. Raises `StepError`."""
     if downhill:
         return descend(problem, start, downhill)
-    if (problem.system.compiled or problem.system.thread.travels) and is_covered(problem):
-        try:
-            return solve_compiled(problem, start)
-        except ThreadError as error:
-            raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
-    return newton.solve(problem, start)
-
-
-def are_kept() -> bool:
-    """Return whether compiled loops are cached on disk for the next process.
-
-    This needs a folder that can be written, and Numba must not be disabled.
-    """
-    from coupling.step.tables import folder_of_loops
-
-    return folder_of_loops() is not None
+    compiled = problem.system.compiled or problem.system.thread.travels
+    if not (compiled and is_covered(problem)):
+        return newton.solve(problem, start)
+    try:
+        return solve_compiled(problem, start)
+    except ThreadError as error:
+        raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
 
 
 def covers(system: System[Body]) -> bool:
@@ -110,24 +97,17 @@ def is_covered(problem: Problem[Body]) -> bool:
 
 def solve_compiled(problem: Problem[Body], start: Iterate) -> Solution[Body]:
     """Solve by the loops, as described in `solve`. Raises the `StepError` of `coupling.step.newton`."""
-    from coupling.step.tables import run, tables_of
-
     ask_before_correction()
-    ended = run(tables_of(problem.system.thread), problem, start)
+    ended = tables.run(problem, start)
     for _ in range(ended.corrections - 1):  # each correction counts, and the loops do not ask
         ask_before_correction()
-    cause = cause_of(ended)
-    if cause:
-        raise newton.failure(problem, ended.found.holds, cause)
-    return Solution(problem, ended.z, newton.evaluate(problem, ended.z), ended.corrections)
-
-
-def cause_of(ended: "Ended") -> str:
-    """Return why the loops found no solution, in the words of `coupling.step.newton`; empty if they found one."""
-    from coupling.kernels import iteration
-
     if ended.how == iteration.SOLVED:
-        return ""
+        return Solution(problem, ended.z, newton.evaluate(problem, ended.z), ended.corrections)
+    raise newton.failure(problem, ended.found.holds, cause_of(ended))
+
+
+def cause_of(ended: tables.Ended) -> str:
+    """Return why the loops found no solution, in the words of `coupling.step.newton`."""
     causes = {
         iteration.SINGULAR_THREAD: SINGULAR_THREAD,
         iteration.SINGULAR_HOLDS: SINGULAR_HOLDS,

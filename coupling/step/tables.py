@@ -227,8 +227,9 @@ def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
     log.info("compiled %s in %.0f s", what, perf_counter() - began, extra=OVER)
 
 
-def run(tables: Tables, problem: Problem, start: Iterate) -> Ended:
+def run(problem: Problem, start: Iterate) -> Ended:
     """Run the loops from an iterate."""
+    tables = tables_of(problem.system.thread)
     given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem)
     z = Iterate(*(np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma)))
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)

@@ -12,7 +12,7 @@ import skfem
 
 import tissue
 from coupling.rest.laying import start
-from coupling.step.solver import are_kept
+from coupling.step import tables
 from coupling.system import Friction, Piercing, State, System, ThreadContact, turns
 from coupling.ties import Tie
 from meshes.wound import lips
@@ -217,7 +217,8 @@ def is_compiled(solve: model.Solve) -> bool:
     """
     if solve.newton != "auto" or solve.kind == "static" or solve.scheme == "linear":
         return solve.newton == "compiled"
-    if not (kept := are_kept()):
+    kept = tables.folder_of_loops() is not None
+    if not kept:
         log.info("steps are solved in numpy, because no folder can cache compiled loops; set NUMBA_CACHE_DIR")
     return kept
 

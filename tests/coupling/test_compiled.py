@@ -184,7 +184,7 @@ def agree_on_residuals(problem: Problem, solution: Solution) -> None:
     z = replace(z, q=(1.0 + NEAR) * z.q, lam=(1.0 + NEAR) * z.lam, y=(1.0 - NEAR) * z.y)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(newton, "MAX_ITERATIONS", 0)
-        ended = tables.run(tables_of(problem.system.thread), problem, z)
+        ended = tables.run(problem, z)
     assert (ended.how, ended.corrections) == (iteration.NOT_CONVERGED, 0)
     exact, found = newton.evaluate(problem, z), ended.found
     rounded, at = newton.rounded_force(problem), exact.passage
