@@ -14,28 +14,22 @@ returns it, and never reads it.
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
-from coupling.arrays import Array, Flags, Indices
-from tissue.organs.meshed import TimeScheme
+from coupling.arrays import Array, Indices
+from tissue.organs.meshed import Lips, OrganEnergies, TimeScheme
+from tissue.organs.modal import ModalArrays
 
 Body = TypeVar("Body")
 
-# Energies of a step [J]: kinetic and elastic energy at its end; the work of weight and loads; the losses by viscous
-# damping, by the integrator (with −p⁺·Δg of contact) and by friction between surfaces; and the energy that a
-# prestretch stores.
-OrganEnergies = tuple[float, float, float, float, float, float, float]
 # For an organ without inertia: its elastic energy under weight and loads alone [J], the displacement of the sites by
 # these, and the forces on the sites [N, N m], `(9p,)` each.
 SteadyLoads = tuple[float, Array, Array]
-# For an organ in modes of stiffness one, of which the first r move the sites and the others check them: masses and
-# loads (n,); displacement by the site forces in a step, W (n, 9p); Y (9p, r), y0 (9p,); residual of the check per
-# acceleration of the other modes (k, n − r); Rayleigh's α [1/s] and β [s]. If all modes move the sites, the residual is
-# for all modes (k, n); its tolerances follow, relative to the largest forces, and by round-off [√J]; otherwise zeros.
+# `ModalArrays`, for an organ in modes of stiffness one, of which the first r move the sites and the others check them:
+# masses and loads (n,); displacement by the site forces in a step, W (n, 9p); Y (9p, r), y0 (9p,); residual of the
+# check per acceleration of the other modes (k, n − r); Rayleigh's α [1/s] and β [s]. If all modes move the sites, the
+# residual is for all modes (k, n); its tolerances follow, relative to the largest forces, and by round-off [√J];
+# otherwise zeros.
 # The motion: η, η̇, η̈ (n,), the forces on the sites (9p,), and the residual of the check or the largest forces so far.
-Modes = tuple[Array, Array, Array, Array, Array, Array, float, float, float, float]
 ModalMotion = tuple[Array, Array, Array, Array, float]
-# For each pair that may touch: its gap g [m], its contact force p [N] and its slip since the reference [m], shape
-# `(pairs,)` each, the friction of its node on the opposite surface, `(pairs, 3)` [N], and whether it slips.
-Lips = tuple[Array, Array, Array, Array, Flags]
 
 
 class Answer(Protocol[Body]):
@@ -233,7 +227,7 @@ class Steady(Protocol):
 class Modal(Protocol):
     """Optional members of a linear organ with inertia: its motion is in modes."""
 
-    def modes(self, scheme: TimeScheme, state: Any, times: Sequence[float]) -> Modes | None:
+    def modes(self, scheme: TimeScheme, state: Any, times: Sequence[float]) -> ModalArrays | None:
         """Return the data of the modes for steps of a scheme; None if the loads at the `times` [s]
         are not those of the state.
         """

@@ -20,8 +20,8 @@ from thread.kernels.travel import Ridden
 from thread.relaxation import Memory
 from thread.spline import Spline
 from thread.thread import Thread
-from thread.vectors import cross, unit_vector
 from tissue.recent import Recent
+from tissue.sites.site import frame
 
 PRESSED = (1e-3, 1e-2, 1e-1, 1.0, 10.0)  # N, at which a user's law is checked; the range contains that of sutures
 STEP = 1e-5  # of N: step of the difference quotient for the check of its slope, with an error of about 1e-10
@@ -329,9 +329,9 @@ class System(Generic[Body]):
 
     @cached_property
     def own_friction(self) -> tuple[FrictionLaw | None, ...]:
-        """User's law of friction of each hold, None if there is none, `holds` of them."""
+        """User's law of friction of each hold, None for one without; empty if no hold has one."""
         own = [p.friction.own if p.friction else None for p in self.piercings]
-        return (*own, *([None] * self.holds_off_organ))
+        return (*own, *([None] * self.holds_off_organ)) if any(law is not None for law in own) else ()
 
     @cached_property
     def weight(self) -> Array:
@@ -370,7 +370,7 @@ class System(Generic[Body]):
     def clamp_frames(self) -> Array:
         """y of each clamped end: an arbitrary point, and two vectors across its tangent, shape `(c, 9)`."""
         tangents = [end.direction for end in self.ends if isinstance(end, Clamped)]
-        rows = [np.concatenate([np.zeros(3), *orthonormal_pair(tangent)]) for tangent in tangents]
+        rows = [np.concatenate([np.zeros(3), *frame(tangent)]) for tangent in tangents]
         return np.array(rows).reshape(-1, 9)
 
     @cached_property
@@ -452,7 +452,7 @@ class System(Generic[Body]):
         each = [p.friction or Friction() for p in self.piercings] + [Friction()] * len(self.clamps)
         each += [Friction(grip=tie.hold if np.isfinite(tie.hold) else 0.0) for tie in self.ties for _ in range(2)]
         table = [(f.static, f.kinetic, *f.grips, 1.0 / f.channel if f.channel else 0.0) for f in each]
-        static, kinetic, rising, falling, per_channel = np.array(table).reshape(-1, 5).T
+        static, kinetic, rising, falling, per_channel = np.array(table).reshape(-1, 5).T.copy()
         return static, kinetic, 0.5 * (rising + falling), 0.5 * (rising - falling), per_channel
 
     @cached_property
@@ -526,26 +526,10 @@ class System(Generic[Body]):
     def rough(self) -> Flags:
         """Flags of the holds with friction, shape `(holds,)`."""
         static, _, grip, _, _ = self.friction
-        own = np.array([law is not None for law in self.own_friction], dtype=bool)
-        return np.asarray((static > 0.0) | (grip > 0.0) | own)
-
-
-def orthonormal_pair(tangent: Array) -> tuple[Array, Array]:
-    """Return the unit vectors u, v with u × v = `tangent`: the axes x, y turned by the smallest
-    rotation from z to it.
-
-    The result is continuous except at −z, where no rule can be. The organ's own sites use the same
-    rule. Each package has its own function, because an organ has no thread ends, and the coupling
-    only has the organ's nine numbers per site.
-    """
-    x, y, z = tangent
-    across = np.hypot(x, y)
-    if across == 0.0:
-        return np.array([1.0, 0.0, 0.0]), np.array([0.0, np.sign(z), 0.0])
-    c, s = x / across, y / across
-    u = np.array([1.0 - c * c * (1.0 - z), -c * s * (1.0 - z), -x])
-    u = unit_vector(u - (u @ tangent) * tangent)
-    return u, cross(tangent, u)
+        rough = (static > 0.0) | (grip > 0.0)
+        for k, law in enumerate(self.own_friction):
+            rough[k] |= law is not None
+        return rough
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class Contact(Generic[Body]):
     @cached_property
     def law(self) -> Law:
         """Coulomb's law of pairs with friction; as expensive as `C_cc`."""
-        return law_of_pairs(self)
+        return law_of_pairs(self.C_cc, self.friction)
 
     @property
     def stuck(self) -> Rubbing:

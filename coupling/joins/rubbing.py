@@ -23,7 +23,6 @@ less than the largest of the last three (Grippo, Lampariello & Lucidi, SIAM J. N
 """
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -61,18 +60,6 @@ def stuck(pairs: int) -> Rubbing:
     return Rubbing(np.zeros(pairs, dtype=bool), np.zeros((pairs, 2)), np.zeros(pairs))
 
 
-class Pairs(Protocol):
-    """The members of a contact that the law needs."""
-
-    @property
-    def friction(self) -> Array:
-        """Coefficient of each pair, shape `(k,)` [-]."""
-
-    @property
-    def C_cc(self) -> Array:
-        """Gaps and slips by their forces, shape `(k + 2m, k + 2m)` [m/N]."""
-
-
 @dataclass(frozen=True)
 class Law:
     """Coulomb's law of `k` pairs with compliance `C` `(k + 2m, k + 2m)` [m/N].
@@ -89,14 +76,17 @@ class Law:
     r_slip: Array
 
 
-def law_of_pairs(pairs: Pairs) -> Law:
-    """Return the law of a contact, with r about half of the stiffness of each pair."""
-    C, k, rough = pairs.C_cc, len(pairs.friction), np.flatnonzero(pairs.friction)
+def law_of_pairs(C: Array, friction: Array) -> Law:
+    """Return the law of pairs with compliance `C` (k + 2m, k + 2m) [m/N] and coefficients of `friction` (k,) [-].
+
+    r is about half of the stiffness of each pair.
+    """
+    k, rough = len(friction), np.flatnonzero(friction)
     give = np.diag(C)
     least = TINY + np.finfo(float).eps * give.max()
     slips = give[k:].reshape(-1, 2).mean(axis=1)
     stiff = SOFT / np.maximum(give[:k], least), SOFT / np.maximum(slips, least)
-    return Law(C, k, rough, pairs.friction[rough], *stiff)
+    return Law(C, k, rough, friction[rough], *stiff)
 
 
 def rows_of(law: Law, pressed: Flags, rubbing: Rubbing) -> tuple[csr_array, csr_array]:

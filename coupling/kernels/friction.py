@@ -28,10 +28,21 @@ class Joints(NamedTuple):
 
 @record
 class Law(NamedTuple):
-    """The law of sliding of `m` holds, as `coupling.step.sliding.Law`.
+    """The data of the law of sliding without the iterate, over `m` holds (`coupling.step.sliding.law_of`).
 
-    `own_static`, `own_kinetic` (m,) [N] and `own_slope` (m,) [-] are the values of a user's law of
-    friction at the normal forces of the iterate, zero without such a law.
+    - `s_old` (m,) [m]: abscissae at the start of the step.
+    - `s_held` (m,) [m]: abscissae at the end of the step of holds that do not slide.
+    - `static`, `kinetic`, `grip`, `barb`, `per_channel` (m,): coefficients.
+    - `rough`, `may_slide` (m,): holds with friction, and holds that can slide.
+    - `by_hand` (m,): holds at which hands draw.
+    - `inertia` [N/m], `s_free` [m] (m,): the term inertia (s − s_free), which is ε s̈ with inertia = ε a,
+      or c ds/dt of a tie that is drawn.
+    - `injected` (m,) [N]: a given force along the thread where it slides, added to the friction.
+    - `stretch` (m,) [-]: replaces |T| if knots travel.
+    - `one_way` (m,): the only sense of ds, 1 or −1, in which a rough hold slides; 0 for both.
+    - `own_static`, `own_kinetic` (m,) [N], `own_slope` (m,) [-]: a user's law of friction at the normal
+      forces of the iterate, zero without such a law.
+    - `joints`: active ties, and holds that slide as one.
     """
 
     s_old: Array
@@ -43,16 +54,16 @@ class Law(NamedTuple):
     per_channel: Array
     rough: Flags
     may_slide: Flags
+    by_hand: Flags
+    inertia: Array
     s_free: Array
     injected: Array
     stretch: Array
     one_way: Array
-    inertia: Array
     own_static: Array
     own_kinetic: Array
     own_slope: Array
     joints: Joints
-    ideal: bool
 
 
 @record
@@ -125,12 +136,18 @@ def stretch_met(law: Law, k: int, h: Hold) -> float:
 
 
 @loop
+def is_ideal(law: Law, k: int) -> bool:
+    """Return whether no force except that of ε acts along the thread at a hold."""
+    return not law.rough[k] and law.injected[k] == 0.0
+
+
+@loop
 def residual(law: Law, k: int, sigma: float, h: Hold, s: float) -> float:
     """Return the left-hand side of the law: [N] if the thread slides, [m] if it is held."""
     if sigma == 0.0:
         return s - law.s_held[k]
     drive = net_drive(law, k, h, s)
-    if law.ideal:
+    if is_ideal(law, k):
         return drive
     given = law.injected[k]
     if law.rough[k]:
@@ -258,7 +275,7 @@ def linearise_law(law: Law, k: int, sigma: float, h: Hold, B: Array, D: Array) -
     else:
         add_row(1.0, h.lam, B, LAW, AT_T)
         add_row(1.0, h.m, B, LAW, AT_K)
-    if not law.ideal:
+    if not is_ideal(law, k):
         add_friction(law, k, sigma, h, B, D)
 
 

@@ -62,9 +62,14 @@ SOLVED, RAN_AWAY, SINGULAR_THREAD, SINGULAR_HOLDS, NOT_CONVERGED, ALTERNATES = r
 ROUND_OFF = 2e-14
 KNOWN_SPANS = 15.0  # mean spans from the origin within which a strain has an error of ROUND_OFF
 LEFT = 0.1  # of the length between two holes: least part that one correction leaves
+FORCE_TOLERANCE = 1e-10  # of the largest force in the step
+DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
+ALONG = 4.0  # of the round-off of forces: with travelling knots the force along the thread is from two strands
+MARGIN = 4.0  # of the force tolerance, for stick and slip; two solved sets can differ by twice the tolerance
+RETURNS = 2  # to one active set, at most: after the first one hole or pair changes, the second is a cycle
 HOW, TOTAL, SETS, OF_SET = range(4)  # entries of `Trail.made`
 TINY = 2.2250738585072014e-308
-Limits = tuple[float, float, float, float]  # tolerances of a force, a gap, a direction and a force along the thread
+Limits = tuple[float, float, float]  # tolerances of a force, a gap and a force along the thread
 
 
 @record
@@ -119,28 +124,20 @@ class Given(NamedTuple):
 class Bounds(NamedTuple):
     """The tolerances and limits of an iteration.
 
-    - `force`: relative to the largest force, plus the round-off `rounded` (1,) [N]. The round-off
-      is `along` times larger for a force along a thread whose knots travel.
+    - `rounded` (1,) [N]: round-off of forces, added to their tolerance.
     - `least` [N]: lower bound of the largest force.
-    - `gap` [m], `direction`: tolerances of the constraints.
+    - `gap` [m]: tolerance of a place.
     - `longest` [m]: largest move in a correction.
-    - `margin`: ratio of the margin of stick and slip to the tolerance of forces.
-    - `iterations`, `sets`, `returns`: limits of the corrections for one active set, of the sets,
-      and of the returns to one set.
+    - `iterations`, `sets`: limits of the corrections for one active set, and of the sets.
     - `floats`: whether the thread floats.
     """
 
-    force: float
     rounded: Array
-    along: float
     least: float
     gap: float
-    direction: float
     longest: float
-    margin: float
     iterations: int
     sets: int
-    returns: int
     floats: bool
 
 
@@ -372,8 +369,8 @@ def is_converged(law: Law, given: Given, bounds: Bounds, force: float, z: Unknow
         for x in range(3):
             if not given.held[i, x] and not abs(r.balance[i, x]) <= force:
                 return False
-    along = force + (bounds.along - 1.0) * bounds.rounded[0] if given.ride.on else force
-    limits = force, bounds.gap, bounds.direction, along
+    along = force + (ALONG - 1.0) * bounds.rounded[0] if given.ride.on else force
+    limits = force, bounds.gap, along
     return are_holds_solved(law, z.sigma, given.rows, limits, r.holds, r.site, given.rounded)
 
 
@@ -383,19 +380,19 @@ def are_holds_solved(
 ) -> bool:
     """Return whether the law of sliding, Φ and the equations of the sites hold to the `limits`.
 
-    The limits are those of a force [N], a gap [m], a direction [-] and a force along the thread
-    [N]. The limit of a site is at least its round-off, `rounded` (m, 9).
+    The limits are those of a force [N], a gap [m] and a force along the thread [N]. The limit of a site
+    is at least its round-off, `rounded` (m, 9).
     """
-    force, gap, direction, along = limits
+    force, gap, along = limits
     for k in range(len(holds)):
         if not abs(holds[k, 0]) <= (gap if is_length(law, sigma, k) else along):
             return False
         for j in range(5):
-            limit = gap if j < 3 else direction
+            limit = gap if j < 3 else DIRECTION_TOLERANCE
             if not abs(holds[k, 1 + j]) <= (limit if rows[k, j] else force):
                 return False
         for j in range(NINE):
-            if not abs(site[k, j]) <= max(gap if j < 3 else direction, rounded[k, j]):
+            if not abs(site[k, j]) <= max(gap if j < 3 else DIRECTION_TOLERANCE, rounded[k, j]):
                 return False
     return True
 
@@ -578,7 +575,7 @@ def solve_set(
             return NOT_CONVERGED, scale
         if not scale < LARGEST:
             return RAN_AWAY, scale
-        if is_converged(law, given, bounds, bounds.force * scale + bounds.rounded[0], z, r):
+        if is_converged(law, given, bounds, FORCE_TOLERANCE * scale + bounds.rounded[0], z, r):
             return SOLVED, scale
         A = thread_matrix(curve, knots, given, z, r)
         linearise_holds(law, given, z, r)
@@ -650,10 +647,10 @@ def solve_step(curve: Curve, knots: Knots, law: Law, given: Given, bounds: Bound
         made[SETS] += 1
         made[OF_SET] = 0
         often = times_seen(seen, made[SETS], z.sigma)
-        margin = bounds.margin * (bounds.force * scale + bounds.rounded[0])
+        margin = MARGIN * (FORCE_TOLERANCE * scale + bounds.rounded[0])
         if not next_set(law, given, z, r, margin, seen, made[SETS]):
             return made[TOTAL]
-        if often > bounds.returns:
+        if often > RETURNS:
             break
     made[HOW] = ALTERNATES
     return -1

@@ -45,6 +45,7 @@ from coupling.step.newton import (
 )
 from coupling.step.sliding import sliding_strands
 from thread.banded import diagonal_of
+from tissue.organs.meshed import Equation
 
 MULTIPLIERS = slice(LAM.start, MU_V + 1)
 
@@ -71,34 +72,6 @@ class BlockSystem:
     matrix: csc_array
     right: Array
     blocks: dict[str, slice]
-
-
-class Equation(Protocol):
-    """The organ's rows: A U⁺ = b + Yᵀ f_y + Gᵀ p with y = y0 + Y U and g = g0 + G U, over N unknowns U."""
-
-    @property
-    def A(self) -> csr_matrix:
-        """Tangent, shape `(N, N)`."""
-
-    @property
-    def b(self) -> Array:
-        """Right-hand side, shape `(N,)`."""
-
-    @property
-    def y0(self) -> Array:
-        """Site variables at U = 0, shape `(9p,)`."""
-
-    @property
-    def Y(self) -> csr_matrix:
-        """Rows of the sites, shape `(9p, N)`."""
-
-    @property
-    def g0(self) -> Array:
-        """Gaps at U = 0, shape `(k,)` [m]."""
-
-    @property
-    def G(self) -> csr_matrix:
-        """Rows of the gaps, shape `(k, N)`."""
 
 
 @runtime_checkable
@@ -137,7 +110,7 @@ def diagonal(blocks: Array) -> csr_array:
 
 def assemble(problem: Problem[Body], z: Monolith, r: Residual) -> BlockSystem:
     """Assemble the Newton system of thread and organ at an iterate."""
-    organ, (n, c), m, t = equation_of(problem), z.q.shape, len(z.s), len(problem.law.strands)
+    organ, (n, c), m, t = equation_of(problem), z.q.shape, len(z.s), len(problem.law.joints.strands)
     border = border_of(problem, z, r.passage)
     V = csr_array(columns(r.passage, n, c))
     Y_all, rest = over_holds(problem, organ.Y), csr_array((3 * t, 3 * t))
@@ -204,7 +177,7 @@ def over_holds(problem: Problem[Body], Y: csr_matrix) -> csr_array:
     The site variables of a clamped end do not move. The strands of a tie have the place of the tie,
     three unknowns after those of the organ.
     """
-    system, strands = problem.system, problem.law.strands
+    system, strands = problem.system, problem.law.joints.strands
     point = np.arange(3 * len(strands))
     row = (NINE * strands[:, :, None] + np.arange(3)).swapaxes(0, 1).ravel()
     others = coo_array(
@@ -215,7 +188,7 @@ def over_holds(problem: Problem[Body], Y: csr_matrix) -> csr_array:
 
 def all_variables(problem: Problem[Body], U: Array) -> Array:
     """Return the site variables of all holds from the unknowns `U` (N + 3t,), shape `(m, 9)`."""
-    organ, strands = equation_of(problem), problem.law.strands
+    organ, strands = equation_of(problem), problem.law.joints.strands
     N = organ.Y.shape[1]
     y = all_holds(problem.system, organ.y0 + organ.Y @ U[:N])
     y[strands, OF_X] = U[N:].reshape(-1, 1, 3)
@@ -268,7 +241,7 @@ def monolithic_solve(problem: Problem[Body], start: Iterate, U: Array, linear: L
         )
 
     organ = equation_of(problem)
-    U = np.concatenate([U, start.y[problem.law.strands[:, 1], OF_X].ravel()])
+    U = np.concatenate([U, start.y[problem.law.joints.strands[:, 1], OF_X].ravel()])
     y, p = all_variables(problem, U), np.zeros(len(organ.g0))
     first = Monolith(
         start.q, start.N, start.s, start.lam, y, start.sigma, U, p, pressed=start.pressed, rubbing=start.rubbing

@@ -46,7 +46,7 @@ def elimination(posed: Posed[Body]) -> Elimination:
     Raises `CouplingError` at ε = 0, and `SingularError`.
     """
     problem, border = posed.problem, posed.border
-    slides, inertia = posed.guess.sigma != 0.0, problem.law.inertia * np.ones(len(posed.guess.sigma))
+    slides, inertia = posed.guess.sigma != 0.0, problem.law.inertia
     if not inertia[slides].all():
         raise CouplingError(
             "epsilon = 0: the elimination of tendency and correction divides by it; give epsilon > 0 or solve_whole"

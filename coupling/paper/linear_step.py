@@ -47,12 +47,13 @@ from coupling.joins.contact import NO_FORCES
 from coupling.kernels.border import NINE, Border
 from coupling.kernels.bordered import PHI, S, SingularError, newton_directions, values_at_holds
 from coupling.kernels.constraints import Passage, passage, phi, site_force, spread, thread_force
+from coupling.kernels.friction import Law
 from coupling.kernels.iteration import ROUND_OFF
 from coupling.paper.two_pass import PASSES, Verdict, first_verdict, is_settled, judge, motion
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.step.configuration import Configuration
 from coupling.step.newton import Iterate, Problem, Residual, Solution, border_of, failure
-from coupling.step.sliding import Law, law_of, prescribed
+from coupling.step.sliding import law_of, prescribed
 from coupling.step.stepping import Step, Take, dynamic_problem, organ_answer, reactions, with_ends, with_sense
 from coupling.system import State, System, forgetful
 from thread.banded import half_band_of
@@ -226,7 +227,7 @@ def constrained(posed: Posed[Body], held: Flags, injected: Array) -> Posed[Body]
     """
     law = prescribed(posed.problem.law, held, injected)
     slides = np.where(law.may_slide, 1.0, 0.0)
-    r, ideal = posed.r.copy(), replace(posed.problem, law=replace(law, injected=np.zeros_like(injected)))
+    r, ideal = posed.r.copy(), replace(posed.problem, law=law._replace(injected=np.zeros_like(injected)))
     r[:, S] = np.where(law.may_slide, -np.linalg.norm(posed.at.T, axis=1) * injected, law.s_free - law.s_old)
     guess = replace(posed.guess, sigma=slides)
     border = border_of(ideal, replace(guess, y=posed.state.y), posed.at)

@@ -24,12 +24,12 @@ from coupling.answer import all_holds, hold_still
 from coupling.arrays import Array
 from coupling.errors import RunAwayError
 from coupling.integrators import BackwardEuler, Scheme
-from coupling.interfaces import Answer, Body, Lips, Organ, OrganEnergies
-from coupling.joins.contact import NO_FORCES, solve_contact
+from coupling.interfaces import Answer, Body, Organ
+from coupling.joins.contact import solve_contact
 from coupling.kernels.constraints import site_force
 from coupling.step.stepping import Step, Take, organ_answer, try_step, with_sense
 from coupling.system import State, System
-from tissue.organs.meshed import SiteAnswer, TimeScheme
+from tissue.organs.meshed import NO_LIPS, Lips, OrganEnergies, SiteAnswer, TimeScheme
 
 FARTHEST = 0.1  # of the thread's length: a hole that moves further in one step has run away
 
@@ -59,7 +59,7 @@ class HeldOrgan(Generic[Body]):
 
     def lips(self, state: Body) -> Lips:
         """Return no pairs: the lips are in contact only in the organ's own step."""
-        return NO_FORCES, NO_FORCES, NO_FORCES, np.zeros((0, 3)), np.zeros(0, dtype=bool)
+        return NO_LIPS
 
     def energies(self, old: Body, new: Body) -> OrganEnergies:
         """Return the energies of the organ, which does no work here."""

@@ -30,8 +30,10 @@ from coupling.errors import CouplingError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.kernels.constraints import passage
-from coupling.step.newton import FORCE_TOLERANCE, Iterate, Problem, Solution
-from coupling.step.sliding import Law, prescribed, ruled
+from coupling.kernels.friction import Law
+from coupling.kernels.iteration import FORCE_TOLERANCE
+from coupling.step.newton import Iterate, Problem, Solution
+from coupling.step.sliding import prescribed, ruled
 from coupling.step.solver import find
 from coupling.step.stepping import Step, conclude, dynamic_problem, organ_answer, predict
 from coupling.system import State, System
@@ -94,7 +96,7 @@ def first_verdict(system: System[Body], law: Law, state: State[Body], dt: float)
 
     Raises `CouplingError` for a user's law of friction.
     """
-    if any(own is not None for own in law.own):
+    if system.own_friction:
         raise CouplingError("friction: the two passes of §4.3 only have Coulomb's law; solve it in one system")
     T = passage(system.thread.spline, state.q, state.s).T
     V_t = -np.linalg.norm(T, axis=1) * state.s_dot

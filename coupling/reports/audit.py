@@ -229,10 +229,10 @@ def holes_of(step: Step[Body]) -> Holes:
     system = problem.system
     return Holes(
         rough=system.rough,
-        by_hand=np.ascontiguousarray(law.by_hand),
+        by_hand=law.by_hand,
         slides=law.may_slide & ~system.of_ties,
-        inertia=plain(law.inertia * np.ones(system.holds)),
-        s_free=plain(law.s_free),
+        inertia=law.inertia,
+        s_free=law.s_free,
         epsilon=float(system.epsilon),
         rides=system.thread.travels,
     )

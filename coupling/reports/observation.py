@@ -1,7 +1,7 @@
 """Observations of piercings, from the state."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, TypeVar
 
@@ -251,9 +251,9 @@ def broken_cones(system: System[Body], seen: Seen) -> Array:
     if not system.rough.any():
         return np.zeros_like(seen.s)
     law = side_by_side(law_of(system, seen.s[0], seen.present, 0.0, seen.s[0]), len(seen.s))
-    law = replace(law, stretch=seen.stretch.ravel())
-    broken = seen.by_state(cone_residual(law, seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y))
-    return np.where(seen.by_hand, 0.0, broken)
+    law, own = law._replace(stretch=seen.stretch.ravel()), system.own_friction * len(seen.s)
+    holds = seen.sigma.ravel(), seen.at, seen.s.ravel(), seen.each_lam, seen.each_y
+    return np.where(seen.by_hand, 0.0, seen.by_state(cone_residual(law, own, *holds)))
 
 
 def largest_gap(system: System[Body], state: State[Body], at: Passage | None = None) -> float:

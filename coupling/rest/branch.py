@@ -37,7 +37,6 @@ from coupling.kernels.bordered import PHI, S, SingularError, Y
 from coupling.rest.equilibrium import (
     MOST_CORRECTIONS,
     equilibrium_state,
-    guess,
     let_lie,
     load_steps,
     pair_lips,
@@ -45,7 +44,7 @@ from coupling.rest.equilibrium import (
     static_problem,
 )
 from coupling.step.newton import Iterate, Problem, Residual, allowed_share, direction, evaluate, moved, solve
-from coupling.step.stepping import Step, ask_organ, end_configuration, refuse_impossible, with_ends
+from coupling.step.stepping import Step, ask_organ, end_configuration, refuse_impossible, where_it_is, with_ends
 from coupling.system import State, System
 
 log = logging.getLogger(__name__)
@@ -145,7 +144,7 @@ class Branch(Generic[Body]):
         """Return the problem of the last equilibrium, and its solution."""
         answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, self.share)
         problem = self.problem(self.share, answer)
-        return problem, guess(problem, self.state, self.state.sigma)
+        return problem, where_it_is(problem, self.state)
 
     def outset(self) -> Way:
         """Return the unit way towards more of the loads, estimated at the last equilibrium. Raises

@@ -229,8 +229,8 @@ def go_downhill(
     for _ in range(ROUNDS):
         try:
             way = np.sign(now.s - problem.law.s_old)  # the sense of a hold that sticks and has moved
-            begin = guess(problem, now, np.where(now.sigma == 0.0, way, now.sigma))
-            solution = find_rest(problem, begin, down == 0)
+            begin = replace(where_it_is(problem, now), sigma=np.where(now.sigma == 0.0, way, now.sigma))
+            solution = let_lie(settle_stretch(corrected(solve(problem, begin, downhill=int(down > 0))), find))
             new = equilibrium_state(now, solution)
             fit = fitted(system, new)[1]
             if fit is new or not refits:
@@ -263,15 +263,6 @@ def further(
     return fitted(system, new, solved=False)[1], error.reached.problem.answer
 
 
-def find_rest(problem: Problem[Body], first: Iterate, near: bool) -> Solution[Body]:
-    """Find an equilibrium with the thread's own stretch at its holes.
-
-    Newton's method comes first if an equilibrium may be `near`. Raises `StepError`.
-    """
-    found = solve(problem, first, downhill=0 if near else 1)
-    return let_lie(settle_stretch(corrected(found), find))
-
-
 def settle_stretch(
     solution: Solution[Body], solve_again: Callable[[Problem[Body], Iterate], Solution[Body]]
 ) -> Solution[Body]:
@@ -283,9 +274,10 @@ def settle_stretch(
         system = problem.system.on(solution.residual.configuration.thread.spline)
         stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
         change = np.max(np.abs(stretch / problem.law.stretch - 1.0), initial=0.0)
-        if problem.law.ideal or change <= AT_REST:
+        ideal = not (problem.law.rough.any() or problem.law.injected.any())
+        if ideal or change <= AT_REST:
             break
-        again = solve_again(replace(problem, law=replace(problem.law, stretch=stretch)), z)
+        again = solve_again(replace(problem, law=problem.law._replace(stretch=stretch)), z)
         solution = replace(again, iterations=solution.iterations + again.iterations)
     return solution
 
@@ -363,11 +355,6 @@ def lying_tie(system: System[Body], state: State[Body]) -> float:
     return float(LYING * stiffness / np.abs(thread.mass_band).max())
 
 
-def guess(problem: Problem[Body], state: State[Body], sigma: Array) -> Iterate:
-    """Return the last equilibrium with the prescribed ends moved: the start of Newton's method."""
-    return replace(where_it_is(problem, state), sigma=sigma)
-
-
 def put_where(old: State[Body], solution: Solution[Body]) -> State[Body]:
     """Return the state with the thread of an iterate, whether solved or not."""
     z, thread = solution.iterate, solution.problem.system.thread
@@ -443,7 +430,7 @@ def largest_load(system: System[Body], state: State[Body], load: Array) -> float
     EI, tension = system.thread.EI, float(load.min())
     order = np.argsort(state.s)[:: 1 if load[0] <= load[1] else -1]
     order = order[(system.rough & state.present)[order]]
-    if not state.present.all() or any(system.own_friction[k] for k in order):
+    if not state.present.all() or system.own_friction:
         return np.inf
     strands = np.diff(np.sort(state.s))
     if order.size and (tension * strands**2 < LONG_END**2 * EI).any():
@@ -626,12 +613,12 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
-        if has_jumped(system.organ, step):
-            cause = "the tissue jumped over an energy barrier to another branch"
-            raise StepError(step.old.time, step.dt, cause)
-        return step
     turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
-    return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
+    jumped = system.organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
+    if jumped and depth < DEEPEST:
+        cause = "the tissue jumped over an energy barrier to another branch"
+        raise StepError(step.old.time, step.dt, cause)
+    return replace(step, snapped=bool(turned) or jumped)
 
 
 def refuse_folding(step: Step[Body]) -> None:
@@ -643,11 +630,6 @@ def refuse_folding(step: Step[Body]) -> None:
     was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
     if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
         raise StepError(step.old.time, step.dt, "the thread folded back on itself within a span")
-
-
-def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
-    """Return whether tissue at finite strain passed an energy barrier in a step."""
-    return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
 def without_equilibrium(error: StepError | InversionError | TogetherError, share: float) -> CouplingError:

@@ -135,7 +135,7 @@ def make_plan(
     problem = dynamic_problem(system, state, scheme.dt, answer, scheme)
     tables, bounds = tables_of(system.thread), bounds_of(problem)
     curve = own_curve(tables.curve) if system.thread.travels else tables.curve
-    law = with_own(problem.law.table, "s_old", "s_held", "s_free", "stretch")
+    law = with_own(problem.law, "s_old", "s_held", "s_free", "stretch")
     given = with_own(given_of(problem), "q_ref", "load", "y_free", "C")
     one, other = (with_own(field, "at", "S", "c") for field in given.fields)
     given = given._replace(fields=(one, other))
@@ -253,9 +253,6 @@ def scene_of(problem: Problem[Any], present: Flags, strands: Strands, create: fl
         along=with_own(along_of(system), "breaks", "axial", "greville", "share"),
         present=present,
         here=np.ascontiguousarray(problem.rows[:, 0]),
-        slide=system.may_slide,
-        rough=system.rough,
-        by_hand=system.by_hand,
         strength=strength,
         damping=float(thread.damping),
         epsilon=float(system.epsilon),

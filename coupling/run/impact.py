@@ -249,8 +249,7 @@ def impact_border(system: System[Body], state: State[Body], at: Passage, slides:
     sticks elsewhere.
     """
     none = np.zeros((system.holds, 5))
-    law = replace(
-        law_of(system, state.s, state.present, system.epsilon, state.s), rough=np.zeros(system.holds, dtype=bool)
-    )
+    law = law_of(system, state.s, state.present, system.epsilon, state.s)
+    law = law._replace(rough=np.zeros(system.holds, dtype=bool))
     rows = system.rows & state.present[:, None]
-    return linearise(law.table, slides.astype(np.float64), rows, at, none, state.y)
+    return linearise(law, slides.astype(np.float64), rows, at, none, state.y)

@@ -28,8 +28,8 @@ from coupling.errors import StepError
 from coupling.integrators import BackwardEuler
 from coupling.interfaces import Body
 from coupling.kernels.constraints import Passage
-from coupling.step.newton import Iterate, Solution
-from coupling.step.sliding import Law, ruled
+from coupling.kernels.friction import Law
+from coupling.step.newton import Iterate, Solution, ruled_at
 from coupling.step.solver import solve
 from coupling.step.stepping import Step, abscissa_rates, scheme_of
 from coupling.system import State, System
@@ -90,13 +90,13 @@ def slipping_times(old: State[Body], step: Step[Body], started: Flags, since: Ar
     the other side.
     """
     law, end = step.solution.problem.law, np.full(len(started), step.new.time)
-    held = tried(step, replace(law, may_slide=law.may_slide & ~started))
+    held = tried(step, law._replace(may_slide=law.may_slide & ~started))
     if held is None:
         return end
     system, sigma, z = held.problem.system, step.new.sigma, held.iterate
 
     def excess(at: Passage, state: State[Body] | Iterate) -> Array:
-        f, bound, barb = ruled(law, state.sigma, at, state.s, state.lam, state.y).judged.T
+        f, bound, barb = ruled_at(step.solution.problem, state, at).judged.T
         return np.asarray(sigma * (f - barb) - bound)
 
     before, after = excess(system.passage_of(old), old), excess(held.residual.passage, z)
@@ -129,9 +129,9 @@ def rubbed_on(step: Step[Body], stopped: Flags, sigma: Array) -> Law:
     Their friction has the sense `sigma` (m,) that they had, and the size by the normal force at the
     end of the step.
     """
-    law, z = step.solution.problem.law, step.solution.iterate
-    friction = sigma * ruled(law, z.sigma, step.solution.residual.passage, z.s, z.lam, z.y).kinetic
-    return replace(law, rough=law.rough & ~stopped, injected=law.injected + np.where(stopped, friction, 0.0))
+    law, solution = step.solution.problem.law, step.solution
+    friction = sigma * ruled_at(solution.problem, solution.iterate, solution.residual.passage).kinetic
+    return law._replace(rough=law.rough & ~stopped, injected=law.injected + np.where(stopped, friction, 0.0))
 
 
 def tried(step: Step[Body], law: Law) -> Solution[Body] | None:

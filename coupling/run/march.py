@@ -104,7 +104,7 @@ def step_between(system: System[Body], old: State[Body], new: State[Body], dt: f
     """
     scheme = BackwardEuler(dt) if take is try_step else scheme_of(old, dt)
     problem = dynamic_problem(system, old, dt, organ_answer(system, scheme, old), scheme)
-    law = problem.law if new.stretch is None else replace(problem.law, stretch=new.stretch)
+    law = problem.law if new.stretch is None else problem.law._replace(stretch=new.stretch)
     problem = replace(problem, law=law)
     solution = solved(problem, new)
     return Step(old, new, dt, solution, solution.residual.configuration)

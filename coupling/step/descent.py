@@ -58,8 +58,9 @@ from coupling.step.newton import (
     change_of_site_forces,
     evaluate,
     moved,
+    ruled_at,
 )
-from coupling.step.sliding import admissible_sigma, ruled, sliding_strands
+from coupling.step.sliding import admissible_sigma, sliding_strands
 from tissue.errors import OrganError
 
 PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that buckles takes 150
@@ -236,8 +237,7 @@ class Place(Generic[Body]):
     @cached_property
     def ruled(self) -> Ruled:
         """The evaluated law of sliding."""
-        z = self.z
-        return ruled(self.problem.law, z.sigma, self.r.passage, z.s, z.lam, z.y)
+        return ruled_at(self.problem, self.z, self.r.passage)
 
     @cached_property
     def arrived(self) -> Flags:
@@ -335,7 +335,7 @@ class Way(Generic[Body]):
         law, drive = problem.law, np.where(z.sigma == 0.0, 0.0, r.holds[:, S])
         drive[sliding_strands(law, z.sigma)[0]] = 0.0  # their equation is that their sum is constant
         of_sites = at.f - r.f_y
-        of_sites[law.strands] = -r.f_y[law.strands]
+        of_sites[law.joints.strands] = -r.f_y[law.joints.strands]
         W = float(np.vdot(residual, along) - drive @ self.dz[:, S] + np.vdot(of_sites, self.dz[:, Y]))
         return W if np.isfinite(W) else np.inf
 
@@ -382,7 +382,7 @@ def consistent(problem: Problem[Body], z: Iterate, f: Array) -> Place[Body]:
     values.
     """
     law, y = problem.law, sites_under(problem, z, f)
-    s, strands = np.where(z.sigma == 0.0, law.s_held, z.s), law.strands
+    s, strands = np.where(z.sigma == 0.0, law.s_held, z.s), law.joints.strands
     middle = 0.5 * z.y[strands].sum(axis=1, keepdims=True)
     half = np.pad(0.5 * problem.gaps[: len(strands)], ((0, 0), (0, 6)))[:, None]
     y[strands] = middle + half * [[[1.0], [-1.0]]]

@@ -41,9 +41,19 @@ from coupling.joins.strands import Strands, Touch, under
 from coupling.kernels.border import NINE, Border, site_residuals, stiffen_holds
 from coupling.kernels.bordered import PHI, S, SingularError, Y, linearise, newton_directions
 from coupling.kernels.constraints import LOCAL, Passage, phi, pressing_force, site_force, spread, thread_force
-from coupling.kernels.iteration import force_rounded, holds_solved, share, share_between
+from coupling.kernels.friction import Law, Ruled
+from coupling.kernels.iteration import (
+    ALONG,
+    FORCE_TOLERANCE,
+    MARGIN,
+    RETURNS,
+    force_rounded,
+    holds_solved,
+    share,
+    share_between,
+)
 from coupling.step.configuration import GAP_TOLERANCE, Configuration, evaluate_thread
-from coupling.step.sliding import Law, admissible_sigma, driven, ruled, with_own_laws
+from coupling.step.sliding import admissible_sigma, driven, ruled, with_own_laws
 from coupling.system import State, System
 from thread.errors import ThreadError
 from thread.frames import Frame
@@ -56,12 +66,7 @@ from tissue.errors import OrganError
 
 MAX_ITERATIONS = 25  # for one active set of friction and contact
 MAX_SETS = 20  # plus one for every pair of lips that may touch
-RETURNS = 2  # to one active set, at most: after the first one hole or pair changes, the second is a cycle
 WAYS = 6  # digits for the comparison of the directions of slip
-MARGIN = 4.0  # of the force tolerance; two solved sets can differ by twice the tolerance
-FORCE_TOLERANCE = 1e-10  # of the largest force in the step
-DIRECTION_TOLERANCE = 1e-11  # of |T||u| ≈ 1
-ALONG = 4.0  # of the round-off of forces: with travelling knots the force along the thread is from two strands
 LONGEST_MOVE = 0.01  # of the thread's length; a longer Newton correction is shortened
 RAN_AWAY = "a force is not finite: the iteration ran away, or a load is not a number"
 STICK_OR_SLIP = "stick and slip of the friction alternate without end"
@@ -277,7 +282,7 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
     balance[:, :3] -= push
     balance += inertia
     holds = np.empty((len(z.s), 6))
-    holds[:, S] = ruled(problem.law, z.sigma, at, z.s, z.lam, z.y).residual[:, 0]
+    holds[:, S] = ruled_at(problem, z, at).residual[:, 0]
     holds[:, PHI] = np.where(problem.rows, phi(at, z.lam, z.y), z.lam)
     scale = max(np.abs(elastic[:, :3]).max(), np.abs(problem.load[:, :3]).max(), np.abs(z.lam[:, :3]).max(initial=0.0))
     return Residual(
@@ -291,6 +296,11 @@ def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
         float(np.abs(elastic[:, 3:]).max()) if thread.twist else 0.0,
         touch,
     )
+
+
+def ruled_at(problem: Problem[Body], z: Iterate | State[Body], at: Passage, margin: float = 0.0) -> Ruled:
+    """Evaluate the law of sliding at an iterate or a state, as `coupling.step.sliding.ruled`."""
+    return ruled(problem.law, z.sigma, at, z.s, z.lam, z.y, margin, problem.system.own_friction)
 
 
 def touched(
@@ -316,13 +326,14 @@ def site_residual(problem: Problem[Body], z: Iterate, f_y: Array, touch: Touch |
     """Return the residuals of the sites under their forces `f_y` (m, 9) and those of the thread's
     points, shape `(m, 9)`.
     """
-    if len(problem.gaps) < len(problem.law.strands):
-        raise ValueError(f"{len(problem.law.strands)} active ties, but {len(problem.gaps)} gaps; give one for each")
+    joints = problem.law.joints
+    if len(problem.gaps) < len(joints.strands):
+        raise ValueError(f"{len(joints.strands)} active ties, but {len(problem.gaps)} gaps; give one for each")
     out = np.empty_like(f_y)
     y_free, C = (np.ascontiguousarray(x) for x in problem.organ_at_holds)
     if problem.strands is not None and touch is not None:
         y_free = y_free + problem.strands.sites(touch)
-    site_residuals(problem.law.table.joints, C, y_free, problem.gaps, np.ascontiguousarray(z.y), f_y, out)
+    site_residuals(joints, C, y_free, problem.gaps, np.ascontiguousarray(z.y), f_y, out)
     return out
 
 
@@ -369,11 +380,11 @@ def is_converged(problem: Problem[Body], z: Iterate, r: Residual) -> bool:
     free.ravel()[problem.system.held] = 0.0
     torque = max(force * thread.section.diameter, FORCE_TOLERANCE * r.torque_scale)
     along = force + (ALONG - 1.0) * rounded_force(problem) if thread.travels else force
-    limits, rounded = (force, gap, DIRECTION_TOLERANCE, along), rounded_places(problem)
+    limits, rounded = (force, gap, along), rounded_places(problem)
     return bool(
         free[:, :3].max() <= force
         and (free.shape[1] == 3 or free[:, 3].max() <= torque)
-        and holds_solved(problem.law.table, z.sigma, problem.rows, limits, r.holds, r.site, rounded)
+        and holds_solved(problem.law, z.sigma, problem.rows, limits, r.holds, r.site, rounded)
     )
 
 
@@ -392,11 +403,10 @@ def rounded_places(problem: Problem[Body]) -> Array:
 
 def border_of(problem: Problem[Body], z: Iterate, at: Passage) -> Border:
     """Linearise the holds, with the rows of inactive constraints replaced by λ = 0."""
-    law, sigma = problem.law, np.ascontiguousarray(z.sigma, dtype=float)
-    table = law.table
-    if law.has_own:
-        table = with_own_laws(law, pressing_force(at, z.lam, z.y, law.per_channel))
-    return linearise(table, sigma, problem.rows, at, z.lam, z.y)
+    law, own, sigma = problem.law, problem.system.own_friction, np.ascontiguousarray(z.sigma, dtype=float)
+    if own:
+        law = with_own_laws(law, own, pressing_force(at, z.lam, z.y, law.per_channel))
+    return linearise(law, sigma, problem.rows, at, z.lam, z.y)
 
 
 def add_constraint_stiffness(
@@ -461,7 +471,7 @@ def direction(problem: Problem[Body], z: Iterate, r: Residual, tie: float = 0.0)
     border = border_of(problem, z, at)
     if problem.stiffen:
         A, border, r_q = add_constraint_stiffness(problem, A, border, r)
-    A, joined = problem.system.hold_still(A), (problem.law.table.joints, z.sigma)
+    A, joined = problem.system.hold_still(A), (problem.law.joints, z.sigma)
     solve = partial(newton_directions, A, problem.system.held, border, problem.C, at, joined=joined)
     if problem.strands is None or r.touch is None:
         return solve([(r_q, r.holds, r.site)])[0]
@@ -562,7 +572,7 @@ def with_next_sets(problem: Problem[Body], z: Iterate, r: Residual, seen: Contai
     back to an earlier set.
     """
     margin = MARGIN * force_tolerance(problem, r)
-    sigma = ruled(problem.law, z.sigma, r.passage, z.s, z.lam, z.y, margin).fits
+    sigma = ruled_at(problem, z, r.passage, margin).fits
     contact = None if problem.contact is None else under(problem.contact, problem.strands, r.touch)
     if contact is not None and contact.rubs:
         return with_rubbing_sets(problem, contact, z, r, sigma, seen)

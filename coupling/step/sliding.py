@@ -42,105 +42,19 @@ The force of hands is a given one, f = `injected`. A friction from another algor
 passes of §4.3) is given in the same way.
 """
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from coupling.arrays import Array, Flags, Indices
 from coupling.interfaces import Body, FrictionLaw
+from coupling.kernels.bordered import NO_JOINTS
 from coupling.kernels.constraints import Passage, held_at
-from coupling.kernels.friction import Joints, Ruled, fit, rule
-from coupling.kernels.friction import Law as Table
+from coupling.kernels.friction import Joints, Law, Ruled, fit, rule
 from coupling.system import System
 from thread.riding import plain
 
-NO_PAIRS = np.zeros((0, 2), dtype=np.intp)
-
-
-@dataclass(frozen=True)
-class Law:
-    """The data of the law of sliding without the iterate, over `m` holds.
-
-    - `s_old` (m,) [m]: abscissae at the start of the step.
-    - `s_held` (m,) [m]: abscissae at the end of the step of holds that do not slide.
-    - `static`, `kinetic`, `grip`, `barb`, `per_channel` (m,): coefficients.
-    - `rough`, `may_slide` (m,): holds with friction, and holds that can slide.
-    - `inertia` [N/m], of all holds or of each, and `s_free` (m,) [m]: the term inertia (s −
-      s_free), which is ε s̈ with inertia = ε a, or c ds/dt of a tie that is drawn.
-    - `injected` (m,) [N]: a given force along the thread where it slides, added to the friction.
-    - `stretch` (m,) [-]: replaces |T| if knots travel.
-    - `strands` (t, 2): holds of active ties.
-    - `loops` (k, 2): first and last hole of loops that slide in them as one.
-    - `by_hand` (m,): holds at which hands draw.
-    - `one_way` (m,): the only sense of ds, 1 or −1, in which a rough hold slides; 0 for both.
-    - `own`: user's law of friction of each hold, None for a hold without one; empty if no hold has
-      one.
-    - `tie_compliance` [m/N]: compliance of the thread, by which the balance of a tie becomes a
-      length.
-    """
-
-    s_old: Array
-    s_held: Array
-    static: Array
-    kinetic: Array
-    grip: Array
-    barb: Array
-    per_channel: Array
-    rough: Flags
-    may_slide: Flags
-    inertia: float | Array
-    s_free: Array
-    injected: Array
-    stretch: Array
-    one_way: Array
-    strands: Indices = field(default_factory=lambda: NO_PAIRS)
-    loops: Indices = field(default_factory=lambda: NO_PAIRS)
-    by_hand: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    own: tuple[FrictionLaw | None, ...] = ()
-    tie_compliance: float = 1.0
-
-    @cached_property
-    def pairs(self) -> Indices:
-        """Holds that slide as one, shape `(k, 2)`."""
-        return np.concatenate([self.strands, self.loops])
-
-    @cached_property
-    def table(self) -> Table:
-        """The law as arrays for the kernels, without users' laws."""
-        none = np.zeros(len(self.s_old))
-        return Table(
-            s_old=plain(self.s_old),
-            s_held=plain(self.s_held),
-            static=plain(self.static),
-            kinetic=plain(self.kinetic),
-            grip=plain(self.grip),
-            barb=plain(self.barb),
-            per_channel=plain(self.per_channel),
-            rough=self.rough,
-            may_slide=self.may_slide,
-            s_free=plain(self.s_free),
-            injected=plain(self.injected),
-            stretch=self.stretch.copy(),
-            one_way=plain(self.one_way),
-            inertia=self.inertia + none,
-            own_static=none,
-            own_kinetic=none,
-            own_slope=none,
-            joints=Joints(np.ascontiguousarray(self.strands), self.pairs, self.tie_compliance),
-            ideal=self.ideal,
-        )
-
-    @cached_property
-    def has_own(self) -> bool:
-        """Whether a hold has a user's law of friction."""
-        return any(own is not None for own in self.own)
-
-    @cached_property
-    def ideal(self) -> bool:
-        """Whether no force except that of ε acts along the thread."""
-        return not (self.rough.any() or self.injected.any())
+Own = tuple[FrictionLaw | None, ...]  # user's law of friction of each hold, None for a hold without one
 
 
 def law_of(
@@ -166,18 +80,31 @@ def law_of(
     one_way = np.where(drawn_ties & (np.abs(pulls) < np.abs(full)), -np.sign(full), 0.0)
     rough = np.where(drawn_ties, one_way != 0.0, system.rough & ~in_hand)
     static, kinetic, grip, barb, per_channel = system.friction
-    may_slide = system.may_slide & present & (rough | ~tied) & ~by_length
-    injected = np.asarray(pulls * (present & ~tied & (by_force | system.of_ties)), dtype=np.float64)
     strands = system.strands[present[system.strands].all(axis=1)]
     loops = joined_loops(system, s_old, present, drawn_ties, in_hand)
-    spline = system.thread.spline
+    spline, none = system.thread.spline, np.zeros(len(s_old))
     give = float((spline.end - spline.start) / system.thread.EA)
-    by_hand, s_held, own = in_hand | drawn_ties, s_old - drawn * (present & by_length), system.own_friction
-    taut = np.ones(len(s_old)) if stretch is None else stretch
     return Law(
-        s_old, s_held, static, kinetic, np.where(drawn_ties, 0.0, grip), barb, per_channel, rough, may_slide, inertia,
-        s_free, injected, taut, one_way, strands, loops, by_hand, own, tie_compliance=give,
-    )  # fmt: skip
+        s_old=plain(s_old),
+        s_held=plain(s_old - drawn * (present & by_length)),
+        static=static,
+        kinetic=kinetic,
+        grip=np.where(drawn_ties, 0.0, grip),
+        barb=barb,
+        per_channel=per_channel,
+        rough=rough,
+        may_slide=system.may_slide & present & (rough | ~tied) & ~by_length,
+        by_hand=in_hand | drawn_ties,
+        inertia=inertia + none,
+        s_free=plain(s_free),
+        injected=np.asarray(pulls * (present & ~tied & (by_force | system.of_ties)), dtype=np.float64),
+        stretch=none + 1.0 if stretch is None else stretch,
+        one_way=one_way,
+        own_static=none,
+        own_kinetic=none,
+        own_slope=none,
+        joints=Joints(np.ascontiguousarray(strands), np.concatenate([strands, loops]), give),
+    )
 
 
 def joined_loops(system: System[Body], s: Array, present: Flags, drawn_ties: Flags, in_hand: Flags) -> Indices:
@@ -205,25 +132,27 @@ def prescribed(law: Law, held: Flags, injected: Array) -> Law:
     the thread along t, in addition to that of a hand.
     """
     smooth = np.zeros_like(law.rough)
-    return replace(law, rough=smooth, may_slide=law.may_slide & ~held, injected=law.injected + injected)
+    return law._replace(rough=smooth, may_slide=law.may_slide & ~held, injected=law.injected + injected)
 
 
 def side_by_side(law: Law, times: int) -> Law:
     """Return the law of several copies of the same holds, one after the other, without ties."""
-    alike = {name: x for name, x in vars(law).items() if isinstance(x, np.ndarray) and x.shape == law.s_old.shape}
-    tiled: dict[str, Any] = {name: np.tile(x, times) for name, x in alike.items()}
-    return replace(law, own=law.own * times, strands=NO_PAIRS, loops=NO_PAIRS, **tiled)
+    tiled: dict[str, Any] = {name: np.tile(x, times) for name, x in law._asdict().items() if name != "joints"}
+    return Law(**tiled, joints=NO_JOINTS)
 
 
-def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0) -> Ruled:
+def ruled(
+    law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0, own: Own = ()
+) -> Ruled:
     """Evaluate the law of sliding of all holds: forces, bounds, residual, and the active set that fits.
 
-    A sticking point may exceed its bound by the `margin` [N] of the solve.
+    A sticking point may exceed its bound by the `margin` [N] of the solve. `own` are users' laws,
+    empty if there are none.
     """
     out, at = empty_ruled(len(s)), held_at(thread, lam, y)
-    rule(law.table, sigma, s, margin, at, out)
-    if law.has_own:
-        rule(with_own_laws(law, out.N), sigma, s, margin, at, out)
+    rule(law, sigma, s, margin, at, out)
+    if own:
+        rule(with_own_laws(law, own, out.N), sigma, s, margin, at, out)
     return out
 
 
@@ -233,24 +162,24 @@ def empty_ruled(m: int) -> Ruled:
     return Ruled(N, f, met, static, kinetic, np.empty((m, 3)), np.empty((m, 1)), fits)
 
 
-def with_own_laws(law: Law, N: Array) -> Table:
-    """Return the law as arrays for the kernels, with users' laws at the normal forces N (m,) [N]."""
-    own = {part: np.zeros(len(N)) for part in ("static", "kinetic", "slope")}
-    for part, values in own.items():
-        for k, each in enumerate(law.own):
-            if each is not None:
-                values[k] = getattr(each, part)(float(N[k]))
-    return law.table._replace(own_static=own["static"], own_kinetic=own["kinetic"], own_slope=own["slope"])
+def with_own_laws(law: Law, own: Own, N: Array) -> Law:
+    """Return the law with users' laws at the normal forces N (m,) [N]."""
+    values = np.zeros((3, len(N)))
+    for k, each in enumerate(own):
+        if each is not None:
+            values[:, k] = each.static(float(N[k])), each.kinetic(float(N[k])), each.slope(float(N[k]))
+    static, kinetic, slope = values
+    return law._replace(own_static=static, own_kinetic=kinetic, own_slope=slope)
 
 
-def cone_residual(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
+def cone_residual(law: Law, own: Own, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array) -> Array:
     """Return the violation of Coulomb's law by the force along the thread, shape `(m,)` [N].
 
     Stick: the excess of |f| over F₀ ± B + μ_s N. Slip: the difference of f from σ (F₀ + μ_k N). It
     is zero for a hold without friction.
     """
-    now = ruled(law, sigma, thread, s, lam, y)
-    stuck = np.maximum(np.abs(now.f - law.table.barb) - now.static, 0.0)
+    now = ruled(law, sigma, thread, s, lam, y, own=own)
+    stuck = np.maximum(np.abs(now.f - law.barb) - now.static, 0.0)
     slipping = np.abs(now.f - sigma * now.kinetic)
     return np.where(law.rough & law.may_slide, np.where(sigma == 0.0, stuck, slipping), 0.0)
 
@@ -262,7 +191,7 @@ def admissible_sigma(law: Law, sigma: Array) -> Array:
     slide in opposite directions.
     """
     fitted = np.array(sigma, dtype=float)
-    fit(law.table, fitted)
+    fit(law, fitted)
     return fitted
 
 
@@ -273,7 +202,8 @@ def sliding_strands(law: Law, sigma: Array) -> tuple[Indices, Indices]:
     The equation of the first is that the sum of their abscissae is constant, and that of the second
     is the difference of both laws.
     """
-    one, other = law.pairs[sigma[law.pairs[:, 0]] != 0.0].T
+    pairs = law.joints.pairs
+    one, other = pairs[sigma[pairs[:, 0]] != 0.0].T
     return one, other
 
 

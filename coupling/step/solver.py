@@ -85,9 +85,9 @@ def covers(system: System[Body]) -> bool:
 
     The thread has stretch and bending as integrals, and the friction is Coulomb's.
     """
-    thread, own = system.thread, any(law is not None for law in system.own_friction)
+    thread = system.thread
     plain = not (thread.twist or thread.coil or thread.springs is not None or thread.relaxation is not None)
-    return plain and not (own or system.bears)
+    return plain and not (system.own_friction or system.bears)
 
 
 def is_covered(problem: Problem[Body]) -> bool:

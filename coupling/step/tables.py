@@ -118,17 +118,12 @@ def bounds_of(problem: Problem) -> Bounds:
     """Return the tolerances and limits of an iteration."""
     thread, spline = problem.system.thread, problem.system.thread.spline
     return Bounds(
-        newton.FORCE_TOLERANCE,
         np.array([newton.rounded_force(problem)]),
-        newton.ALONG,
         float(thread.force_unit),
         GAP_TOLERANCE * thread.section.diameter,
-        newton.DIRECTION_TOLERANCE,
         newton.LONGEST_MOVE * (spline.end - spline.start),
-        newton.MARGIN,
         newton.MAX_ITERATIONS,
         newton.MAX_SETS,
-        newton.RETURNS,
         problem.floats,
     )
 
@@ -230,7 +225,7 @@ def telling(loops: Any, ready: bool, what: str) -> Iterator[None]:
 def run(problem: Problem, start: Iterate) -> Ended:
     """Run the loops from an iterate."""
     tables = tables_of(problem.system.thread)
-    given, law, bounds = given_of(problem), problem.law.table, bounds_of(problem)
+    given, law, bounds = given_of(problem), problem.law, bounds_of(problem)
     z = Iterate(*(np.array(x, dtype=float) for x in (start.q, start.N, start.s, start.lam, start.y, start.sigma)))
     found, unknowns = empty_found(z, tables.curve.w.shape[1]), Unknowns(z.q, z.N, z.s, z.lam, z.y, z.sigma)
     made = found.trail.made

@@ -33,16 +33,14 @@ def pull_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
 
     The last results are cached: the end of a step is the start of the next one.
     """
-    there = tuple(present.tolist())
-    return system.recent_pulls.of((s, N), lambda: make_pull(system, s, N, present), there)
 
+    def make() -> Array:
+        along, pull = along_of(system), np.empty((len(s), 2))
+        forces = np.ascontiguousarray(N.reshape(along.axial.shape))
+        tension.tensions(along, np.ascontiguousarray(s), forces, np.ascontiguousarray(present), pull)
+        return pull
 
-def make_pull(system: System[Body], s: Array, N: Array, present: Flags) -> Array:
-    """Return the result of `pull_at`, without a cache."""
-    along, pull = along_of(system), np.empty((len(s), 2))
-    forces = np.ascontiguousarray(N.reshape(along.axial.shape))
-    tension.tensions(along, np.ascontiguousarray(s), forces, np.ascontiguousarray(present), pull)
-    return pull
+    return system.recent_pulls.of((s, N), make, tuple(present.tolist()))
 
 
 def stretches_at(system: System[Body], s: Array, N: Array, present: Flags) -> Array:

@@ -235,7 +235,7 @@ def first_problem(**thread: Any) -> tuple[Problem, Iterate]:
 def with_friction(problem: Problem) -> Problem:
     """The holes have friction, and hold the thread until they are asked."""
     rough = np.ones_like(problem.law.rough)
-    return replace(problem, law=replace(problem.law, rough=rough, static=np.full(2, 1e-6), kinetic=np.full(2, 1e-6)))
+    return replace(problem, law=problem.law._replace(rough=rough, static=np.full(2, 1e-6), kinetic=np.full(2, 1e-6)))
 
 
 FAILURES: dict[str, tuple[dict[str, Any], Any, str, dict[str, Any]]] = {

@@ -8,12 +8,12 @@ import pytest
 from scipy.optimize import brentq
 
 from coupling.integrators import Equilibrium
-from coupling.rest.equilibrium import guess, static_problem
+from coupling.rest.equilibrium import static_problem
 from coupling.step import newton
 from coupling.step.configuration import GAP_TOLERANCE
 from coupling.step.descent import Descent, Place, Way
 from coupling.step.newton import Problem
-from coupling.step.stepping import ask_organ
+from coupling.step.stepping import ask_organ, where_it_is
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import Scenario, parse
 from studies.simulation import prepare
@@ -58,7 +58,7 @@ def test_the_work_along_a_correction_is_the_slope_of_the_potential() -> None:
     start of a correction and on its way, of Newton's own direction and of a thread tied to where it is."""
     system, state = smooth_hairpin()
     problem, descent = at_rest(system, state), Descent[Any]()
-    z = guess(problem, state, np.ones(2))
+    z = replace(where_it_is(problem, state), sigma=np.ones(2))
     for _ in range(3):
         problem, z = descent(problem, z, newton.evaluate(problem, z))
     assert descent.there is not None
@@ -78,7 +78,7 @@ def test_friction_drives_no_hole(sigma: float) -> None:
     system, state = smooth_hairpin()
     rough = tuple(replace(hole, friction=Friction(0.2, 0.2)) for hole in system.piercings)
     problem, descent = at_rest(replace(system, piercings=rough), state), Descent[Any]()
-    z = guess(problem, state, np.full(2, sigma))
+    z = replace(where_it_is(problem, state), sigma=np.full(2, sigma))
     for _ in range(12):
         problem, z = descent(problem, z, newton.evaluate(problem, z))
         way = z.s - problem.law.s_old

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coupling.kernels.bordered import columns, linearise
+from coupling.kernels.bordered import NO_JOINTS, columns, linearise
 from coupling.kernels.constraints import driving_force, passage, site_force, spread, thread_force
-from coupling.step.sliding import Law
+from coupling.kernels.friction import Law
 from tests.bounds import DIFFERENCE, IDENTITY
 from tests.thread.threads import Array, Strand, bent, uniform
 
@@ -74,9 +74,9 @@ def test_the_signs_of_the_blocks() -> None:
     q, s, dq = bent(thread.spline), np.array([0.43]), rng.standard_normal((10, 3))
     lam, y = rng.standard_normal((1, 5)), rng.standard_normal((1, 9))
     at = passage(thread.spline, q, s)
-    V, none, untied = columns(at, thread.n, 3), one < 0.0, np.zeros((0, 2), dtype=np.intp)
-    law = Law(s, s, *(0 * one for _ in range(5)), none, ~none, inertia, s, 0 * one, one, untied)
-    border = linearise(law.table, one, np.ones((1, 5), dtype=bool), at, lam, y)
+    V, none = columns(at, thread.n, 3), one < 0.0
+    law = Law(s, s, *[0 * one] * 5, none, ~none, none, inertia * one, s, 0 * one, one, *[0 * one] * 4, NO_JOINTS)
+    border = linearise(law, one, np.ones((1, 5), dtype=bool), at, lam, y)
 
     def slope(force: Callable[..., Array], dq: Array | float = 0.0, ds: float = 0.0) -> Array:
         ends = [force(passage(thread.spline, q + h * dq, s + h * ds), lam, y) for h in (1e-5, -1e-5)]

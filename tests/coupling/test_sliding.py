@@ -11,12 +11,11 @@ from coupling.integrators import Scheme
 from coupling.kernels import bordered
 from coupling.kernels.border import Border
 from coupling.kernels.constraints import Passage, driving_force, phi, pressing_force, tangent
-from coupling.kernels.friction import Ruled
+from coupling.kernels.friction import Law, Ruled
 from coupling.reports.audit import audit_step, initial_energies
 from coupling.reports.observation import largest_gap, observe
 from coupling.step import newton, sliding
 from coupling.step.newton import evaluate
-from coupling.step.sliding import Law
 from coupling.system import Friction, Piercing, State, System
 from studies.scenario import load
 from studies.simulation import prepare
@@ -363,8 +362,8 @@ def test_without_the_direction_terms_the_sleeve_holds_nothing(monkeypatch: pytes
     """Independent check: the law λ·T = 0 (eq. 6 as printed) gives a rod in a sleeve no axial force at all."""
     with_terms = sleeve(SLEEVE)[0]
 
-    def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, margin: float = 0.0) -> Ruled:
-        out = sliding.ruled(law, sigma, thread, s, lam, y, margin)
+    def ruled(law: Law, sigma: Array, thread: Passage, s: Array, lam: Array, y: Array, *given: Any) -> Ruled:
+        out = sliding.ruled(law, sigma, thread, s, lam, y, *given)
         return out._replace(residual=np.vecdot(lam[:, :3], thread.T)[:, None])
 
     def linearise(*given: Any) -> Border:

@@ -346,12 +346,12 @@ def test_a_loop_that_slides_is_at_the_edge_of_sticking() -> None:
     simulation = prepare(parse(table))
     solution = settle(simulation.assembly.system, simulation.beginning().state, 0.25, 1.0).solution
     law, z = solution.problem.law, solution.iterate
-    pair = law.pairs[law.rough[law.pairs].all(axis=1)][0]
+    pair = law.joints.pairs[law.rough[law.joints.pairs].all(axis=1)][0]
     f = np.abs(ruled(law, z.sigma, solution.residual.passage, z.s, z.lam, z.y).f[pair])
     assert z.sigma[pair].all() and abs(f[1] - f[0]) > 1e-3 * f[0]
     stuck = np.where(np.isin(np.arange(len(z.s)), pair), 0.0, z.sigma)
     for factor, slides in ((1.0 + 1e-9, False), (1.0 - 1e-9, True)):
-        known = replace(law, static=factor * law.static, kinetic=factor * law.kinetic), stuck, solution.residual.passage
+        known = law._replace(static=factor * law.static, kinetic=factor * law.kinetic), stuck, solution.residual.passage
         assert ruled(*known, z.s, z.lam, z.y).fits[pair].all() == slides
 
 

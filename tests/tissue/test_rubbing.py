@@ -1,7 +1,5 @@
 """Coulomb friction of surfaces that press on one another: the law and its tangent, a slope, patches, what is taken."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -39,7 +37,7 @@ def random_law(pairs: int, mu: float, seed: int) -> tuple[Law, Array]:
     C = A @ A.T / (3 * pairs) + 2.0 * np.eye(3 * pairs)
     friction = np.where(np.arange(pairs) % 4 == 3, 0.0, mu)  # some of the pairs are smooth
     kept = np.concatenate([np.arange(pairs), pairs + np.arange(2 * np.count_nonzero(friction))])
-    law = law_of_pairs(SimpleNamespace(friction=friction, C_cc=C[np.ix_(kept, kept)]))
+    law = law_of_pairs(C[np.ix_(kept, kept)], friction)
     return law, rng.normal(size=len(kept)) - 1.0 * (kept < pairs)
 
 
@@ -105,7 +103,7 @@ def test_points_in_a_row_are_solved_by_shortened_corrections(monkeypatch: pytest
     C = np.zeros((18, 18))
     C[np.triu_indices(18)] = np.array(CHAIN.split(), dtype=float) / 100.0
     C, c_open = np.triu(C) + np.triu(C, 1).T, np.array(CHAIN_OPEN.split(), dtype=float) / 100.0
-    law, every = law_of_pairs(SimpleNamespace(friction=np.full(6, 0.2), C_cc=C)), (np.ones(6, dtype=bool), stuck(6))
+    law, every = law_of_pairs(C, np.full(6, 0.2)), (np.ones(6, dtype=bool), stuck(6))
     P = find_forces(law, c_open, *every)[2]
     assert np.abs(P - projected(law, P, c_open + law.C @ P)).max() <= RESIDUAL * np.abs(P).max()
     monkeypatch.setattr(rubbing, "SHORTEST", 1.0)

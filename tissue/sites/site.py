@@ -122,8 +122,7 @@ def frame(t0: Array) -> tuple[Array, Array]:
 
     They are the axes x and y, turned by the smallest rotation from z to the unit vector t₀. The
     rule is continuous except at t₀ = −z, where no rule is continuous. (u, v) is free up to a
-    rotation about t₀. The clamped end of a thread uses the same rule. The rule is repeated in
-    `thread`, because the two packages do not import one another.
+    rotation about t₀. The clamped end of a thread uses the same rule (`coupling.system`).
     """
     x, y, z = t0
     across = np.hypot(x, y)

@@ -35,8 +35,8 @@ from thread.kernels.records import record
 # two-step formula and from the mean of the forces at both ends.
 KINETIC, ELASTIC, EXTERNAL, FRICTION, VISCOUS, NUMERICAL, REMAINDER, TWO_STEP, BY_MEAN = range(9)
 TURNS = 9
-# Energy turnover of the organ in a step, as in `coupling.interfaces.OrganEnergies`, and the part of BODY_NUMERICAL that
-# is due to the mean of the forces at both ends [J].
+# Energy turnover of the organ in a step, as in `tissue.organs.meshed.OrganEnergies`, and the part of
+# BODY_NUMERICAL that is due to the mean of the forces at both ends [J].
 BODY_KINETIC, BODY_ELASTIC, BODY_LOADS, BODY_VISCOUS, BODY_NUMERICAL, BODY_RUBBED, BODY_BY_MEAN = range(7)
 BODY = 7
 

@@ -86,8 +86,6 @@ class Scene(NamedTuple):
     - `weight` (n, 3) [N]: weight of the thread.
     - `along`: abscissae of the thread.
     - `present` (m,): present holds; `here` (m,): those with an active point constraint.
-    - `slide`, `rough`, `by_hand` (m,): holds that can slide, that have friction, and at which a
-      hand draws the thread.
     - `strength` (p,) [N]: largest force that the tissue bears at each piercing.
     - `damping` [1/s], `epsilon` [kg].
     - `by_place` [N/m]: largest stiffness of a control point against displacement.
@@ -101,9 +99,6 @@ class Scene(NamedTuple):
     along: Along
     present: Flags
     here: Flags
-    slide: Flags
-    rough: Flags
-    by_hand: Flags
     strength: Array
     damping: float
     epsilon: float
@@ -277,18 +272,18 @@ def conclude(pace: Pace, scene: Scene, given: Given, r: Found, now: Motion, earl
 
 
 @loop
-def what_happened(scene: Scene, given: Given, strain: Array, now: Motion, new: Motion) -> int:
+def what_happened(scene: Scene, law: Law, given: Given, strain: Array, now: Motion, new: Motion) -> int:
     """Return what is unusual in a solved step; MADE if nothing is."""
     if is_pressed(scene.along, strain, scene.borne, new.s, scene.here):
         return SQUEEZED
     event = is_switched(scene.strands, scene.along, new.s, new.N, new.v, scene.present)
     for k in range(len(new.s)):
         if scene.present[k]:
-            if scene.slide[k] and not given.piece[k, 0] <= new.s[k] <= given.piece[k, 1]:
+            if law.may_slide[k] and not given.piece[k, 0] <= new.s[k] <= given.piece[k, 1]:
                 return LEFT
             if given.directed[k] and now.sense[k] * new.sense[k] < 0.0:
                 return TURNED
-            event |= scene.rough[k] and now.sigma[k] != new.sigma[k]
+            event |= law.rough[k] and now.sigma[k] != new.sigma[k]
     happened = at_piercings(scene, now, new)
     return EVENT if event and happened == MADE else happened
 
@@ -357,7 +352,7 @@ def audit(plan: Plan, more: Array, now: Motion) -> None:
     curve, law, given, scene, room = plan.curve, plan.law, plan.given, plan.scene, plan.room
     r, rides = room.found, given.ride.on
     works = Works(scene.damping, 0.0 if rides else plan.pace.a, room.at, plan.pace.two_step, more)
-    holes = Holes(scene.rough, scene.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, rides)
+    holes = Holes(law.rough, law.by_hand, law.may_slide, law.inertia, law.s_free, scene.epsilon, rides)
     met = Met(room.was, r.passing)
     for i in range(len(room.turns)):
         room.turns[i] = 0.0
@@ -379,7 +374,7 @@ def end_step(plan: Plan, organ: Organ, ends: Ends, step: int, now: Motion, earli
     if given.ride.on:
         place_along(given.ride, room.found.ridden.S, given.fields[0], scene.along)
     conclude(pace, scene, given, room.found, now, earlier, room.end)
-    happened = what_happened(scene, given, room.found.stretched.strain, now, room.end)
+    happened = what_happened(scene, plan.law, given, room.found.stretched.strain, now, room.end)
     if happened != MADE and (happened != EVENT or step > 0):
         return happened
     audit(plan, ends.more[step], now)
