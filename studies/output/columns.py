@@ -96,13 +96,7 @@ def values(columns: Iterable[Column[Row]], record: Row) -> dict[str, Value]:
 # -- the quantities --------------------------------------------------------------------------------------------------
 
 
-NUMBERS = {
-    "APART": APART,
-    "SMALL_STRAIN": remarks.SMALL_STRAIN,
-    "SMALL_ROTATION": remarks.SMALL_ROTATION,
-    "STATE_CODES": coded(STATE_CODES),
-    "TIE_CODES": coded(TIE_CODES),
-}
+NUMBERS = {"APART": APART, "STATE_CODES": coded(STATE_CODES), "TIE_CODES": coded(TIE_CODES)} | remarks.BOUNDS
 
 TIME, STEP = columns_of("step")
 NAME, *HOLE = columns_of("hole", piercing=lambda hole: hole.name)

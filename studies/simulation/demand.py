@@ -16,7 +16,7 @@ import numpy as np
 import tissue
 from studies import scenario as model
 from studies.arrays import MILLI, Array
-from studies.output.remarks import EARLY_ROTATION, EARLY_STRAIN, THREAD_STRAIN, Remark, judged, remark
+from studies.output.remarks import Remark, bounds, judged, remark
 from studies.scenario import Piercing, Scenario
 from thread.catalogue import Section
 
@@ -194,8 +194,8 @@ def overpulled(tension: float, strength: float | None, EA: float) -> list[Remark
     """
     if strength is not None and tension > strength:
         what = f"its knot-pull strength is {strength:.3g} N (minimum average)"
-    elif tension > THREAD_STRAIN * EA:
-        what = f"its linear law is valid up to {THREAD_STRAIN * EA:.3g} N (strain {THREAD_STRAIN:.0%})"
+    elif tension > bounds.THREAD_STRAIN * EA:
+        what = f"its linear law is valid up to {bounds.THREAD_STRAIN * EA:.3g} N (strain {bounds.THREAD_STRAIN:.0%})"
     else:
         return []
     return [remark("pull-strength", "thread", tension=tension, what=what)]
@@ -207,7 +207,7 @@ def overdrawn(holes: Sequence[Piercing], ways: Array, radii: Array, forces: Arra
     The holes bear within `radii` (p,) [m]; the worst hole is named.
     """
     demands = (ways / radii).tolist()
-    strained = [k for k, demand in enumerate(demands) if demand > EARLY_STRAIN]
+    strained = [k for k, demand in enumerate(demands) if demand > bounds.EARLY_STRAIN]
     if strained:
         worst = max(strained, key=demands.__getitem__)
         others = len(strained) - 1
@@ -261,4 +261,4 @@ def overturned(holes: Sequence[Piercing], turns: Array) -> list[Remark]:
     if not len(holes):
         return []
     worst = int(np.argmax(turns))
-    return judged(turns[worst] > EARLY_ROTATION, "stiff-thread", holes[worst].name, turn=turns[worst])
+    return judged(turns[worst] > bounds.EARLY_ROTATION, "stiff-thread", holes[worst].name, turn=turns[worst])

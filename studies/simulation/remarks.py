@@ -22,8 +22,7 @@ from studies import scenario as model
 from studies.arrays import MILLI, Array
 from studies.lists import list_of
 from studies.output import records
-from studies.output import remarks as bounds
-from studies.output.remarks import Remark, judged, remark
+from studies.output.remarks import Remark, bounds, judged, remark
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of

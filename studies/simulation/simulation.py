@@ -29,7 +29,7 @@ from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.fields import OrganTopology
 from studies.output.records import Ending, OrganRecord, Record, Snapshot, StepRecord
-from studies.output.remarks import SMALL_ROTATION, SMALL_STRAIN, Remark
+from studies.output.remarks import Remark, bounds
 from studies.output.tally import Tally
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
 from studies.scenario.meanings import because
@@ -337,8 +337,8 @@ class Simulation:
             "energy_density": energy,
             "nodal_volume_ratio": nodal_ratio,
             "deformed": measure.sum(),
-            "strained": measure[strain > SMALL_STRAIN].sum(),
-            "rotated": measure[rotation > SMALL_ROTATION].sum(),
+            "strained": measure[strain > bounds.SMALL_STRAIN].sum(),
+            "rotated": measure[rotation > bounds.SMALL_ROTATION].sum(),
             "pressed_turn": float(organ.surface.turns(body.nodal(U)).max(initial=0.0)),
         }
 

@@ -25,7 +25,7 @@ from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
 from studies.output.records import Ending, StepRecord, nothing_met
-from studies.output.remarks import OFF_LAW
+from studies.output.remarks import bounds
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
 from tests.bounds import GAP, IDENTITY, RESIDUAL, TWO_SOLVERS
@@ -371,7 +371,7 @@ def test_a_knot_that_hands_keep_between_unequal_holes_is_remarked(mu: float, kep
     drawn = records[2].piercings
     assert [each.where for each in remarks if each.code == "knot-kept"] == [records[2].ties[0].name] * kept
     force = 0.5 * abs(0.3 * drawn[0].normal_force - mu * drawn[1].normal_force)
-    assert [hole.cone_residual for hole in drawn] == pytest.approx([force] * 2, abs=0.1 * OFF_LAW * FORCE)
+    assert [hole.cone_residual for hole in drawn] == pytest.approx([force] * 2, abs=0.1 * bounds.OFF_LAW * FORCE)
     assert records[-1].ties[0].state == "tied"
     assert max(hole.cone_residual for hole in records[-1].piercings) <= RESIDUAL * FORCE
 

@@ -10,7 +10,7 @@ import pytest
 from meshes.quality import size_at
 from studies.arrays import Array
 from studies.campaign.generator import asked, cases
-from studies.output.remarks import EARLY, SMALL_ROTATION, SMALL_STRAIN
+from studies.output.remarks import bounds
 from studies.scenario import Scenario, load, parse
 from studies.simulation import demand, prepare
 from studies.simulation.assembly import abscissae, section_of
@@ -36,7 +36,7 @@ ORGAN = {
 
 
 YIELD, TILT = 0.659 * 1.45 * 0.775, 0.75 * (1.0 - 0.45**2)  # of a half-space with ν = 0.45: 0.74 and 0.60
-STRAIN, TURN = EARLY * SMALL_STRAIN, EARLY * SMALL_ROTATION
+STRAIN, TURN = bounds.EARLY_STRAIN, bounds.EARLY_ROTATION
 
 
 def said(scenario: Scenario, radii: Array | None = None) -> dict[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from studies.command import command
-from studies.output.remarks import SMALL_ROTATION
+from studies.output.remarks import bounds
 from studies.scenario import ScenarioError, dump, parse
 from studies.scenario.course import Timed
 from studies.simulation import prepare
@@ -168,7 +168,7 @@ def test_a_surface_under_pressure_that_turns_has_a_remark() -> None:
     simulation = prepare(parse(table))
     (_, *_, (_, frame)) = simulation.advance()
     organ = frame().organ
-    assert organ is not None and organ.pressed_turn > SMALL_ROTATION
+    assert organ is not None and organ.pressed_turn > bounds.SMALL_ROTATION
 
 
 @pytest.mark.parametrize(

@@ -31,36 +31,7 @@ from studies.output.records import (
     StrandsRecord,
     nothing_met,
 )
-from studies.output.remarks import (
-    BARE,
-    CATALOGUE,
-    COARSE,
-    CREATED,
-    CROSSED,
-    DISSIPATED,
-    EARLY,
-    FALLEN,
-    IN_TISSUE,
-    KINKED,
-    LOCKED,
-    MOVED,
-    NEAR,
-    OFF_LAW,
-    OFF_PATH,
-    OUTDONE,
-    REDUCED,
-    RULES,
-    SHARE,
-    SLID,
-    SMALL_ROTATION,
-    SMALL_STRAIN,
-    STEEP,
-    STIFF,
-    SWUNG,
-    THREAD_STRAIN,
-    Remark,
-    remark,
-)
+from studies.output.remarks import CATALOGUE, Remark, bounds, remark
 from studies.output.tally import Tally
 from studies.scenario import Contact, Scenario, load, parse
 from studies.scenario.toml import tables
@@ -99,68 +70,76 @@ TRACT: Any = SimpleNamespace(tract="a-b", turn=0.2, tension=0.3, spacing=1e-3)
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
 JUDGED: dict[str, tuple[float, int, Judge]] = {
-    "hole-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
-    "hole-rotation": (SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
-    "tissue-strain": (SMALL_STRAIN, 1, lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5, deformed=1.0))),
+    "hole-strain": (bounds.SMALL_STRAIN, 1, lambda x: judging.beyond_at_holes(["a"], met(mean_strain=np.array([x])))),
+    "hole-rotation": (bounds.SMALL_ROTATION, 1, lambda x: judging.beyond_at_holes(["a"], met(turn=np.array([x])))),
+    "tissue-strain": (
+        bounds.SMALL_STRAIN,
+        1,
+        lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5, deformed=1.0)),
+    ),
     "tissue-rotation": (
-        SMALL_ROTATION,
+        bounds.SMALL_ROTATION,
         1,
         lambda x: judging.beyond_in_tissue(met(rotation=x, rotated=0.5, deformed=1.0)),
     ),
     "local-strain": (
-        SMALL_STRAIN,
+        bounds.SMALL_STRAIN,
         1,
-        lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * SHARE, deformed=1.0)),
+        lambda x: judging.beyond_in_tissue(met(strain=x, strained=0.5 * bounds.SHARE, deformed=1.0)),
     ),
     "reduction": (
-        REDUCED * 1e-3,
+        bounds.REDUCED * 1e-3,
         1,
         lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), difference=np.array([x]))),
     ),
     "reduction-bound": (
-        REDUCED * 1e-3,
+        bounds.REDUCED * 1e-3,
         1,
         lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), bound=np.array([x]))),
     ),
     "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
-    "lips-cross": (CROSSED, 1, lambda x: judging.on_surfaces(met(crossed=x))),
-    "pressure-turn": (SMALL_ROTATION, 1, lambda x: judging.on_surfaces(met(pressed_turn=x))),
+    "lips-cross": (bounds.CROSSED, 1, lambda x: judging.on_surfaces(met(crossed=x))),
+    "pressure-turn": (bounds.SMALL_ROTATION, 1, lambda x: judging.on_surfaces(met(pressed_turn=x))),
     "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
-    "kinked": (1e-3 * KINKED, -1, lambda x: judging.bent_sharply(x, 0.02, 1e-3)),
-    "thread-strain": (THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
+    "kinked": (1e-3 * bounds.KINKED, -1, lambda x: judging.bent_sharply(x, 0.02, 1e-3)),
+    "thread-strain": (bounds.THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
     "spans-between": (BETWEEN, -1, judging.few_spans),
-    "energy-created": (CREATED, 1, lambda x: judging.audited(energy(), met(energy=1.0, created=x), False, False)),
+    "energy-created": (
+        bounds.CREATED,
+        1,
+        lambda x: judging.audited(energy(), met(energy=1.0, created=x), False, False),
+    ),
     "numerical-dissipation": (
-        DISSIPATED,
+        bounds.DISSIPATED,
         1,
         lambda x: judging.audited(energy(numerical=x, friction=1.0), met(energy=1.0), True, True),
     ),
     "branch": (1.0, 1, lambda x: judging.along_branch(np.floor(x), 0.0)),
-    "limit-point": (FALLEN, 1, lambda x: judging.along_branch(0.0, x)),
+    "limit-point": (bounds.FALLEN, 1, lambda x: judging.along_branch(0.0, x)),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
-    "tie-slack": (LOCKED * 0.5, -1, lambda x: judging.locked_off([TIE], np.array([x]))),
-    "tie-tight": (0.5 / LOCKED, 1, lambda x: judging.locked_off([TIE], np.array([x]))),
-    "knot-kept": (OFF_LAW * 0.5, 1, lambda x: judging.kept_knots([TIE], {"a": x, "b": 0.0}, 0.5)),
-    "forces-swing": (SWUNG, 1, judging.swinging),
+    "tie-slack": (bounds.LOCKED * 0.5, -1, lambda x: judging.locked_off([TIE], np.array([x]))),
+    "tie-tight": (0.5 / bounds.LOCKED, 1, lambda x: judging.locked_off([TIE], np.array([x]))),
+    "knot-kept": (bounds.OFF_LAW * 0.5, 1, lambda x: judging.kept_knots([TIE], {"a": x, "b": 0.0}, 0.5)),
+    "forces-swing": (bounds.SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
-    "cells": (COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
+    "cells": (bounds.COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
     "in-tissue": (
-        IN_TISSUE * 3e-4,
+        bounds.IN_TISSUE * 3e-4,
         1,
         lambda x: judging.sunk(StrandsRecord(pressed=0, force=0.0, friction=0.0, depth=x, s=0.01), [], [], 3e-4, False),
     ),
-    "no-tract": (IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
-    "tract-stiff": (STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
-    "tract-out": (IN_TISSUE * 3e-4, 1, lambda x: judging.out_of_organ("a-b", x, 3e-4)),
-    "tract-bare": (BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
-    "holes-near": (NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
-    "contact-rough": (STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
+    "no-tract": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
+    "tract-stiff": (bounds.STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
+    "tract-out": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.out_of_organ("a-b", x, 3e-4)),
+    "tract-bare": (bounds.BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
+    "holes-near": (bounds.NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
+    "contact-rough": (bounds.STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
     "not-across": (1e-3, 1, lambda x: judging.not_across("a", [x - 1e-3, 5e-3])),
     "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
-    "moved": (MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
+    "moved": (bounds.MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
     "channel": (
-        RULES,
+        bounds.RULES,
         1,
         lambda x: judging.assumed_channels(
             [hole(direction=[0, 0, 1], friction={"static": 0.1, "kinetic": 0.1})],
@@ -177,13 +156,13 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
         ),
     ),
     "demand": (
-        EARLY * SMALL_STRAIN,
+        bounds.EARLY * bounds.SMALL_STRAIN,
         1,
         lambda x: demand.overdrawn([hole()], np.array([1e-3 * x]), np.array([1e-3]), np.ones(1)),
     ),
     "pull-strength": (10.0, 1, lambda x: demand.overpulled(x, 10.0, np.inf)),
-    "stiff-thread": (EARLY * SMALL_ROTATION, 1, lambda x: demand.overturned([hole()], np.array([x]))),
-    "no-hole": (IN_TISSUE * 3e-4, 1, lambda x: judging.unpierced("on a strand", "a", x, 3e-4)),
+    "stiff-thread": (bounds.EARLY * bounds.SMALL_ROTATION, 1, lambda x: demand.overturned([hole()], np.array([x]))),
+    "no-hole": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.unpierced("on a strand", "a", x, 3e-4)),
     "units": (3e2, -1, lambda x: judging.unlike_units({"tissue.youngs_modulus": np.array([1e5, x])})),
 }
 
@@ -304,15 +283,15 @@ def test_damping_is_told_where_the_end_knows_of_it() -> None:
     swings = course(lambda t: 1.0 + 0.8 * t * (1.0 + t))
     for extremes, rough, said in ((met(), False, False), (met(), True, True), (swings, False, True)):
         found = judging.audited(
-            energy(numerical=2.0 * DISSIPATED), replace(extremes, energy=1.0, settling=0.0), rough, False
+            energy(numerical=2.0 * bounds.DISSIPATED), replace(extremes, energy=1.0, settling=0.0), rough, False
         )
         assert [each.code for each in found] == ["numerical-dissipation"] * said
     for settling, words in ((0.0, "use a smaller solve.dt"), (1.0, "in the first step: energy stored at the start")):
-        lost = energy(numerical=settling + (1.0 - settling) * 2.0 * DISSIPATED, friction=1.0)
+        lost = energy(numerical=settling + (1.0 - settling) * 2.0 * bounds.DISSIPATED, friction=1.0)
         (one,) = judging.audited(lost, met(energy=1.0, settling=settling), True, True)
         assert words in one.message
     for share, slid, said in ((1.0 - ROUND, True, False), (1.0 + ROUND, True, True), (1.0 + ROUND, False, False)):
-        took = energy(friction=0.1 * DISSIPATED, numerical=0.1 * OUTDONE * DISSIPATED * share)
+        took = energy(friction=0.1 * bounds.DISSIPATED, numerical=0.1 * bounds.OUTDONE * bounds.DISSIPATED * share)
         found = judging.audited(took, met(energy=1.0), True, slid)
         assert [each.code for each in found] == ["numerical-dissipation"] * said
         assert all(f"friction only {took.friction_dissipation:.2g} J" in each.message for each in found)
@@ -390,7 +369,7 @@ def test_a_swing_that_few_steps_see_is_told() -> None:
         said.append("forces-swing" in {each.code for each in simulation.remarks(ending)})
         forces.append(ending.step.piercings[0].force)
     assert said == [True, False]
-    assert np.linalg.norm(forces[0] - forces[1]) > SWUNG * np.linalg.norm(forces[1])
+    assert np.linalg.norm(forces[0] - forces[1]) > bounds.SWUNG * np.linalg.norm(forces[1])
 
 
 LOOP = """
@@ -529,18 +508,18 @@ def test_what_is_judged_by_two_numbers() -> None:
     """Independent check: a run without motion that still slides; a share that tells local from wide; P2; a bare point,
     to which no cells are fine enough; cells that were refined."""
     still, at = energy(0.0, 1.0), 3e-4
-    assert judging.unsettled(still, SLID * at, at) == []
+    assert judging.unsettled(still, bounds.SLID * at, at) == []
     (slides,), (moves,) = (
-        judging.unsettled(still, SLID * at * (1 + ROUND), at),
+        judging.unsettled(still, bounds.SLID * at * (1 + ROUND), at),
         judging.unsettled(energy(1.0, 1.0), 0.0, at),
     )
     assert (slides.code, moves.code) == ("not-at-rest", "not-at-rest")
     assert "slide" in slides.message and "kinetic" not in slides.message
     assert "kinetic" in moves.message and "slide" not in moves.message
-    for share, code in ((SHARE * (1 - ROUND), "local-strain"), (SHARE * (1 + ROUND), "tissue-strain")):
+    for share, code in ((bounds.SHARE * (1 - ROUND), "local-strain"), (bounds.SHARE * (1 + ROUND), "tissue-strain")):
         assert [each.code for each in judging.beyond_in_tissue(met(strain=0.5, strained=share, deformed=1.0))] == [code]
-    assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=SHARE, deformed=1.0))) == []
-    assert judging.coarse_cells(hole(), COARSE["P2"] * 1e-3, "P2") == []
+    assert list(judging.beyond_in_tissue(met(rotation=0.5, rotated=bounds.SHARE, deformed=1.0))) == []
+    assert judging.coarse_cells(hole(), bounds.COARSE["P2"] * 1e-3, "P2") == []
     assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
     assert list(judging.overloaded(met(tension=1e9), None)) == []
@@ -648,7 +627,7 @@ def test_off_path_is_said_beyond_ten_diameters(scene: Path) -> None:
     """Independent check: the path beside the hole by its bound, a little less and a little more."""
     diameter = 0.32e-3
     for share, said in ((0.98, False), (1.02, True)):
-        x = share * OFF_PATH * diameter
+        x = share * bounds.OFF_PATH * diameter
         path = f"thread.path=[[{x}, 0, -0.008], [{x}, 0, 0.03]]"
         found = prepare(load(scene, [path])).remarks()
         assert ("off-path" in {each.code for each in found}) == said
@@ -801,7 +780,7 @@ def test_a_resumed_run_says_what_the_whole_one_would(scene: Path, tmp_path: Path
     (tmp_path / "parts" / "summary.json").unlink()
     assert command.main([*run, str(tmp_path / "parts"), "--resume"]) == 0
     whole, parts = (json.loads((tmp_path / name / "summary.json").read_text()) for name in ("whole", "parts"))
-    assert whole["remarks"] and whole["range"]["piercings"]["anchor"]["turn"] > SMALL_ROTATION
+    assert whole["remarks"] and whole["range"]["piercings"]["anchor"]["turn"] > bounds.SMALL_ROTATION
     assert (parts["remarks"], parts["range"]) == (whole["remarks"], whole["range"])
 
 
