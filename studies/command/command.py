@@ -24,7 +24,6 @@ from typing import Any
 
 from coupling.calls import asked_before_corrections
 from coupling.errors import CouplingError
-from meshes.errors import MeshError
 from studies.arrays import MILLI
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
@@ -36,32 +35,29 @@ from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
 from studies.output.log import begin_log, write_log
-from studies.output.opened import open_run
-from studies.output.reading import ResultsError
+from studies.output.reading import ResultsError, open_run
 from studies.output.remarks import Remark, any_unsupported, remark
 from studies.output.tally import Status
 from studies.pictures.picture import draw_scene
 from studies.pictures.scene import frame_of
-from studies.scenario import Scenario, ScenarioError, load, schema
+from studies.scenario import Scenario, load, schema
 from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file, written
 from studies.simulation.recorded import begin
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared
-from studies.simulation.simulation import Moments, Simulation, prepare
-from studies.simulation.timing import timed
+from studies.simulation.simulation import REFUSALS, Moments, Simulation, prepare, timed
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED
 from studies.study import NAMES, StudyError, arguments, carry_out, study
 from studies.study import check_folder as check_study_folder
 from studies.workers import WorkersError, workers_of
 from thread.catalogue import BRANDS, SOURCES, knot_pull, names, suture
-from thread.errors import ThreadError
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError
 
 log = logging.getLogger(__name__)
 
-REFUSALS = (ScenarioError, StudyError, ResultsError, MeshError, TissueError, ThreadError)
-FAILURES = (*REFUSALS, CouplingError, FactorError, OSError, MemoryError)
+ALL_REFUSALS = (*REFUSALS, StudyError, ResultsError)
+FAILURES = (*ALL_REFUSALS, CouplingError, FactorError, OSError, MemoryError)
 SIGPIPE = 13  # its number, which Windows lacks: a closed pipe has the exit status of a shell
 
 
@@ -89,7 +85,7 @@ def _carry_out(options: argparse.Namespace) -> int:
     """Perform the command, or print why it is refused; return the exit status."""
     try:
         status: int = options.command(options)
-    except REFUSALS as error:
+    except ALL_REFUSALS as error:
         return complain(error, REFUSED)
     except (FactorError, WorkersError) as error:
         return complain(error, FAILED)

@@ -17,9 +17,9 @@ from studies.scenario import ScenarioError
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
-from studies.sweeps.sweep import SweepProgress, sweep
+from studies.sweeps.sweep import SweepProgress, Tell, sweep
 from studies.sweeps.table import SweepTable, counted, drawn_columns, plain
-from studies.workers import workers_of
+from studies.workers import nothing, workers_of
 
 STATUSES = {"completed": COMPLETED, "failed": FAILED, "refused": REFUSED}
 
@@ -33,8 +33,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     if len(wanted) not in (0, 2, 3):
         raise ScenarioError(f"--plot needs two columns, x and y, or three, x, y and by; got {len(wanted)}")
     base = read(options.file, options.set)
-    teller = Teller(options.json)
-    teller.begin(len(cases) or 1)
+    tell = teller(len(cases) or 1, options.json)
     try:
         workers = workers_of(options.jobs, options.dask)
         if wanted:
@@ -42,7 +41,7 @@ def run_sweep(options: argparse.Namespace) -> int:
             from studies.sweeps.figure import figure
         with stages(options.json, LOOP_LOGGERS):
             check = partial(drawn_columns, names=wanted) if wanted else None
-            table = sweep(base, cases, options.out, workers, teller.tell, check=check)
+            table = sweep(base, cases, options.out, workers, tell, check=check)
         if wanted:
             write_figure(figure, drawn_columns(table, wanted), "sweep", options.out)
     except KeyboardInterrupt:
@@ -96,44 +95,33 @@ def verdict_lines(one: Refined) -> list[str]:
     return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in texts.items() if text)]
 
 
-class Teller:
-    """Shows the progress of a sweep on standard error, one line per case."""
+def teller(count: int, quiet: bool = False) -> Tell:
+    """Write the number of cases on standard error, and return the function that writes a line per completed case.
 
-    def __init__(self, quiet: bool = False) -> None:
-        self._begin = monotonic()
-        self._quiet = quiet
-        self._first: int | None = None
+    A line has the remaining time, from the pace since the first case that was run. Cases refused
+    before the run do not count for it.
+    """
+    began, ran = monotonic(), list[int]()
 
-    def begin(self, count: int) -> None:
-        """Write the number of cases, because the first case can take long."""
-        if not self._quiet:
-            print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
-
-    def tell(self, progress: SweepProgress) -> None:
-        """Write a line on the completed case and the remaining time.
-
-        Cases refused before the run do not count for the remaining time.
-        """
-        if self._quiet:
-            return
-        if self._first is None and progress.exit_status != REFUSED:
-            self._first = progress.done
-        left = "" if self._first is None else f", {self._left(progress, self._first)} left"
+    def tell(progress: SweepProgress) -> None:
+        if progress.exit_status != REFUSED:
+            ran.append(progress.done)
+        remaining = (monotonic() - began) * (progress.count - progress.done)
+        left = f", {duration(remaining / (progress.done - ran[0] + 1))} left" if ran else ""
         settings = ", ".join(f"{key} = {plain(value)}" for key, value in progress.settings.items()) or "unchanged"
         what = next((word for word, number in STATUSES.items() if number == progress.exit_status), "failed")
         why = f": {'; '.join(progress.error.splitlines())}" if progress.error else ""
         print_lines([f"{progress.done}/{progress.count}{left}: {what}: {settings}{why}"], sys.stderr)
 
-    def _left(self, progress: SweepProgress, first: int) -> str:
-        """Return the remaining time in words, from the pace since the `first` case that was run."""
-        elapsed = monotonic() - self._begin
-        return duration(elapsed / (progress.done - first + 1) * (progress.count - progress.done))
+    if quiet:
+        return nothing
+    print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
+    return tell
 
 
 def run_refinement(options: argparse.Namespace) -> int:
     """``suture refine``: write the convergence of numbers of a scenario in words."""
-    teller = Teller(options.json)
-    teller.begin(options.levels)
+    tell = teller(options.levels, options.json)
     try:
         with stages(options.json, LOOP_LOGGERS):
             found = refine(
@@ -144,7 +132,7 @@ def run_refinement(options: argparse.Namespace) -> int:
                 options.levels,
                 options.ratio,
                 workers_of(options.jobs, options.dask),
-                teller.tell,
+                tell,
                 options.adaptive,
             )
     except KeyboardInterrupt:

@@ -11,12 +11,13 @@ from dataclasses import asdict, dataclass
 from types import SimpleNamespace
 from typing import Literal, get_args
 
-from studies.lists import list_of
+from studies.lists import list_of, sentences
 from studies.output.records import SEEN, SWITCHES
 
 Severity = Literal["unsupported", "note"]
 
 LIST = list_of(__file__, "remarks.toml")
+say = sentences(LIST.pop("effects"))
 BOUNDS = LIST.pop("bounds") | {"SEEN": SEEN, "SWITCHES": SWITCHES}  # by their names in the list
 BOUNDS |= {f"EARLY_{name}": BOUNDS["EARLY"] * BOUNDS[f"SMALL_{name}"] for name in ("STRAIN", "ROTATION")}
 bounds = SimpleNamespace(**BOUNDS)

@@ -12,12 +12,13 @@ from meshes.child import run_module
 from studies.output.columns import STATE_CODES
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_bytes
-from studies.output.opened import OpenRun, open_run
 from studies.output.reading import (
     FrameFiles,
+    OpenRun,
     ResultsError,
     arrays_of,
     evenly_spaced,
+    open_run,
     pieces,
     refused_if_torn,
     topology_of,

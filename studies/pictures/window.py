@@ -9,8 +9,7 @@ from typing import Any
 
 import pyvista as pv
 
-from studies.output.opened import open_run
-from studies.output.reading import topology_of
+from studies.output.reading import open_run, topology_of
 from studies.pictures.looking import read_frame
 from studies.pictures.picture import WINDOWS
 from studies.pictures.space import CORNER, place_camera, props_of, stage_of

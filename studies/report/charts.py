@@ -8,8 +8,7 @@ import numpy as np
 
 from studies.arrays import Array
 from studies.lists import list_of
-from studies.output.opened import OpenRun
-from studies.output.reading import Table, evenly_spaced
+from studies.output.reading import OpenRun, Table, evenly_spaced
 
 MOST_ROWS = 1000  # of a series: more points than a screen can show
 SHOWN = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "J": (1e3, "mJ")}  # SI units that are easier to read in another unit

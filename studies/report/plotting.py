@@ -6,8 +6,7 @@ from pathlib import Path
 from matplotlib import rc_context
 
 from studies.figure import COLOURS, STYLE, literal, panels
-from studies.output.opened import OpenRun, open_run
-from studies.output.reading import ResultsError
+from studies.output.reading import OpenRun, ResultsError, open_run
 from studies.report.charts import AXES, Series, series_of
 from studies.scenario.refusal import nearest
 

@@ -15,8 +15,16 @@ import numpy as np
 from studies.arrays import Array
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.output.opened import OpenRun
-from studies.output.reading import FrameFiles, arrays_of, evenly_spaced, nodal, pieces, refused_if_torn, topology_of
+from studies.output.reading import (
+    FrameFiles,
+    OpenRun,
+    arrays_of,
+    evenly_spaced,
+    nodal,
+    pieces,
+    refused_if_torn,
+    topology_of,
+)
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 

@@ -5,34 +5,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
-import skfem
 
 import tissue
 from coupling.rest.laying import start
 from coupling.step import tables
 from coupling.system import Friction, Piercing, State, System, ThreadContact, turns
 from coupling.ties import Tie
-from meshes.wound import lips
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario
-from studies.scenario.course import Timed
-from studies.scenario.organ import ACCURACY, LIPS, Reduction
+from studies.scenario.organ import ACCURACY
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.scenario.table import refuse, refused
-from studies.scenario.values import Turn
-from studies.simulation.fitting import fitted
 from studies.simulation.given import NOTHING, Given
-from studies.simulation.keeping import kept_reduction
 from studies.simulation.laid import LaidPath, moved_with, over_surface, through_holes
-from studies.simulation.law import hyperelasticity_of, relaxation_of
-from studies.simulation.meshing import check_loaded, motions_left, organ_mesh, strength_at, wound_of
+from studies.simulation.meshing import organ_mesh, strength_at
+from studies.simulation.organ import AnyOrgan, course_of, depths_of, loads_of, organ_of, recovery_of, stored_body
 from studies.simulation.pieces import check_at_cuts, check_cutting, check_draws, check_pieces, check_stubs
 from studies.simulation.places import check_inside, with_places
-from studies.simulation.sharing import Shared, body_key, mesh_key, organ_key, reduction_key, thread_key
+from studies.simulation.sharing import Shared, mesh_key, organ_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
 from thread.catalogue import Section, suture
 from thread.ends import Clamped, Driven, End, Fixed, Free, Pulled
@@ -43,12 +36,8 @@ from thread.placed import Placed
 from thread.quadrature import gauss_rule
 from thread.spline import DEGREE, Spline
 from thread.thread import MASS_POINTS, Thread
-from tissue.solvers.direct import LIBRARIES
 
 log = logging.getLogger(__name__)
-
-Dynamic = tissue.DynamicOrgan | tissue.KrylovOrgan | tissue.ReducedOrgan
-AnyOrgan = tissue.FixedSites | tissue.QuasiStaticOrgan | Dynamic | tissue.FiniteOrgan
 
 TOLERANCE = 0.01  # relative error of the holes' forces for packets of thread.packets.FIRST √(EI/T)
 ALONG_ARC = np.array([0.0, 0.5, 1.0])  # places on an arc of a path at which its bend determines the spans
@@ -56,9 +45,6 @@ STRAND_LOOKS = 20  # points of a strand that are tested for lying in tissue
 DRAWN = 4  # parts of the draw of a loop that relaxes: its force is then right to 0.2 %, with one part to 3 %
 APART = 1e-6  # of the duration: of times that are closer, as at a jump of a load, the first counts
 STRETCH = 1.6  # sutures break at strains of 20 to 60 %
-SMALLEST = 5_000  # unknowns of an organ for a Krylov space: for a smaller organ all unknowns cost hardly more per step
-LARGEST = 100_000  # unknowns: above this the Krylov space takes as long as the rest of the preparation
-MOST_PULLS = 60  # variables of sites and loads, with eight vectors each: six holes
 BEARING_FOOTPRINTS = 2.0  # bearing length of a hole in footprints: the model spreads its force over this length
 BEARING_DIAMETERS = 10.0  # bearing length in thread diameters, without a footprint or a bite
 
@@ -152,7 +138,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     check_cutting(scenario.cut, thread)
     check_draws(scenario.piercing, thread.spline, own)
     whole = resolved(as_given) if laid.moves.any() else resolved(scenario, length, own)
-    depths = partial(stored_depths, scenario, body, store)
+    depths = partial(depths_of, scenario, body, store)
     rough = {*given.friction, *(hole.name for hole in scenario.piercing if hole.friction is not None)}
     bites = bites_of(scenario, path, of_piercings(holes, at.tolist()), rough, depths)
     system: System[tissue.OrganState] = System(
@@ -166,7 +152,7 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
         compiled=is_compiled(scenario.solve),
         contact=None if body is None else contact_of(scenario, holes, through, at, depths),
     )
-    recovery = cache(partial(stored_recovery, scenario, body, store))
+    recovery = cache(partial(recovery_of, scenario, body, store))
     return Assembly(whole, holes, system, organ, through, laid, at, np.array(s), body, recovery, depths, given, fit)
 
 
@@ -435,19 +421,6 @@ def site_of(hole: model.Piercing) -> tissue.Site:
     return tissue.Site(hole.place, hole.footprint, hole.weight, direction, f'piercing "{hole.name}"', line)
 
 
-def stored_body(
-    scenario: Scenario, sites: Sequence[tissue.Site], mesh: skfem.MeshTet | None, store: Shared, given: Given
-) -> tuple[tissue.Elasticity | None, tissue.Fitted | None]:
-    """Return the organ's discrete elasticity, and the refinement of its cells.
-
-    Both come from the store if possible. Both are None without an organ; the second is None without
-    refinement.
-    """
-    if mesh is None:
-        return None, None
-    return store.take("body", body_key(scenario), lambda: fitted(scenario, given, mesh, sites))
-
-
 def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequence[model.Piercing]) -> Array | None:
     """Return bounds of the exact compliance of holes, over the compliance of an organ.
 
@@ -460,109 +433,6 @@ def bounds_of(scenario: Scenario, body: tissue.Elasticity | None, holes: Sequenc
     accuracy = ACCURACY if table.mesh.accuracy == "given" else table.mesh.accuracy
     sites = [site_of(hole) for hole in holes]
     return tissue.relative_bounds(body, sites, table.clamp, table.roller, accuracy)
-
-
-def stored_recovery(scenario: Scenario, body: tissue.Elasticity | None, store: Shared) -> tissue.StressRecovery:
-    """Return the recovery of stress from displacement, from the store if possible."""
-    assert body is not None
-    return store.take("recovery", body_key(scenario), lambda: tissue.stress_recovery(body))
-
-
-def stored_depths(scenario: Scenario, body: tissue.Elasticity | None, store: Shared, points: Array) -> Array:
-    """Return the depth of points `(k, 3)` below the organ's surface, shape `(k,)` [m].
-
-    It is negative outside. The function comes from the store if possible.
-    """
-    assert body is not None
-    mesh = body.mesh
-
-    def remembered() -> Callable[[bytes], Array]:
-        depths = tissue.depths(mesh)
-        return cache(lambda places: depths(np.frombuffer(places).reshape(-1, 3)))
-
-    known: Callable[[bytes], Array] = store.take("depths", body_key(scenario), remembered)
-    return known(np.ascontiguousarray(points, dtype=np.float64).tobytes())
-
-
-def organ_of(
-    scenario: Scenario,
-    sites: Sequence[tissue.Site],
-    body: tissue.Elasticity | None,
-    fit: tissue.Fitted | None,
-    given: Given,
-    store: Shared,
-) -> AnyOrgan:
-    """Return the organ with its holes at the `sites`, for the coupling.
-
-    The organ is linear or at finite strain, with or without inertia. A linear organ can be in its
-    Krylov space or in a small basis. Without `[tissue]` the holes are points fixed in space. The
-    `fit` of a refined body has located the holes already. A small basis comes from the `store` if
-    possible.
-    """
-    if body is None or scenario.tissue is None:
-        return tissue.fixed_sites(sites)
-    placed = tissue.build_sites(body, sites) if fit is None else fit.sites
-    check_loaded(body.mesh, scenario.tissue)
-    gaps, loads, bears = gaps_of(scenario, body), loads_of(scenario), scenario.thread.surface
-    skin = None if bears is None else tissue.skin_of(body, bears.friction)
-    known = body, placed, scenario.solve.gravity, scenario.tissue.solver, gaps, loads, skin
-    inertia = scenario.tissue.inertia and scenario.solve.kind == "dynamic"
-    relaxation = relaxation_of(scenario.tissue, body)
-    if scenario.tissue.material != "linear":
-        hyper = hyperelasticity_of(scenario.tissue, body, given)
-        damping = scenario.tissue.rayleigh[0]
-        return tissue.FiniteOrgan(*known, law=hyper, inertia=inertia, damping=damping, relaxation=relaxation)
-    if relaxation is not None:
-        damped = scenario.tissue.rayleigh
-        return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)
-    if not inertia:
-        held = scenario.tissue.clamp, scenario.tissue.roller
-        floating = scenario.floats and any(motions.size for motions in motions_left(body.mesh, *held)[1])
-        organ = tissue.FloatingOrgan(*known) if floating else tissue.QuasiStaticOrgan(*known, ranks=given.ranks)
-        if given.ranks is not None:
-            organ.operator(0.0, 0.0)  # all ranks solve its columns now, because later they can do other work
-        return organ
-    full = tissue.DynamicOrgan(*known, rayleigh=scenario.tissue.rayleigh)
-    if scenario.tissue.reduction is not None:
-        return reduced(full, scenario.tissue.reduction, reduction_key(scenario), store)
-    return tissue.KrylovOrgan(full) if takes_krylov(scenario, full) else full
-
-
-def takes_krylov(scenario: Scenario, full: tissue.DynamicOrgan) -> bool:
-    """Return whether steps of an organ use its Krylov space.
-
-    They use it if requested, or by default if it is faster. The duration of the run is not
-    considered, so that a longer run continues with the same method.
-    """
-    if not scenario.has_krylov or scenario.solve.organ == "krylov":
-        return scenario.has_krylov
-    pulls = full.Y.shape[0] + full.surface_load.shape[1]
-    pays = SMALLEST <= full.size <= LARGEST and pulls <= MOST_PULLS and full.choice.name in LIBRARIES
-    return pays and tissue.has_space(full)
-
-
-def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Shared) -> tissue.ReducedOrgan:
-    """Return an organ in a small basis, which has this `key` in the store. Raises `TissueError`."""
-    make = partial(tissue.reduce_organ, full, table.blocks, table.modes)
-    if table.keep is not None:
-        make = partial(kept_reduction, full, table.blocks, table.modes, Path(table.keep))
-    return tissue.ReducedOrgan(full, store.take("reduction", key, make))
-
-
-def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
-    """Return the loads on the organ's boundaries."""
-    return tuple(
-        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, course_of(scenario.solve, table, table.ramp))
-        for table in (() if scenario.tissue is None else scenario.tissue.load)
-    )
-
-
-def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
-    """Return the course of a load; `ramp` is its growth in time.
-
-    In statics a load without a course grows over the load steps.
-    """
-    return table.rows(solve.duration, 0.0 if solve.kind == "static" else ramp)
 
 
 def marks_of(assembly: Assembly) -> tuple[float, ...]:
@@ -583,27 +453,3 @@ def marks_of(assembly: Assembly) -> tuple[float, ...]:
         out |= {time for tie in system.ties for time in np.linspace(tie.begins, tie.locks, DRAWN + 1).tolist()}
     times = np.sort([*out])
     return tuple(times[np.diff(times, prepend=-np.inf) > APART * scenario.solve.duration].tolist())
-
-
-def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
-    """Return the gaps between surfaces in contact, None without contact.
-
-    The gaps of a wound's lips are between matching nodes.
-    """
-    shape = None if scenario.tissue is None else scenario.tissue.mesh
-    parts: list[tissue.Part] = []
-    friction = {pair.between: pair.friction for pair in scenario.contact}
-    for between in scenario.touching:
-        if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
-            own = lip_gaps(shape, body)
-        else:
-            own = tissue.surface_gaps(body, [between])
-        parts += [replace(part, friction=friction.get(between, 0.0)) for part in own.parts]
-    return tissue.Gaps(body, tuple(parts)) if parts else None
-
-
-def lip_gaps(shape: model.WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
-    """Return the gaps between the matching nodes of a wound's lips."""
-    wound = wound_of(shape)
-    pairs = lips(body.mesh, wound)
-    return tissue.build_gaps(body, pairs.nodes, pairs.facets[:, 0], np.eye(3)[wound.normal_axis])

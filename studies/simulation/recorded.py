@@ -9,7 +9,7 @@ from studies.output.budget import check_disk
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import folder_of, locked
-from studies.output.opened import OpenRun, open_run
+from studies.output.reading import OpenRun, open_run
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.meanings import because
 from studies.scenario.scenario import check_given

@@ -22,7 +22,7 @@ from studies import scenario as model
 from studies.arrays import MILLI, Array
 from studies.lists import list_of
 from studies.output import records
-from studies.output.remarks import Remark, bounds, judged, remark
+from studies.output.remarks import Remark, bounds, judged, remark, say
 from studies.scenario import Scenario
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
@@ -302,21 +302,12 @@ def audited(energy: Energies, extremes: records.Extremes, rough: bool, slid: boo
     if created > bounds.CREATED * scale:
         out.append(remark("energy-created", "solve", created=created, share=created / scale, energy=scale))
     if dissipated > bounds.DISSIPATED * scale and (rough or extremes.swing > bounds.SWUNG):
-        effect = (
-            f"{dissipated / scale:.0%} of the run's largest energy ({scale:.2g} J), and damped its oscillations; use a "
-            "smaller solve.dt if they matter"
-        )
+        effect = say("damped", share=dissipated / scale, energy=scale)
     elif slid and dissipated > bounds.OUTDONE * energy.friction_dissipation:
-        effect = (
-            f"friction only {energy.friction_dissipation:.2g} J, so the length that the thread slid depends on the "
-            "steps; compare with a smaller solve.dt, or set solve.tolerance"
-        )
+        effect = say("outdone", friction=energy.friction_dissipation)
     elif settling > bounds.DISSIPATED * scale and rough:
         dissipated = settling
-        effect = (
-            f"{settling / scale:.0%} of the run's largest energy ({scale:.2g} J), in the first step: energy stored at "
-            'the start, as in bends of the laid thread; set solve.start = "rest" to begin without it'
-        )
+        effect = say("settled", share=settling / scale, energy=scale)
     return out + judged(bool(effect), "numerical-dissipation", "solve.dt", dissipated=dissipated, effect=effect)
 
 

@@ -5,15 +5,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from coupling.errors import CouplingError, RestError, TogetherError, TurnedHoleError
-from meshes.errors import MeshError
 from studies.output.records import StepRecord
 from studies.output.remarks import Remark, remark
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario
 from studies.scenario.refusal import as_toml
 from studies.scenario.toml import changed, parsed, tables
-from studies.simulation.simulation import Simulation
-from thread.errors import ThreadError
-from tissue.errors import FactorError, TissueError
+from studies.simulation.simulation import REFUSALS, Simulation
+from tissue.errors import FactorError
 
 log = logging.getLogger(__name__)
 
@@ -25,7 +23,7 @@ Outcome = Literal["ends", "past", "fails", "slow", "refused"]
 FINER = 4  # factor of shorter steps: a smaller change can help by chance
 MOST = 5000  # allowed Newton corrections of a copy: enough for a few hundred shorter steps
 PAST = 10  # number of steps of the failed run beyond the failure, to which a copy is computed
-IN_VAIN = (CouplingError, FactorError, ScenarioError, MeshError, TissueError, ThreadError)
+IN_VAIN = (CouplingError, FactorError, *REFUSALS)
 
 
 def written(settings: Settings) -> str:

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from time import perf_counter
+from typing import Any, TypeVar
 
 import numpy as np
 import skfem
@@ -25,6 +26,7 @@ from coupling.step.diagnosis import faults
 from coupling.step.solver import covers
 from coupling.step.stepping import Take, try_step
 from coupling.system import State
+from meshes.errors import MeshError
 from studies.arrays import Array
 from studies.output.checkpoint import Arrays
 from studies.output.fields import OrganTopology
@@ -38,19 +40,38 @@ from studies.scenario.origin import with_origin
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.scenario.table import refused
-from studies.simulation.assembly import Assembly, assemble, bounds_of, lip_gaps, marks_of, shareable
+from studies.simulation.assembly import Assembly, assemble, bounds_of, marks_of, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
+from studies.simulation.organ import lip_gaps
 from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Shared, start_key
 from studies.simulation.stepper import Stepper, WhichEnd
-from studies.simulation.timing import timed
 from studies.simulation.tracts import of_piercings
+from thread.errors import ThreadError
 
+Made = TypeVar("Made")
+REFUSALS = (ScenarioError, MeshError, tissue.TissueError, ThreadError)  # of input, before the first step
 OnStep = Callable[[StepRecord], None]
 Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # steps, each with a function that makes its frame
 AT_ONCE = 50  # largest number of steps before they are recorded: the user cannot see or stop steps before
+
+
+def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
+    """Return the result of a function and its wall-clock time [s].
+
+    The time is without compilation if the function `compiles` loops.
+    """
+    began = perf_counter()
+    if not compiles:
+        return make(), perf_counter() - began
+    from numba.core.event import install_timer
+
+    compiling: list[float] = []
+    with install_timer("numba:compile", compiling.append):
+        result = make()
+    return result, perf_counter() - began - sum(compiling)
 
 
 @dataclass(frozen=True)
@@ -220,7 +241,7 @@ class Simulation:
         `deadline` [s] is the longest time of a step; None is the simulated time of the step. Raises
         `ScenarioError`.
         """
-        return Stepper(self, end, deadline)
+        return Stepper(self.scenario, self.beginning, self.record, self.snapshot, end, deadline)
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step.

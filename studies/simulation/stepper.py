@@ -8,9 +8,10 @@ The host moves an end of the thread and receives the forces.
 """
 
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Literal, Protocol, TypeGuard
+from typing import Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,24 +24,6 @@ from studies.scenario.meanings import because
 from studies.scenario.table import refuse, refused
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
-
-
-class Stepped(Protocol):
-    """The members of a simulation that a stepper uses."""
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario as run."""
-
-    def beginning(self) -> OrganRun:
-        """Return the run before the first step."""
-
-    def record(self, now: OrganRun, seconds: float = 0.0) -> StepRecord:
-        """Return the record of a step whose computation took `seconds`."""
-
-    def snapshot(self, now: OrganRun) -> Snapshot:
-        """Return the snapshot of a state."""
-
 
 WhichEnd = Literal["start", "end"]
 ENDS: tuple[WhichEnd, WhichEnd] = ("start", "end")
@@ -85,21 +68,30 @@ def is_led(end: End) -> TypeGuard[Driven | Fixed]:
 
 
 class Stepper:
-    """A run stepped by a host program.
+    """A run stepped by a host program. Made by `Simulation.stepper`.
 
-    `end` is the end of the thread that the host moves; the scenario must hold it by its place,
-    driven or fixed. Other events of the scenario continue. `deadline` [s] is the longest time of a
-    step; None is the simulated time of the step. Raises `ScenarioError` for statics, for an end
-    without a prescribed place, for an unknown end, and for a deadline below 0 s.
+    `begin` returns the run of the `scenario` before its first step. `record` returns the record of
+    a step that took some seconds, and `snapshot` its fields. `end` is the end of the thread that
+    the host moves; the scenario must hold it by its place, driven or fixed. Other events of the
+    scenario continue. `deadline` [s] is the longest time of a step; None is the simulated time of
+    the step. Raises `ScenarioError` for statics, for an end without a prescribed place, for an
+    unknown end, and for a deadline below 0 s.
     """
 
-    def __init__(self, simulation: Stepped, end: WhichEnd = "end", deadline: float | None = None) -> None:
-        scenario = simulation.scenario
+    def __init__(
+        self,
+        scenario: Scenario,
+        begin: Callable[[], OrganRun],
+        record: Callable[[OrganRun, float], StepRecord],
+        snapshot: Callable[[OrganRun], Snapshot],
+        end: WhichEnd,
+        deadline: float | None,
+    ) -> None:
         refuse(end not in ENDS, "end", end, "end-unknown")
         refuse(deadline is not None and not deadline >= 0.0, "deadline", deadline, "deadline")
         refuse(scenario.solve.kind == "static", "solve.kind", "static", "stepper-static")
-        self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
-        self._now = simulation.beginning()
+        self._record, self._snapshot, self._side, self._deadline = record, snapshot, ENDS.index(end), deadline
+        self._now = begin()
         if not is_led(self._now.system.ends[self._side]):
             raise refused(f"thread.{end}.kind", getattr(scenario.thread, end).kind, "end-free")
         self._seconds, self._missed = array("d"), 0
@@ -113,11 +105,11 @@ class Stepper:
     @property
     def record(self) -> StepRecord:
         """The record of the last step."""
-        return self._simulation.record(self._now, self._seconds[-1] if self._seconds else 0.0)
+        return self._record(self._now, self._seconds[-1] if self._seconds else 0.0)
 
     def frame(self) -> Snapshot:
         """Return the snapshot of the state."""
-        return self._simulation.snapshot(self._now)
+        return self._snapshot(self._now)
 
     @property
     def forces(self) -> Forces:

@@ -11,18 +11,15 @@ from time import perf_counter
 from typing import Any
 
 from coupling.errors import CouplingError
-from meshes.errors import MeshError
 from studies.output.records import Record, Snapshot, StepRecord
 from studies.output.version import ROOT, installed_version
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario
 from studies.scenario.toml import changed, parsed, tables, with_mesh_copy
 from studies.simulation.sharing import Shared, start_key
-from studies.simulation.simulation import Simulation, prepare
+from studies.simulation.simulation import REFUSALS, Simulation, prepare
 from studies.status import COMPLETED, FAILED, REFUSED
-from thread.errors import ThreadError
-from tissue.errors import FactorError, TissueError
+from tissue.errors import FactorError
 
-REFUSALS = (ScenarioError, MeshError, TissueError, ThreadError)
 SHORTAGES = (FactorError, OSError, MemoryError)  # of memory or disk, perhaps temporary
 ROOMS = ("thread", "tissue", "coupling", "meshes", "studies/scenario", "studies/simulation", "studies/output")
 # used by the code in those folders

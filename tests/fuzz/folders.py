@@ -10,10 +10,10 @@ from pathlib import Path
 from random import Random
 from unittest.mock import patch
 
-from studies.command.command import REFUSALS, main
+from studies.command.command import ALL_REFUSALS, main
 from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder
-from studies.output.opened import open_run
+from studies.output.reading import open_run
 from studies.output.tally import Tally as RunTally
 from studies.pictures import looking
 from studies.pictures.picture import Drawn
@@ -37,7 +37,7 @@ def run(count: int, seed: int, folder: Path) -> Tally:
             shutil.rmtree(there, ignore_errors=True)
             shutil.copytree(whole, there)
             name = _mutate(there, random)
-            act, refusals = random.choice(acts), (*REFUSALS, OSError)
+            act, refusals = random.choice(acts), (*ALL_REFUSALS, OSError)
             label = f"folder {number} ({act.__name__[1:]}, {name})"
             tally.trial(label, lambda act=act, there=there: act(there), refusals)
     return tally

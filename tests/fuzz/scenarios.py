@@ -5,7 +5,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from studies.command.command import REFUSALS
+from studies.command.command import ALL_REFUSALS
 from studies.scenario import SCENES, FileMesh, GivenMesh, Scenario, load, schema
 from studies.scenario.refusal import as_key, as_toml
 from studies.simulation import prepare
@@ -231,7 +231,7 @@ def run(count: int, seed: int, folder: Path, share: float = 0.25) -> Tally:
             file.write_text(text_of(mutated_tables(tables[which], random, keys)), encoding="utf-8")
         drawn = random.random() < share
         tally.trial(
-            f"scenario {number}", lambda drawn=drawn: _attempt(file, drawn), (*REFUSALS, FactorError, MemoryError)
+            f"scenario {number}", lambda drawn=drawn: _attempt(file, drawn), (*ALL_REFUSALS, FactorError, MemoryError)
         )
     return tally
 

@@ -18,8 +18,7 @@ from coupling.step.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
-from studies.output.opened import open_run
-from studies.output.reading import ResultsError, read_table, topology_of
+from studies.output.reading import ResultsError, open_run, read_table, topology_of
 from studies.output.records import LoadRecord, Record
 from studies.output.tables import CsvFile
 from studies.pictures import looking, section

@@ -12,8 +12,7 @@ import pytest
 
 from studies.command.command import main
 from studies.output.folder import Recorder
-from studies.output.opened import open_run
-from studies.output.reading import ResultsError, evenly_spaced, read_frames, read_table
+from studies.output.reading import ResultsError, evenly_spaced, open_run, read_frames, read_table
 from studies.pictures.view import surface
 from studies.refinement.refine import refine
 from studies.report import page, space

@@ -7,7 +7,6 @@ from coupling.errors import CouplingError
 from studies.scenario import Scenario, ScenarioError, parse
 from studies.simulation import prepare
 from studies.simulation.simulation import Simulation
-from studies.simulation.stepper import Stepper
 from tests.bounds import TWO_SOLVERS
 
 DT, STEPS = 1e-3, 12
@@ -113,7 +112,7 @@ def test_what_cannot_be_stepped_is_refused(simulation: Simulation) -> None:
         simulation.stepper("tip")  # type: ignore[arg-type]
     still = prepare(scenario_of(tissue=None, piercing=[], solve={"kind": "static"}))
     with pytest.raises(ScenarioError, match=r'solve\.kind = "static"'):
-        Stepper(still)
+        still.stepper()
     here = [0, 0, 0]
     for dt, place in ((0.0, here), (float("nan"), here), (DT, [0, 0]), (DT, [0, 0, np.nan]), (DT, "there")):
         with pytest.raises(ValueError, match="allowed are a positive time"):

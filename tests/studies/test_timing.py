@@ -3,7 +3,7 @@
 import pytest
 from numba.core import event
 
-from studies.simulation import timing
+from studies.simulation import simulation
 
 
 def test_what_is_compiled_counts_in_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,7 +23,7 @@ def test_what_is_compiled_counts_in_no_step(monkeypatch: pytest.MonkeyPatch) -> 
         now += 2.0
         return "made"
 
-    monkeypatch.setattr(timing, "perf_counter", clock)
+    monkeypatch.setattr(simulation, "perf_counter", clock)
     monkeypatch.setattr(event, "timer", clock)
-    assert timing.timed(step, compiles=True) == ("made", 3.0)
-    assert timing.timed(step, compiles=False) == ("made", 33.0)
+    assert simulation.timed(step, compiles=True) == ("made", 3.0)
+    assert simulation.timed(step, compiles=False) == ("made", 33.0)

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from studies.output.opened import open_run
+    from studies.output.reading import open_run
     from studies.output.version import __version__
     from studies.refinement.refine import refine
     from studies.scenario import load
@@ -21,7 +21,7 @@ __all__ = ["__version__", "load", "open_run", "prepare", "refine", "run", "sweep
 HOMES = {
     "__version__": "studies.output.version",
     "load": "studies.scenario",
-    "open_run": "studies.output.opened",
+    "open_run": "studies.output.reading",
     "prepare": "studies.simulation",
     "refine": "studies.refinement.refine",
     "run": "studies.simulation.recorded",
