@@ -32,14 +32,13 @@ from matplotlib.figure import Figure
 import tissue
 from studies.arrays import MILLI
 from studies.figure import Item, draw, level, panel, series, unnamed
+from studies.lists import study_list
 from studies.simulation.assembly import assemble, site_of
 from studies.study import Job, Table, each, grouped, require, require_known, scene, unit_field
 from tissue.refinement.estimate import estimate
 
 A = 1e-3  # footprint of the cases with one footprint [m]
 LENGTH = 0.04  # of the block [m]
-EDGE_DISTANCE = 1.3  # footprints from the edge to the middle of the hole, whose rim is 0.3 from the edge
-THIN = 0.5  # thickness of a skin in footprints
 ASKED = 0.03  # error at which meshes are compared: the default of tissue.mesh.accuracy
 EFFECTIVITY = 0.7, 1.5  # allowed range of the estimate over the error
 FAR = 8e-3  # size of graded and adaptive cells far from the hole [m]
@@ -49,22 +48,7 @@ ERROR = "error of the compliance [-]"
 SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)  # ticks
 TICKS = {"x": (2.0, 5.0, 10.0, 20.0, 50.0)}
 Settings = dict[str, Any]
-
-
-def skin(contrast: float) -> Settings:
-    """Return the keys of a skin of half a footprint.
-
-    `contrast` is its stiffness over the stiffness of the tissue below.
-    """
-    return {"tissue.region": [{"name": "skin", "depth": [0.0, THIN * A], "youngs_modulus": contrast * 1e5}]}
-
-
-CASES: Mapping[str, Settings] = {
-    "edge": {"piercing.hole.at": [0.5 * LENGTH - EDGE_DISTANCE * A, 0.0, 0.0]},
-    "stiff skin": skin(20.0),
-    "soft skin": skin(0.1),
-    "thin wall": {"tissue.mesh.size": [0.5 * LENGTH, 0.5 * LENGTH, A], "tissue.clamp": ["left", "right"]},
-}
+CASES: dict[str, Settings] = study_list("adaptive_refinement")["cases"]  # keys of the scene
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,7 +42,7 @@ TIMES = "loops {loops:.3f} s, forms {forms:.2f} s, {ratio:.0f} times as fast"  #
 
 
 def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = None) -> int:
-    """Measure every solver and print the table in Markdown; return the exit status.
+    """Measure every solver and print the table; return the exit status.
 
     The numbers are written as JSON if a file is given.
     """
@@ -58,7 +58,7 @@ def main(sizes: Sequence[int], element: str = "P1", json_path: Path | None = Non
             yield from measure_solvers(organ, element, methods, speed)
             assemblies.append(measure_assembly(organ.elasticity))
 
-    rows = printed("organ", measured(), markdown=True)
+    rows = printed("organ", measured())
     print_assemblies(assemblies)
     print(f"\nmemory is read at {speed / 1e9:.1f} GB/s")
     return keep(json_path, {"rows": rows, "assembly": assemblies, "bandwidth": speed})

@@ -17,28 +17,19 @@ SCALES = {"MB": 1e6, "ms": 1e-3}
 COLUMNS, EVERY_CASE = list_of(__file__, "columns.toml"), list_of(__file__, "cases.toml")
 
 
-def printed(table: str, rows: Iterable[Numbers], markdown: bool = False) -> list[Numbers]:
-    """Print the rows of a table while they are measured, and return the rows.
+def printed(table: str, rows: Iterable[Numbers]) -> list[Numbers]:
+    """Print the rows of a table in Markdown while they are measured, and return the rows.
 
-    The measurement uses one thread of BLAS. A table in Markdown has no widths.
+    The measurement uses one thread of BLAS.
     """
-    heads, widths, cells = zip(*COLUMNS[table], strict=True)
-
-    def line(texts: Iterable[str]) -> str:
-        return f"| {' | '.join(texts)} |" if markdown else " ".join(map(aligned, texts, widths))
-
+    heads, cells = zip(*COLUMNS[table], strict=True)
     out = []
     with threadpool_limits(limits=1, user_api="blas"):
-        print(line(heads) + ("\n|" + "---|" * len(heads)) * markdown)
+        print(f"| {' | '.join(heads)} |\n|" + "---|" * len(heads))
         for row in rows:
             out.append(row)
-            print(line(cell(row, of) for of in cells), flush=True)
+            print(f"| {' | '.join(cell(row, of) for of in cells)} |", flush=True)
     return out
-
-
-def aligned(text: str, width: int) -> str:
-    """Return text aligned to the right in a width, or to the left for a negative width."""
-    return text.ljust(-width) if width < 0 else text.rjust(width)
 
 
 def cell(row: Numbers, of: str) -> str:

@@ -18,7 +18,6 @@ from studies.sweeps.table import SweepTable, asked_column
 from studies.verdicts import verdict
 from studies.workers import Workers, nothing
 
-ADAPTIVE = "accuracy"  # the kind of levels of `adaptive`
 ESTIMATE = "compliance_error"  # of a piercing in the summary
 
 
@@ -31,7 +30,6 @@ def refine(
     ratio: float | None = None,
     workers: Workers | None = None,
     tell: Tell = nothing,
-    adaptive: bool = False,
 ) -> tuple[Refined, ...]:
     """Refine a scenario level by level into a folder, and return the result for each quantity.
 
@@ -41,7 +39,6 @@ def refine(
       "all", the first three.
     - `ratio`: ratio of the levels; None means √2, or 2 for the accuracy.
     - `workers`: as in `studies.sweeps.sweep`.
-    - `adaptive`: the same as `over="accuracy"`.
 
     Raises `ScenarioError`, for an unknown quantity before the first level is run, and
     `studies.workers.WorkersError`.
@@ -52,12 +49,8 @@ def refine(
     names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
     if not names or not all(isinstance(name, str) for name in names):
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
-    if adaptive and over not in ("all", ADAPTIVE):
-        raise ScenarioError(
-            f"--over {over} is refused: --adaptive refines the cells at the holes; leave out one of them"
-        )
     plain = base_tables(base)
-    rungs = ladder(parsed(plain), ADAPTIVE if adaptive else over, levels, ratio)
+    rungs = ladder(parsed(plain), over, levels, ratio)
     check = partial(check_names, names=names)
     table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", check)
     rungs = as_estimated(as_meshed(rungs, table), table)
@@ -84,7 +77,7 @@ def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
 
     Their factors are the ratios of these estimates.
     """
-    if rungs.kinds != (ADAPTIVE,):
+    if rungs.kinds != ("accuracy",):
         return rungs
     columns = [column.values for column in table.columns if column.name.endswith(f".{ESTIMATE}")]
     rows = zip(*columns, strict=True) if columns else [()] * len(table)

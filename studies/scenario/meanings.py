@@ -5,6 +5,7 @@ from typing import Any
 from studies.lists import list_of
 
 KEYS, REASONS = list_of(__file__, "keys.toml"), list_of(__file__, "refusals.toml")
+FORMER = REASONS.pop("former")  # keys of earlier versions, by the class of their table
 
 
 def meaning_of(table: type, key: str) -> tuple[str, list[Any]]:

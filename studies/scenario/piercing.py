@@ -9,7 +9,7 @@ from pydantic import Field
 
 from studies.scenario.meanings import because
 from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import SUBGRID, ScenarioError, ScenarioTable, check_ending, check_rising, refused
+from studies.scenario.table import ScenarioError, ScenarioTable, check_ending, check_rising, refused
 from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
@@ -39,8 +39,6 @@ class Friction(ScenarioTable):
 
 class Piercing(ScenarioTable):
     """Hole through which the thread passes."""
-
-    FORMER = SUBGRID
 
     name: Text
     at: Annotated[Literal["surface"] | Vector, one_sentence("allowed-place")]

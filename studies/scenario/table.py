@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validato
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from studies.scenario.meanings import because, meaning_of, reason_of
+from studies.scenario.meanings import FORMER, because, meaning_of, reason_of
 from studies.scenario.refusal import as_toml, dotted_key, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
@@ -56,9 +56,6 @@ def plain_values(value: Any) -> Any:
             return value
 
 
-SUBGRID = {"subgrid": "cells at holes are refined; leave it out, and give tissue.mesh.accuracy"}
-
-
 class ScenarioTable(BaseModel):
     """A table of the scenario: frozen, without unknown keys.
 
@@ -68,7 +65,6 @@ class ScenarioTable(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=False)
-    FORMER: ClassVar[Mapping[str, str]] = {}
     WITHIN: ClassVar[str] = "."  # between the table's name and the names of its keys in a refusal
 
     @model_validator(mode="before")
@@ -76,7 +72,7 @@ class ScenarioTable(BaseModel):
     def _prepare(cls, data: Any) -> Any:
         if not isinstance(data, Mapping):
             return data
-        for key, reason in cls.FORMER.items():
+        for key, reason in FORMER.get(cls.__name__, {}).items():
             if key in data:
                 raise ValueError(f".{key} = {as_toml(data[key])} is refused: {reason}")
         return {**cls.chosen(data), **data}

@@ -105,13 +105,8 @@ class OnSurface(ScenarioTable):
     friction: NotNegative = 0.0
 
 
-GRADED = "knots now travel with the piercings, and are fine at each of them; leave it out, or set thread.tolerance"
-
-
 class Thread(ScenarioTable):
     """Suture thread laid along a path."""
-
-    FORMER = dict.fromkeys(("resolution", "graded"), GRADED)
 
     suture: Annotated[Text, AfterValidator(_known)] | None = None
     diameter: Positive | None = None

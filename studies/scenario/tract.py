@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from studies.scenario.piercing import Friction, Piercing
-from studies.scenario.table import SUBGRID, ScenarioTable, refuse, refused
+from studies.scenario.table import ScenarioTable, refuse, refused
 from studies.scenario.values import Positive, Text
 
 
@@ -12,8 +12,6 @@ class Tract(ScenarioTable):
 
     The thread slides along the path, and not across it.
     """
-
-    FORMER = SUBGRID
 
     between: tuple[Text, Text]
     radius: Positive | None = None

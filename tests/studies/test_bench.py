@@ -48,8 +48,8 @@ def test_bench_step(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
     monkeypatch.setattr(step, "MOST", 15)
     assert command.main(["bench", "step", "--json", str(path)]) == 0
     rows = json.loads(path.read_text())["milliseconds_per_step"]
-    printed = capsys.readouterr().out.splitlines()[1:]
-    assert [line.split()[0] for line in printed] == [row["case"] for row in rows] == list(cases)
+    printed = capsys.readouterr().out.splitlines()[2:]
+    assert [line.split()[1] for line in printed] == [row["case"] for row in rows] == list(cases)
     assert [row["steps"] for row in rows] == [12, 12] and [row["floor"] is None for row in rows] == [True, False]
     for row, (scene, overrides) in zip(rows, cases.values(), strict=True):
         assert 0.0 < row["median"] <= row["late"] <= row["worst"] and min(row["at_once"], row["recorded"]) > 0.0

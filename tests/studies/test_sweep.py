@@ -544,7 +544,6 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: ladder(parse(RING), "accuracy"), "has no organ"),
         (lambda: ladder(parse(ORGAN), "accuracy"), 'tissue.mesh.accuracy is "given"; set a number'),
         (lambda: ladder(parse(pulled_organ(**{"piercing.ring.footprint": 0.0})), "accuracy"), "has a footprint"),
-        (lambda: refine(RING, "time", "nowhere", "dt", adaptive=True), "--over dt is refused: --adaptive refines"),
     ],
 )
 def test_what_cannot_be_swept_or_refined_is_refused(ask: Callable[[], Any], said: str) -> None:
@@ -676,11 +675,20 @@ def test_cells_at_the_holes_are_refined_step_by_step(tmp_path: Path, capsys: pyt
         tmp_path / "a",
         levels=3,
         ratio=3.0,
-        adaptive=True,
+        over="accuracy",
     )
     assert exact.verdict is not None
     (tmp_path / "organ.toml").write_text(dump(parse(pulled_organ())), encoding="utf-8")
-    words = ["refine", str(tmp_path / "organ.toml"), "--quantity", exact.quantity, "--levels", "3", "--adaptive"]
+    words = [
+        "refine",
+        str(tmp_path / "organ.toml"),
+        "--quantity",
+        exact.quantity,
+        "--levels",
+        "3",
+        "--over",
+        "accuracy",
+    ]
     assert main([*words, "--out", str(tmp_path / "b"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     [said] = found["quantities"]
