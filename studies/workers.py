@@ -188,8 +188,16 @@ def on_cluster(
 
     The scheduler is at an address, for example ``tcp://10.0.0.1:8786``.
     """
-    distributed = _distributed()
-    with _client(distributed, address) as client:
+    try:
+        import distributed
+
+        client = distributed.Client(address, timeout=TIMEOUT)
+    except ImportError:
+        raise WorkersError(f"--dask is refused: distributed is not installed; {installation('distributed')}") from None
+    except (OSError, ValueError) as error:
+        reason = f"no scheduler answers ({error}); start one by dask scheduler, or use --jobs"
+        raise WorkersError(f"--dask {address} is refused: {reason}") from None
+    with client:
         futures = client.map(_alone, [work] * len(items), items, pure=False)
         numbers = {future.key: number for number, future in enumerate(futures)}
         try:
@@ -199,22 +207,6 @@ def on_cluster(
             raise WorkersError(f"workers of the cluster have ended ({error}); completed work is kept") from None
         finally:
             client.cancel(futures)
-
-
-def _distributed() -> Any:
-    try:
-        import distributed
-    except ImportError:
-        raise WorkersError(f"--dask is refused: distributed is not installed; {installation('distributed')}") from None
-    return distributed
-
-
-def _client(distributed: Any, address: str) -> Any:
-    try:
-        return distributed.Client(address, timeout=TIMEOUT)
-    except (OSError, ValueError) as error:
-        reason = f"no scheduler answers ({error}); start one by dask scheduler, or use --jobs"
-        raise WorkersError(f"--dask {address} is refused: {reason}") from None
 
 
 def _alone(work: Callable[[Item], Result], item: Item) -> Result:

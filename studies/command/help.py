@@ -58,20 +58,17 @@ class Finding:
     needed: str
     remedy: str = ""
 
-    @property
-    def lines(self) -> list[str]:
-        """The finding in lines for a person."""
-        line = f"{'ok     ' if self.there else 'missing'} {self.name:14}  {self.found}"
-        return [line] if self.there else [line, f"{'':24}needed for {self.needed}; {self.remedy}"]
-
 
 def examine(options: argparse.Namespace) -> int:
     """``suture doctor``: list the installed components, and remedies for missing ones."""
     findings = [check() for check in CHECKS]
     if options.json:
         print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
-    else:
-        print_lines([line for finding in findings for line in finding.lines])
+        return 0
+    for finding in findings:
+        print_lines([f"{'ok     ' if finding.there else 'missing'} {finding.name:14}  {finding.found}"])
+        if not finding.there:
+            print_lines([f"{'':24}needed for {finding.needed}; {finding.remedy}"])
     return 0
 
 

@@ -6,7 +6,7 @@ of the manual. To add a quantity, add a line with its name, unit and meaning to
 ``columns.toml``, and its field to a record of ``studies.output.records`` that is not made from it.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -300,6 +300,58 @@ def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
 def _growth_summary(end: object) -> dict[str, Value]:
     """Return the ramp of a pulled end from its table in the scenario; empty for another end."""
     return values((GROWS,), end) if isinstance(end, PulledEnd) else {}
+
+
+# -- the quantities of the summary, by their dotted names -------------------------------------------------------------
+
+
+LEFT_OUT = ("seconds_per_step", "provenance", "mesh", "remarks")  # wall-clock time, origin, and a list of sentences
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number, a word or None, with its `unit`.
+
+    The unit is "-" for a number without unit, and empty for a word.
+    """
+
+    name: str
+    unit: str
+    value: float | int | str | bool | None
+
+
+def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
+    """Return all numbers and words of a summary by name, in its order."""
+    kept = {key: value for key, value in summary.items() if key not in LEFT_OUT}
+    return {found.name: found for found in leaves(kept, ())}
+
+
+def leaves(table: Any, place: tuple[str, ...]) -> Iterator[Quantity]:
+    """Yield the numbers and words below a place in a summary."""
+    if isinstance(table, list | tuple) and any(isinstance(item, Mapping) for item in table):
+        table = dict(enumerate(table))
+    if isinstance(table, Mapping):
+        for key, value in table.items():
+            yield from leaves(value, (*place, str(key)))
+        return
+    column = column_at(place)
+    unit = column.unit if column else ""
+    if isinstance(table, Sequence) and not isinstance(table, str):
+        parts = column.parts if column and column.parts else [f"{place[-1]}_{k}" for k in range(len(table))]
+        for part, value in zip(parts, table, strict=False):
+            yield Quantity(".".join([*place[:-1], part]), unit, value)
+    else:
+        yield Quantity(".".join(place), unit, table)
+
+
+def column_at(place: tuple[str, ...]) -> Column[Any] | None:
+    """Return the column of a summary's key, None if the key has no column."""
+    for above, columns in SUMMARY.items():
+        fits = len(above) + 1 == len(place) and all(a in (ANY, b) for a, b in zip(above, place, strict=False))
+        found = next((column for column in columns if fits and column.name == place[-1]), None)
+        if found is not None:
+            return found
+    return None
 
 
 # -- the manual ------------------------------------------------------------------------------------------------------

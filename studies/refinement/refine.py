@@ -34,7 +34,7 @@ def refine(
     """Refine a scenario level by level into a folder, and return the result for each quantity.
 
     - `base`: a file, a shipped scene by its name, tables, or a scenario.
-    - `quantity`: numbers of the summary by their dotted names, as in `studies.output.quantities`.
+    - `quantity`: numbers of the summary by their dotted names, as in `studies.output.columns`.
     - `over`: "h", "dt", "control_points", "footprint", "accuracy" (of the cells at the holes), or
       "all", the first three.
     - `ratio`: ratio of the levels; None means √2, or 2 for the accuracy.

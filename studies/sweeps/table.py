@@ -12,9 +12,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from studies.output.columns import headed
+from studies.output.columns import headed, quantities
 from studies.output.files import comma_separated, write_bytes, write_text
-from studies.output.quantities import quantities
 from studies.scenario import ScenarioError
 from studies.scenario.reference import unit_of
 from studies.scenario.refusal import as_toml

@@ -13,7 +13,7 @@ import suturefem
 import tissue
 from meshes.block import block
 from studies.command.summary import refinement_line
-from studies.output.quantities import quantities
+from studies.output.columns import quantities
 from studies.pictures.mesh_report import write_report
 from studies.scenario import ScenarioError, parse
 from studies.scenario.toml import changed

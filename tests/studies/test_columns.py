@@ -39,12 +39,12 @@ from studies.output.columns import (
     Layout,
     headings,
     manual_tables,
+    quantities,
     state_summary,
     values,
 )
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_json
-from studies.output.quantities import quantities
 from studies.output.records import (
     LoadRecord,
     StepRecord,

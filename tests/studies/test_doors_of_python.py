@@ -15,7 +15,7 @@ import suturefem
 from meshes.block import block
 from meshes.errors import MeshError
 from meshes.given import given_mesh
-from studies.output.quantities import quantities
+from studies.output.columns import quantities
 from studies.output.reading import ResultsError
 from studies.output.records import StepRecord
 from studies.scenario import ScenarioError, dump, parse

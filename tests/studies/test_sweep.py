@@ -24,8 +24,7 @@ from coupling.step import tables as loops
 from coupling.system import State
 from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE
-from studies.output.columns import state_summary
-from studies.output.quantities import quantities
+from studies.output.columns import quantities, state_summary
 from studies.output.version import ROOT
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
