@@ -17,7 +17,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.arrays import Array
+from studies.arrays import UNITS, Array
 from studies.lists import list_of, study_list
 from studies.output.files import write_bytes
 
@@ -36,7 +36,6 @@ def panels(lines: int, columns: int) -> tuple[Figure, np.ndarray]:
 
 Item = Callable[[Axes], object]
 Value = str | int | Callable[[Any], float]
-UNITS = {"mm": 1e-3, "ms": 1e-3, "mN": 1e-3, "mm/N": 1e-3, "kPa": 1e3, "MPa": 1e6, "%": 1e-2}
 
 
 def draw(placed: Sequence[Item], columns: int = 2) -> Figure:

@@ -3,13 +3,14 @@
 A study is a package with a module `study` and these parts:
 
 - `study.toml`: its question, its checks, the arguments of the preset "quick", published numbers,
-  the sentences of its remarks, and the labels of the panels of its figure (`studies.lists`),
+  the columns of its table, the sentences of its remarks, and the labels of the panels of its
+  figure (`studies.lists`),
 - a `scene`: a scenario in TOML; the runs change some of its keys,
 - `main`: the cases. Its typed defaults are the preset "full"; it yields the rows of its jobs
   (`each`),
 - a row: a frozen dataclass. A field has its unit, and a function that measures it at the end of a
   run (`measured`),
-- `table`: the columns of its table (`Table.of`),
+- `table`: the columns of its table (`Table.of`, `columns_of`),
 - `figure`: the items of the panels of its figure (`studies.figure`),
 - `remarks`: findings, and numbers that a row does not support (`studies.verdicts`). They are
   printed with the table.
@@ -21,7 +22,9 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from functools import partial
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
@@ -29,6 +32,7 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
+from studies.arrays import UNITS
 from studies.lists import study_list
 from studies.output.files import comma_separated, read_json, unfinished, write_json, write_text
 from studies.output.lock import locked, refuse_foreign_files, refused
@@ -96,6 +100,26 @@ class Study:
     figure: Callable[[Sequence[Any]], "Figure"]
     remarks: Callable[[Sequence[Any]], Iterable[str]]
     quick: Mapping[str, Any]
+
+
+def columns_of(name: str, **own: Callable[[Any], str]) -> Columns:
+    """Return the columns of a study's table, which its `study.toml` lists.
+
+    The list has the heading of each, and its `cell`, or the name of one of its `own` functions.
+    """
+    return [(head, own.get(of) or partial(cell, of)) for head, of in study_list(name)["columns"]]
+
+
+def cell(of: str, line: Any) -> str:
+    """Return a value of a row as text, empty for None; the row is the last of a line of several.
+
+    `of` is the name of the value, its unit in brackets if this is not the SI unit, and its format,
+    for example "opened [mm]:.2f".
+    """
+    name, _, style = of.partition(":")
+    name, _, unit = name.rstrip("]").partition(" [")
+    value = attrgetter(name)(line[-1] if isinstance(line, list) else line)
+    return "" if value is None else format(value / UNITS[unit] if unit else value, style)
 
 
 def unit_field(text: str, **default: Any) -> Any:

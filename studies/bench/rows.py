@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import process_time
+from types import SimpleNamespace
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -11,9 +12,9 @@ from studies.lists import list_of
 from studies.output.files import read_json, write_json
 from studies.output.provenance import provenance
 from studies.simulation.memory import OrganRun
+from studies.study import cell
 
 Numbers = dict[str, Any]  # the numbers of a case by name; None for a number that does not apply
-SCALES = {"MB": 1e6, "ms": 1e-3}
 COLUMNS, EVERY_CASE = list_of(__file__, "columns.toml"), list_of(__file__, "cases.toml")
 
 
@@ -28,19 +29,8 @@ def printed(table: str, rows: Iterable[Numbers]) -> list[Numbers]:
         print(f"| {' | '.join(heads)} |\n|" + "---|" * len(heads))
         for row in rows:
             out.append(row)
-            print(f"| {' | '.join(cell(row, of) for of in cells)} |", flush=True)
+            print(f"| {' | '.join(cell(of, SimpleNamespace(**row)) for of in cells)} |", flush=True)
     return out
-
-
-def cell(row: Numbers, of: str) -> str:
-    """Return a number of a row as text, empty for None.
-
-    `of` is its name, its unit in brackets if this is not the SI unit, and its format.
-    """
-    name, _, style = of.partition(":")
-    name, _, unit = name.rstrip("]").partition(" [")
-    value = row[name]
-    return "" if value is None else format(value / SCALES[unit] if unit else value, style)
 
 
 def time_call(call: Callable[[], object]) -> float:

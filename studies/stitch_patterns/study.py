@@ -35,7 +35,7 @@ from studies.arrays import Array
 from studies.figure import curve, described, deviations, draw, laws, level, series
 from studies.friction.study import laid_through
 from studies.lists import sentences, study_list
-from studies.study import Table, each, grouped, require, require_known, unit_field
+from studies.study import Table, columns_of, each, grouped, require, require_known, unit_field
 from studies.theory import bent_ratio, capstan
 from thread.catalogue import suture
 from thread.ends import Pulled
@@ -310,16 +310,10 @@ def predicted_by_capstan(name: str, throw: float, fitted: float = PATTERNS[FITTE
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for each throw and stitch."""
-    columns = (
-        ("stitch", lambda row: row.pattern),
-        ("throw turns by [°]", lambda row: f"{row.throw:g}"),
-        ("rings a corner", lambda row: f"{row.rings}"),
-        ("μ [-]", lambda row: f"{row.mu:.4f}"),
-        ("pull [N]", lambda row: f"{row.closing_pull:.3g}"),
-        ("capstan [N]", lambda row: f"{row.by_capstan:.3g}"),
-        ("published [N]", lambda row: row.stitch.text),
-        ("off by [SD]", lambda row: "fitted" if row.pattern == FITTED else f"{row.off_published:+.2f}"),
-        ("slides everywhere", lambda row: "yes" if row.slides else "NO"),
+    columns = columns_of(
+        "stitch_patterns",
+        off=lambda row: "fitted" if row.pattern == FITTED else f"{row.off_published:+.2f}",
+        everywhere=lambda row: "yes" if row.slides else "NO",
     )
     return Table.of(columns, ends(rows))
 

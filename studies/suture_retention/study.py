@@ -30,7 +30,7 @@ from studies.scenario import Scenario
 from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
-from studies.study import Table, each, grouped, measure, measured, require, require_known, scene, unit_field
+from studies.study import Table, columns_of, each, grouped, measure, measured, require, require_known, scene, unit_field
 from studies.theory import Fibrous
 from thread.catalogue import suture
 
@@ -245,22 +245,14 @@ def table(rows: Sequence[Row]) -> Table:
 
     It shows the end, the published force, and the stretch of broken strips.
     """
-    columns = (
-        ("tissue", lambda runs: runs[-1].name),
-        ("footprint [mm]", lambda runs: f"{runs[-1].footprint / MILLI:g}"),
-        ("changed", lambda runs: runs[-1].variant),
-        ("b [-]", lambda runs: "" if runs[-1].variant == LINEAR else f"{runs[-1].tissue.law.stiffening:.2f}"),
-        ("F at 10 mm [N]", lambda runs: f"{runs[-1].force:.3g}"),
-        ("F/(d t) [MPa]", lambda runs: f"{runs[-1].bearing / MEGA:.3g}"),
-        ("largest stretch [-]", lambda runs: f"{runs[-1].stretch:.3g}"),
-        ("energy density [MPa]", lambda runs: f"{runs[-1].energy / MEGA:.3g}"),
-        ("strip's middle, uniaxial [-]", lambda runs: f"{runs[-1].middle:.4g}, {runs[-1].uniaxial:.4g}"),
-        ("published F [N]", lambda runs: runs[-1].tissue.published),
-        ("drawn there [mm]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "drawn") / MILLI)),
-        ("stretch there [-]", lambda runs: number(where(runs, "force", runs[-1].tissue.force, "stretch"))),
-        ("strips break at [-]", lambda runs: f"{runs[-1].tissue.broken:g}"),
-        ("F there [N]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "force"))),
-        ("drawn there [mm]", lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "drawn") / MILLI)),
+    columns = columns_of(
+        "suture_retention",
+        stiffening=lambda runs: "" if runs[-1].variant == LINEAR else f"{runs[-1].tissue.law.stiffening:.2f}",
+        stretches=lambda runs: f"{runs[-1].middle:.4g}, {runs[-1].uniaxial:.4g}",
+        drawn_at_force=lambda runs: number(where(runs, "force", runs[-1].tissue.force, "drawn") / MILLI),
+        stretch_at_force=lambda runs: number(where(runs, "force", runs[-1].tissue.force, "stretch")),
+        force_at_break=lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "force")),
+        drawn_at_break=lambda runs: number(where(runs, "stretch", runs[-1].tissue.broken, "drawn") / MILLI),
     )
     return Table.of(columns, runs_of(rows).values())
 

@@ -31,7 +31,7 @@ from studies.simulation import Simulation, prepare
 from studies.simulation.memory import OrganRun
 from studies.simulation.recording import step_record
 from studies.simulation.remarks import coarse_spans
-from studies.study import Job, Table, each, grouped, measure, measured, require, scene, unit_field
+from studies.study import Job, Table, columns_of, each, grouped, measure, measured, require, scene, unit_field
 from studies.theory import TwoHoles, half_ball
 from studies.verdicts import LINEAR, bearing_strain, beyond_bearing, beyond_linear, verdict
 from thread.catalogue import suture
@@ -221,23 +221,19 @@ def runs_by_material(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return grouped(runs, lambda row: row.material)
 
 
-def written(*values: float, unit: float = MILLI) -> str:
-    """Return numbers in a unit as text."""
-    return ", ".join(f"{value / unit:.4g}" for value in values)
+def written(*values: float) -> str:
+    """Return lengths [mm] as text."""
+    return ", ".join(f"{value / MILLI:.4g}" for value in values)
 
 
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for each run; a material has its last load step."""
-    columns = (
-        ("changed", lambda row: row.sweep),
-        ("case", case_text),
-        ("T [N]", lambda row: f"{row.load:.3g}"),
-        ("u along, normal, approach [mm]", lambda row: written(row.exit_along, row.exit_normal, row.approach)),
-        ("half-space [mm]", lambda row: written(row.theory_along, row.theory_normal, row.theory_approach)),
-        ("u/a [-]", lambda row: f"{row.moved / FOOTPRINT:.3g}"),
-        ("von Mises below [kPa]", lambda row: written(row.stress, unit=KILO)),
-        ("half-space [kPa]", lambda row: written(row.theory_stress, unit=KILO)),
-        ("T/(d ℓ E) [-]", lambda row: f"{row.bearing:.2g}"),
+    columns = columns_of(
+        "suture_tension",
+        case=case_text,
+        here=lambda row: written(row.exit_along, row.exit_normal, row.approach),
+        half_space=lambda row: written(row.theory_along, row.theory_normal, row.theory_approach),
+        moved_over_footprint=lambda row: f"{row.moved / FOOTPRINT:.3g}",
     )
     return Table.of(columns, [row for row in rows if row.sweep != "material" or np.isclose(row.load, row.tension)])
 

@@ -35,7 +35,7 @@ from coupling.system import State
 from studies.arrays import MILLI, Array
 from studies.figure import COLOURS, curve, described, draw, level, series, unnamed
 from studies.lists import sentences, study_list
-from studies.study import Columns, Table, each, grouped, measure, measured, require
+from studies.study import Table, columns_of, each, grouped, measure, measured, require
 from studies.theory import Fibrous
 from studies.wounds import MOVES, NEAR, NU, PRECISE, SOURCES, STIFFNESS, THICKNESS, Case, E, Hands, Wound
 
@@ -216,17 +216,12 @@ def ratios(rows: Sequence[Row]) -> Iterator[SimpleNamespace]:
 def table(rows: Sequence[Row]) -> Table:
     """Return the table with a line for each wound."""
     flat = {row.wound: row.middle for row in rows if row.skin == LINEAR_SHEET}
-    columns: Columns = (
-        ("wound [mm]", lambda row: row.name),
-        ("skin", lambda row: row.skin),
-        ("σ₀ t [N/m]", lambda row: f"{row.tension:.3g}"),
-        ("open [mm]", lambda row: f"{row.opened / MILLI:.2f}"),
-        ("stitches", lambda row: str(len(row.forces))),
-        ("middle / largest / smallest [N]", lambda r: f"{r.middle:.3f} / {max(r.forces):.3f} / {min(r.forces):.3f}"),
-        ("over the linear sheet [-]", lambda r: f"{r.middle / flat[r.wound]:.3f}" if r.wound in flat else ""),
-        ("all over σ₀ t L [-]", lambda row: f"{row.of_tension:.3f}" if row.tension else ""),
-        ("lips press with [N]", lambda row: f"{row.contact_force:.2g}"),
-        ("gap left [mm]", lambda row: f"{row.widest / MILLI:.3f}"),
+    columns = columns_of(
+        "taut_skin",
+        stitches=lambda row: str(len(row.forces)),
+        stitch_forces=lambda row: f"{row.middle:.3f} / {max(row.forces):.3f} / {min(row.forces):.3f}",
+        over_linear=lambda row: f"{row.middle / flat[row.wound]:.3f}" if row.wound in flat else "",
+        share=lambda row: f"{row.of_tension:.3f}" if row.tension else "",
     )
     return Table.of(columns, rows)
 

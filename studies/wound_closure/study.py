@@ -34,7 +34,7 @@ from coupling.joins.contact import observe_contact
 from studies.arrays import MILLI, Array
 from studies.figure import MARKERS, Item, curve, described, draw, level, series, unnamed
 from studies.lists import sentences, study_list
-from studies.study import Columns, Job, Table, each, measure, measured, require, require_known
+from studies.study import Job, Table, columns_of, each, measure, measured, require, require_known
 from studies.verdicts import LINEAR, too_coarse
 from studies.wounds import FOOTPRINT, IN_TURN, SOURCES, STIFFNESS, TOGETHER, WOUNDS, Case, Hands, Wound
 
@@ -190,22 +190,18 @@ def table(rows: Sequence[Row]) -> Table:
     def published(row: Row, cell: Callable[[SimpleNamespace], str]) -> str:
         return "; ".join(cell(c) for c in compared if c.row == row)
 
-    columns: Columns = (
-        ("wound [mm]", lambda row: row.name + (f", {row.variant}" if row.variant else "")),
-        ("drawn", lambda row: row.way),
-        ("stitches", lambda row: str(len(row.forces))),
-        ("theory [N]", lambda row: f"{row.theory:.3f}"),
-        ("middle / largest / smallest [N]", lambda r: f"{r.middle:.2f} / {max(r.forces):.2f} / {min(r.forces):.2f}"),
-        ("sum / theory", lambda row: f"{sum(row.forces) / (len(row.forces) * row.theory):.3f}"),
-        ("uniform traction / theory", lambda row: f"{row.uniform:.3f}"),
-        ("middle / uniform traction", lambda row: f"{row.over_uniform:.3f}"),
-        ("tied with, first to last [N]", lambda r: " ".join(f"{f:.2f}" for f in r.tied) if r.way == IN_TURN else ""),
-        ("lips press with [N]", lambda row: f"{row.contact_force:.2g}"),
-        ("widest gap [mm]", lambda row: f"{max(row.gaps) / MILLI:.2f}"),
-        ("source", lambda row: published(row, lambda c: c.source.name)),
-        ("fitted Et [N/m]", lambda row: published(row, lambda c: f"{c.fitted:.0f}")),
-        ("predicted [N]", lambda row: published(row, lambda c: "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}")),
-        ("published [N]", lambda row: published(row, lambda c: f"{c.published:g}")),
+    columns = columns_of(
+        "wound_closure",
+        wound_name=lambda row: row.name + (f", {row.variant}" if row.variant else ""),
+        stitches=lambda row: str(len(row.forces)),
+        stitch_forces=lambda row: f"{row.middle:.2f} / {max(row.forces):.2f} / {min(row.forces):.2f}",
+        sum=lambda row: f"{sum(row.forces) / (len(row.forces) * row.theory):.3f}",
+        tied_with=lambda row: " ".join(f"{force:.2f}" for force in row.tied) if row.way == IN_TURN else "",
+        widest=lambda row: f"{max(row.gaps) / MILLI:.2f}",
+        source=lambda row: published(row, lambda c: c.source.name),
+        fitted=lambda row: published(row, lambda c: f"{c.fitted:.0f}"),
+        predicted=lambda row: published(row, lambda c: "(fitted)" if c.is_fit else f"{c.predicted_force:.2f}"),
+        published=lambda row: published(row, lambda c: f"{c.published:g}"),
     )
     return Table.of(columns, rows)
 
