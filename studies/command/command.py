@@ -200,10 +200,10 @@ def _draw_start(simulation: Simulation, path: Path) -> str:
     footprints = [hole.footprint for hole in simulation.scenario.piercing]
     title = f"{simulation.scenario.title or 'start'}: the start"
     shown = frame_of(frame(), simulation.held, footprints)
-    drawn = draw_scene(([shown], simulation.topology, title), path)
-    if drawn.failure:
-        raise OSError(f"--picture {path}: no picture could be drawn: {drawn.failure}")
-    return drawn.line
+    line, failure = draw_scene(([shown], simulation.topology, title), path)
+    if failure:
+        raise OSError(f"--picture {path}: no picture could be drawn: {failure}")
+    return line
 
 
 def _doubt(options: argparse.Namespace, remarks: Sequence[Remark]) -> int:
@@ -323,10 +323,10 @@ def _draw(simulation: Simulation, recorder: Recorder) -> str:
         return ""
     target = recorder.folder / "picture.png"
     shown = frame_of(recorder.last_frame)
-    drawn = draw_scene(([shown], simulation.topology, simulation.scenario.title), target)
-    if drawn.failure:
-        recorder.remark(remark("no-picture", target.name, failure=drawn.failure))
-    return drawn.line
+    line, failure = draw_scene(([shown], simulation.topology, simulation.scenario.title), target)
+    if failure:
+        recorder.remark(remark("no-picture", target.name, failure=failure))
+    return line
 
 
 def _try_remedies(

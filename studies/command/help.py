@@ -5,10 +5,10 @@ import json
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -45,59 +45,53 @@ def list_scenes(options: argparse.Namespace) -> int:
     return 0
 
 
-@dataclass(frozen=True)
-class Finding:
-    """The state of a component.
+def finding(name: str, there: bool, found: str, needed: str, remedy: str = "") -> dict[str, Any]:
+    """Return the state of a component.
 
     `found` describes it in words, `needed` is its purpose, and `remedy` helps if it is missing.
     """
-
-    name: str
-    there: bool
-    found: str
-    needed: str
-    remedy: str = ""
+    return {"name": name, "there": there, "found": found, "needed": needed, "remedy": remedy}
 
 
 def examine(options: argparse.Namespace) -> int:
     """``suture doctor``: list the installed components, and remedies for missing ones."""
     findings = [check() for check in CHECKS]
     if options.json:
-        print(json.dumps([asdict(finding) for finding in findings], ensure_ascii=False))
+        print(json.dumps(findings, ensure_ascii=False))
         return 0
-    for finding in findings:
-        print_lines([f"{'ok     ' if finding.there else 'missing'} {finding.name:14}  {finding.found}"])
-        if not finding.there:
-            print_lines([f"{'':24}needed for {finding.needed}; {finding.remedy}"])
+    for one in findings:
+        print_lines([f"{'ok     ' if one['there'] else 'missing'} {one['name']:14}  {one['found']}"])
+        if not one["there"]:
+            print_lines([f"{'':24}needed for {one['needed']}; {one['remedy']}"])
     return 0
 
 
-def find_code() -> Finding:
+def find_code() -> dict[str, Any]:
     """Return the version of the code and of Python."""
     found = f"{installed_version('suturefem') or 'not installed'}, Python {platform.python_version()}"
-    return Finding("suturefem", True, found, "everything")
+    return finding("suturefem", True, found, "everything")
 
 
-def find_memory() -> Finding:
+def find_memory() -> dict[str, Any]:
     """Return the available memory and the number of processors."""
     import psutil
 
     free = psutil.virtual_memory().available / 1e9
-    return Finding("machine", True, f"{os.cpu_count()} processors, {free:.3g} GB of memory available", "large organs")
+    return finding("machine", True, f"{os.cpu_count()} processors, {free:.3g} GB of memory available", "large organs")
 
 
-def find_gmsh() -> Finding:
+def find_gmsh() -> dict[str, Any]:
     """Return the state of gmsh, which needs libraries of the system."""
     needed = "graded blocks, open wounds, cylinders, tubes, .msh files, surfaces"
     try:
         import_module("gmsh")
     except (ImportError, OSError) as error:
         remedy = installation("gmsh") if isinstance(error, ImportError) else GL
-        return Finding("gmsh", False, str(error), needed, remedy)
-    return Finding("gmsh", True, installed_version("gmsh") or "", needed)
+        return finding("gmsh", False, str(error), needed, remedy)
+    return finding("gmsh", True, installed_version("gmsh") or "", needed)
 
 
-def find_gl() -> Finding:
+def find_gl() -> dict[str, Any]:
     """Return the state of 3-D drawing, by a test picture of a thread."""
     from studies.output.fields import ThreadRecord
     from studies.pictures.picture import draw_scene
@@ -106,24 +100,24 @@ def find_gl() -> Finding:
     s = np.linspace(0.0, 0.01, 3)
     thread = ThreadRecord(s[:, None] * [1.0, 0.0, 0.0], s, 0.0 * s, 0.0 * s, 1e-4)
     with TemporaryDirectory() as folder:
-        drawn = draw_scene(([Frame(0.0, thread, (), None)], None, ""), Path(folder) / "picture.png")
-    state, there = drawn.line.partition(": ")[2], "3-D picture" in drawn.line.partition(";")[0]
+        line, _ = draw_scene(([Frame(0.0, thread, (), None)], None, ""), Path(folder) / "picture.png")
+    state, there = line.partition(": ")[2], "3-D picture" in line.partition(";")[0]
     needed = "3-D pictures; without it, pictures are sections"
     remedy = GL if installed_version("pyvista") else installation("pyvista")
-    return Finding("GL", there, state if there else state.partition("; ")[2].partition(", for the")[0], needed, remedy)
+    return finding("GL", there, state if there else state.partition("; ")[2].partition(", for the")[0], needed, remedy)
 
 
-def finder(name: str, library: str, needed: str) -> Callable[[], Finding]:
+def finder(name: str, library: str, needed: str) -> Callable[[], dict[str, Any]]:
     """Return the function that finds an optional library."""
 
-    def find() -> Finding:
+    def find() -> dict[str, Any]:
         version = installed_version(library)
-        return Finding(name, version is not None, version or "not installed", needed, installation(library))
+        return finding(name, version is not None, version or "not installed", needed, installation(library))
 
     return find
 
 
-CHECKS: tuple[Callable[[], Finding], ...] = (
+CHECKS: tuple[Callable[[], dict[str, Any]], ...] = (
     find_code,
     find_memory,
     find_gmsh,

@@ -103,17 +103,4 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _levels(text: str) -> int:
-    from studies.refinement.ladder import LEAST
-
-    if not text.isdecimal() or int(text) < LEAST:
-        raise argparse.ArgumentTypeError(f"{text} is refused: a verdict needs {LEAST} or more levels")
-    return int(text)
-
-
-KINDS: dict[str, Callable[..., Any]] = {  # of the values of `type` in the list
-    "path": Path,
-    "float": float,
-    "count": _count,
-    "levels": _levels,
-}
+KINDS: dict[str, Callable[..., Any]] = {"path": Path, "float": float, "count": _count}  # by `type` in the list

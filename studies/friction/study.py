@@ -27,7 +27,7 @@ from coupling.step.stepping import try_step
 from coupling.system import Friction, Piercing, State, System
 from studies.arrays import Array
 from studies.figure import curve, described, draw, laws, series
-from studies.study import Job, StudyError, Table, each, grouped, unit_field
+from studies.study import Job, Table, each, grouped, require, unit_field
 from studies.theory import bent_ratio, capstan, point_ratio
 from thread.catalogue import Section, suture
 from thread.ends import Driven, End, Pulled
@@ -93,10 +93,10 @@ def main(
 
     Raises `StudyError` for arguments without a threshold.
     """
-    if min(*mus, *turns, wrap) <= 0.0 or max(turns) >= 180.0 or min(rows_of_holes) < 2 or min(loop_holes) < 1:
-        reason = "coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two or more holes, loops of one"
-        given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
-        raise StudyError(f"{given}: give {reason}")
+    allowed = min(*mus, *turns, wrap) > 0.0 and max(turns) < 180.0 and min(rows_of_holes) > 1 and min(loop_holes) > 0
+    given = f"mus = {mus}, turns = {turns}, wrap = {wrap}, rows_of_holes = {rows_of_holes}, loops = {loop_holes}"
+    remedy = "give coefficients and wrap above 0, turns from 0 to 180 degrees, rows of two or more holes, loops of one"
+    require(allowed, given, remedy)
     jobs: list[Job] = []
     for mu in mus:
         jobs += [partial(holes_in_a_row, mu, turn, 1) for turn in turns]

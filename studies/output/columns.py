@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from studies.manual import with_blocks
 from studies.output import remarks
-from studies.output.records import APART, LIST, Extremes, ReductionRecord, StepRecord
+from studies.output.records import APART, LIST, Extremes, Record, StepRecord
 from studies.scenario import Piercing, PulledEnd, Thread
 
 Row = TypeVar("Row")
@@ -252,7 +252,7 @@ def range_summary(names: Iterable[str], extremes: Extremes) -> dict[str, Any]:
     return {**values(RANGE, extremes), "piercings": holes}
 
 
-def reduction_summary(names: Iterable[str], extremes: Extremes, small: ReductionRecord) -> dict[str, Any]:
+def reduction_summary(names: Iterable[str], extremes: Extremes, small: Record) -> dict[str, Any]:
     """Return the error estimates of a small basis for ``summary.json``."""
     each = (of_holes.tolist() for of_holes in (extremes.difference, extremes.bound, small.stiffness))
     holes = {

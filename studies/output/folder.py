@@ -201,9 +201,10 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
 def _refuse_another(folder: Path, scenario: Scenario, changed: Mapping[str, tuple[Any, Any]], more: str = "") -> None:
     """Refuse to continue the run of another scenario.
 
-    The reason is the first key in `changed`, or else `more`.
+    The reason is the first key in `changed`, or else `more`. A dynamic scenario can be longer.
     """
-    longer = _is_longer(scenario, changed)
+    was, now = changed.get(DURATION, (None, None))
+    longer = scenario.solve.kind == "dynamic" and isinstance(was, float) and isinstance(now, float) and now > was
     left = {key: values for key, values in changed.items() if not (longer and key == DURATION)}
     if reason := first_in_words(left) or more:
         raise ScenarioError(
@@ -232,12 +233,6 @@ def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
         return changes(path.read_text(encoding="utf-8"), _scenario_text(scenario)[0])
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(f"--resume is refused: {path} cannot be read ({error}); {ANEW}") from None
-
-
-def _is_longer(scenario: Scenario, changed: Mapping[str, tuple[Any, Any]]) -> bool:
-    """Return whether a dynamic scenario has a longer duration than before."""
-    was, now = changed.get(DURATION, (None, None))
-    return scenario.solve.kind == "dynamic" and isinstance(was, float) and isinstance(now, float) and now > was
 
 
 def check_folder(

@@ -61,6 +61,9 @@ OrganRecord = record_of(
 )
 # Size and residual of an organ's Krylov space at one time.
 KrylovRecord = record_of("KrylovRecord", "krylov")
+# An organ's small basis at one time: for each hole (p,) the `difference` of its place from that with one block more,
+# the `bound` of the distance from its place in the whole organ [m], and its largest static `stiffness` [N/m].
+ReductionRecord = record_of("ReductionRecord", "reduction", needed=("difference", "bound", "stiffness"))
 
 
 @dataclass(frozen=True)
@@ -110,16 +113,6 @@ class TractRecord:
 
 
 @dataclass(frozen=True)
-class ReductionRecord:
-    """Error estimates of an organ's small basis at its holes at one time."""
-
-    vectors: int  # number of vectors of the basis
-    difference: Array  # (p,) distance of a hole from its place with one block more [m]
-    bound: Array  # (p,) bound of the distance from the hole's place in the whole organ [m]
-    stiffness: Array  # (p,) largest static stiffness of the hole [N/m]
-
-
-@dataclass(frozen=True)
 class StepRecord:
     """The record of a step; step 0 is the start."""
 
@@ -143,7 +136,7 @@ class StepRecord:
     contact: tuple[Record, ...] = ()  # of all surfaces that can touch
     loads: tuple[Record, ...] = ()
     tracts: tuple[TractRecord, ...] = ()
-    reduction: ReductionRecord | None = None  # None unless the organ is in a small basis
+    reduction: Record | None = None  # None unless the organ is in a small basis
     krylov: Record | None = None  # None unless the organ is in its Krylov space
     ties: tuple[TieObservation, ...] = ()
     profile: Callable[[], tuple[Record, ...]] = tuple  # computes the gaps along all rims, only for the last step
@@ -333,12 +326,7 @@ def nothing_met(piercings: int, ties: int) -> Extremes:
     return Extremes(*np.zeros((9, piercings)), *(np.full(shape, np.nan) for shape in unknown))
 
 
-@dataclass(frozen=True)
-class Ending:
-    """The end of a run, with its largest values."""
-
-    step: StepRecord
-    extremes: Extremes
+Ending = tuple[StepRecord, Extremes]  # the last step of a run, and the largest values until then
 
 
 @dataclass(frozen=True)

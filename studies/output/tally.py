@@ -84,7 +84,7 @@ class Tally:
     @property
     def remarks(self) -> list[Remark]:
         """Remarks on the run up to its last step."""
-        ending = None if self.last_step is None else Ending(self.last_step, self._extremes)
+        ending = None if self.last_step is None else (self.last_step, self._extremes)
         return [*(self._judge(ending) if self._judge else ()), *self.own]
 
     def summary(self, status: Status, error: str = "") -> dict[str, Any]:

@@ -23,7 +23,7 @@ from studies.output.reading import (
     refused_if_torn,
     topology_of,
 )
-from studies.pictures.picture import Drawn, draw_scene, words_of
+from studies.pictures.picture import draw_scene, words_of
 from studies.pictures.scene import FILM, Frame, Hole, Organ
 
 MOST_PICTURES = 24  # largest number of pictures of an animation
@@ -79,14 +79,14 @@ def drawn_into(run: OpenRun, out: Path, time: float | None) -> str:
         raise ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
         )
-    drawn = film(run, out) if out.suffix.lower() == FILM else still(run, out, time)
-    if drawn.failure:
-        raise ResultsError(drawn.line)
-    return drawn.line
+    line, failure = film(run, out) if out.suffix.lower() == FILM else still(run, out, time)
+    if failure:
+        raise ResultsError(line)
+    return line
 
 
-def still(run: OpenRun, out: Path, time: float | None) -> Drawn:
-    """Draw a frame into a PNG file."""
+def still(run: OpenRun, out: Path, time: float | None) -> tuple[str, str]:
+    """Draw a frame into a PNG file, like `draw_scene`."""
     frame = nearest(run.frames, time)
     return draw_scene(([read_frame(frame, run.piercings)], topology_of(frame), run.title), out)
 
@@ -96,8 +96,8 @@ def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 
-def film(run: OpenRun, out: Path) -> Drawn:
-    """Draw frames into a GIF file, at most `MOST_PICTURES` of them."""
+def film(run: OpenRun, out: Path) -> tuple[str, str]:
+    """Draw frames into a GIF file, at most `MOST_PICTURES` of them, like `draw_scene`."""
     chosen = [run.frames[number] for number in evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
     frames = [read_frame(frame, run.piercings) for frame in chosen]
     return draw_scene((frames, topology_of(run.frames[0]), run.title), out, patience=10.0)

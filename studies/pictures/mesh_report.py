@@ -57,13 +57,13 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     paraview(mesh, None if fit is None else fit.indicators).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
-    drawn = draw_scene(
+    line, _ = draw_scene(
         scene_of(mesh, scenario),
         path.with_suffix(".png"),
         "studies.pictures.mesh_space",
         "studies.pictures.mesh_section",
     )
-    return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {drawn.line}"]
+    return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {line}"]
 
 
 def fit_of(scenario: Scenario) -> tissue.Fitted | None:

@@ -10,7 +10,6 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,27 +23,16 @@ PATIENCE = 120.0  # s for the child, on a busy machine
 VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place at the start of a message
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """The result of drawing a picture.
-
-    `line` is for a person, and `failure` is the reason of a failure, empty if the picture was
-    drawn.
-    """
-
-    line: str
-    failure: str = ""
-
-
 def draw_scene(
     scene: object,
     path: Path | str,
     space: str = "studies.pictures.space",
     section: str = "studies.pictures.section",
     patience: float = 1.0,
-) -> Drawn:
+) -> tuple[str, str]:
     """Draw a scene into a file by the module `space` if OpenGL works, else by the module `section`.
 
+    Returns the line for a person, and the reason of a failure, empty if the picture was drawn.
     Each module runs with the pickled scene and the path of the picture. Its time limit is
     `patience` times the limit of one picture.
     """
@@ -57,7 +45,7 @@ def draw_scene(
             setting = {"VTK_DEFAULT_OPENGL_WINDOW": window, "ALLOW_PLOTTING": "true"}
             causes.append(draw_apart(space, source, Path(path), setting, patience))
             if not causes[-1]:
-                return Drawn(f"{path}: 3-D picture (VTK)")
+                return f"{path}: 3-D picture (VTK)", ""
         flat = "matplotlib is not installed"
         if is_installed("matplotlib"):
             flat = draw_apart(section, source, Path(path), {"MPLCONFIGDIR": folder}, patience)
@@ -65,9 +53,9 @@ def draw_scene(
     install = f"apt-get install --no-install-recommends {SYSTEM_LIBRARIES}"
     remedy = install if causes else installation("pyvista")
     if not flat:
-        return Drawn(f"{path}: section (matplotlib); {no_space}, for the 3-D picture: {remedy}")
+        return f"{path}: section (matplotlib); {no_space}, for the 3-D picture: {remedy}", ""
     failure = f"{no_space}; {flat}; {remedy}"
-    return Drawn(f"{path}: none, {failure}", failure)
+    return f"{path}: none, {failure}", failure
 
 
 def is_installed(library: str) -> bool:

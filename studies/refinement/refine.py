@@ -14,7 +14,7 @@ from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
 from studies.study import Table
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep
-from studies.sweeps.table import SweepTable, asked_column
+from studies.sweeps.table import Column, SweepTable, asked_column
 from studies.verdicts import verdict
 from studies.workers import Workers, nothing
 
@@ -51,7 +51,10 @@ def refine(
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
     plain = base_tables(base)
     rungs = ladder(parsed(plain), over, levels, ratio)
-    check = partial(check_names, names=names)
+
+    def check(table: SweepTable) -> list[Column]:
+        return [asked_column(table, name, "--quantity") for name in names]
+
     table = sweep(plain, rungs.settings, folder, workers, tell, "refinement", check)
     rungs = as_estimated(as_meshed(rungs, table), table)
     found = tuple(refined(name, rungs, table) for name in names)
@@ -86,12 +89,6 @@ def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
     pairs = zip(rungs.factors, estimates, strict=True)
     factors = tuple(begin / estimate if estimate > 0.0 else factor for factor, estimate in pairs)
     return replace(rungs, factors=factors, estimates=estimates, unknowns=tuple(table["tissue_dofs"].converted))
-
-
-def check_names(table: SweepTable, names: Sequence[str]) -> None:
-    """Refuse names of quantities without numbers in a table. Raises `ScenarioError`."""
-    for name in names:
-        asked_column(table, name, "--quantity")
 
 
 def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:

@@ -115,8 +115,3 @@ def selection(name: str, label: str, options: Iterable[str] = (), chosen: str = 
         f"<option{' selected' if option == chosen else ''}>{escaped(option)}</option>" for option in options
     )
     return f'<label>{escaped(label)} <select id="{escaped(name)}">{items}</select></label>'
-
-
-def view_controls() -> str:
-    """Return the section of the view in space with its controls."""
-    return (HERE / "view.html").read_text(encoding="utf-8")

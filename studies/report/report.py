@@ -161,7 +161,7 @@ def run_sections(runs: Mapping[str, OpenRun], charts: Sequence[str], has_views: 
         yield page.side_by_side(last_picture(run), doubts(run) + page.table(["quantity", ""], hole_rows([run])))
     yield f'<div class="charts">{"".join(places[:FIRST])}</div>'
     if has_views:
-        yield page.view_controls()
+        yield (page.HERE / "view.html").read_text(encoding="utf-8")
     yield page.heading("Summary")
     yield page.table(["quantity", *runs], summary_rows(list(runs.values())))
     yield page.heading("Over time")

@@ -204,11 +204,6 @@ def allowed_in(field: Node) -> str:
     return ", ".join(bounds)
 
 
-def scene_list() -> str:
-    """Return the list of the shipped scenes in Markdown, each with its title and cost."""
-    return "".join(f"* [`{name}`](scenes/{name}.toml): {title_of(name)} ({cost_of(name)})\n" for name in scenes())
-
-
 def title_of(name: str) -> str:
     """Return the title of a shipped scene."""
     return str(tomllib.loads(scene_text(name))["title"])
@@ -228,9 +223,9 @@ def scene_text(name: str) -> str:
 
 
 def rewritten(manual: str) -> str:
-    """Return the manual with its lists of keys and of scenes updated."""
-    manual = with_blocks(manual, "keys of", reference())
-    return with_blocks(manual, "list of", {"scenes": scene_list()})
+    """Return the manual with its lists of keys and of scenes updated; a scene has its title and cost."""
+    listed = "".join(f"* [`{name}`](scenes/{name}.toml): {title_of(name)} ({cost_of(name)})\n" for name in scenes())
+    return with_blocks(with_blocks(manual, "keys of", reference()), "list of", {"scenes": listed})
 
 
 if __name__ == "__main__":

@@ -184,7 +184,7 @@ def load_records(system: System, state: State) -> tuple[records.Record, ...]:
     )
 
 
-def reduction_record(system: System, state: State) -> records.ReductionRecord | None:
+def reduction_record(system: System, state: State) -> records.Record | None:
     """Return the error estimates of the organ's small basis at the piercings in a state.
 
     They are None without a basis.
@@ -193,8 +193,10 @@ def reduction_record(system: System, state: State) -> records.ReductionRecord | 
     if not isinstance(organ, tissue.ReducedOrgan):
         return None
     small, own = organ.reduction, np.array([not hole.tract for hole in system.piercings], dtype=bool)
-    each = organ.difference(state.organ), organ.bound(state.organ), small.stiffness
-    return records.ReductionRecord(small.size, *(values[own] for values in each))
+    difference, bound = organ.difference(state.organ)[own], organ.bound(state.organ)[own]
+    return records.ReductionRecord(
+        vectors=small.size, difference=difference, bound=bound, stiffness=small.stiffness[own]
+    )
 
 
 def krylov_record(system: System, state: State) -> records.Record | None:

@@ -130,7 +130,7 @@ def handed_over(given: Given, body: tissue.Elasticity | None) -> list[Remark]:
 
 def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     """Yield the remarks on a run with an `ending`."""
-    scenario, step, extremes = assembly.scenario, ending.step, ending.extremes
+    scenario, (step, extremes) = assembly.scenario, ending
     names = [hole.name for hole in scenario.piercing]
     strengths = [hole.strength for hole in assembly.system.piercings if not hole.tract]
     dynamic, diameter = scenario.solve.kind == "dynamic", assembly.system.thread.section.diameter

@@ -24,7 +24,7 @@ from coupling.step.sliding import ruled
 from coupling.step.stepping import dynamic_problem, organ_answer, predict
 from coupling.system import Piercing, State, System
 from coupling.ties import Tie, gap_left
-from studies.output.records import Ending, StepRecord, nothing_met
+from studies.output.records import StepRecord, nothing_met
 from studies.output.remarks import bounds
 from studies.scenario import ScenarioError, parse
 from studies.simulation import Simulation, prepare
@@ -367,7 +367,7 @@ def test_a_knot_that_hands_keep_between_unequal_holes_is_remarked(mu: float, kep
     extremes = nothing_met(2, 1)
     for record in records:
         extremes = extremes.after_step(record)
-    remarks = simulation.remarks(Ending(records[-1], extremes))
+    remarks = simulation.remarks((records[-1], extremes))
     drawn = records[2].piercings
     assert [each.where for each in remarks if each.code == "knot-kept"] == [records[2].ties[0].name] * kept
     force = 0.5 * abs(0.3 * drawn[0].normal_force - mu * drawn[1].normal_force)

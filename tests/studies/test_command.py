@@ -282,7 +282,7 @@ def test_the_doctor_and_the_completion(monkeypatch: pytest.MonkeyPatch, capsys: 
     assert command.main(["doctor", "--json"]) == 0
     assert [finding["there"] for finding in json.loads(capsys.readouterr().out)] == [True, False]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    remedies = {check().remedy for check in of_extras}
+    remedies = {check()["remedy"] for check in of_extras}
     assert remedies == {
         f"pip install 'suturefem[{name}]'" for name in set(project["optional-dependencies"]) - {"test", "all", "mesh"}
     }

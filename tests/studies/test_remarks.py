@@ -333,9 +333,7 @@ def test_holes_that_chatter_have_more_to_tell_in_shorter_steps() -> None:
         extremes = nothing_met(1, 0)
         for record in records:
             extremes = extremes.after_step(record)
-        said.append(
-            [each.where for each in simulation.remarks(Ending(records[-1], extremes)) if each.code == "chatter"]
-        )
+        said.append([each.where for each in simulation.remarks((records[-1], extremes)) if each.code == "chatter"])
         told.append([event.kind for record in records for event in record.events if event.kind in ("slips", "sticks")])
     assert said == [["hole1"], []]
     assert len(told[1]) > 1.3 * len(told[0])
@@ -367,7 +365,7 @@ def test_a_swing_that_few_steps_see_is_told() -> None:
         simulation = prepare(parse(tomllib.loads(PENDULUM.format(dt=dt))))
         ending = ended(simulation)
         said.append("forces-swing" in {each.code for each in simulation.remarks(ending)})
-        forces.append(ending.step.piercings[0].force)
+        forces.append(ending[0].piercings[0].force)
     assert said == [True, False]
     assert np.linalg.norm(forces[0] - forces[1]) > bounds.SWUNG * np.linalg.norm(forces[1])
 
@@ -414,10 +412,10 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     held = {}
     for speed in (0.05, 0.5):
         simulation = prepare(parse(tomllib.loads(LOOP.format(speed=speed))))
-        start = Ending(step_record(simulation.beginning()), nothing_met(2, 1))
+        start = step_record(simulation.beginning()), nothing_met(2, 1)
         assert "tie-slack" not in {each.code for each in simulation.remarks(start)}
         ending = ended(simulation)
-        held[speed] = float(ending.extremes.locked[0])
+        held[speed] = float(ending[1].locked[0])
         assert ("tie-slack" in {each.code for each in simulation.remarks(ending)}) == (speed < 0.1)
     assert held[0.05] < 0.1 and held[0.5] == pytest.approx(0.5, rel=FIRST_ORDER)
 
@@ -561,7 +559,7 @@ def ended(simulation: Simulation) -> Ending:
     extremes = nothing_met(len(simulation.scenario.piercing), len(simulation.scenario.tie))
     for last, made in simulation.advance():
         extremes = extremes.after_step(last).after_frame(made().organ)
-    return Ending(last, extremes)
+    return last, extremes
 
 
 def codes(path: Path, *given: str) -> set[str]:
@@ -710,7 +708,7 @@ def test_the_summary_has_the_extremes_of_the_whole_run(tmp_path: Path) -> None:
         organ.strained / organ.deformed,
         organ.rotated / organ.deformed,
     )
-    last = seen[-1].extremes
+    last = seen[-1][1]
     assert (last.energy, last.created, last.thread_strain, last.tension) == (5.0, 0.25, 0.01, 0.2)
 
 
