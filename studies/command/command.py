@@ -34,7 +34,7 @@ from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_o
 from studies.output.files import as_json
 from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
-from studies.output.log import begin_log, write_log
+from studies.output.provenance import begin_log, write_log
 from studies.output.reading import ResultsError, open_run
 from studies.output.remarks import Remark, any_unsupported, remark
 from studies.output.tally import Status

@@ -14,7 +14,7 @@ import numpy as np
 
 from studies.command.lines import print_lines
 from studies.extras import LIBRARIES, SYSTEM_LIBRARIES, installation
-from studies.output.version import installed_version
+from studies.output.provenance import installed_version
 from studies.scenario import ScenarioError, scenes
 from studies.scenario.reference import cost_of, title_of
 

@@ -87,7 +87,7 @@ class Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         """Print the version and end."""
-        from studies.output.version import CODE, ROOT, commit, installed_version
+        from studies.output.provenance import CODE, ROOT, commit, installed_version
 
         at = commit(ROOT)
         print(f"{CODE} {installed_version(CODE) or '(not installed)'}{f' ({at})' if at else ''}")

@@ -11,13 +11,12 @@ from studies.command.lines import complain, print_lines
 from studies.command.progress import LOOP_LOGGERS, duration, stages
 from studies.extras import installation
 from studies.output.files import as_json
+from studies.refinement.ladder import Refined
 from studies.refinement.refine import in_words, refine
-from studies.refinement.refined import Refined
 from studies.scenario import ScenarioError
 from studies.scenario.toml import read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
-from studies.sweeps.grid import Settings, grid, paired, parse_over, read_table
-from studies.sweeps.sweep import SweepProgress, Tell, sweep
+from studies.sweeps.sweep import Settings, SweepProgress, Tell, grid, paired, parse_over, read_table, sweep
 from studies.sweeps.table import SweepTable, counted, drawn_columns, plain
 from studies.workers import nothing, workers_of
 

@@ -14,7 +14,7 @@ from studies.output import files
 from studies.output.columns import TABLES
 from studies.output.files import read_json
 from studies.output.lock import LOCK, refused
-from studies.output.log import LOG
+from studies.output.provenance import LOG
 from studies.output.series import frame_files
 from studies.output.tables import tables_of
 from studies.scenario import Scenario

@@ -16,8 +16,7 @@ from studies.output.files import write_bytes
 from studies.pictures.picture import draw_scene
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation.assembly import assemble
-from studies.simulation.meshing import organ_mesh
-from studies.simulation.places import with_places
+from studies.simulation.meshing import organ_mesh, with_places
 from studies.simulation.sharing import Shared
 
 Indices = NDArray[np.integer]

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.figure import COLOURS, Item, band, curve, draw, level, literal, panel
-from studies.refinement.ladder import KINDS, Ladder
-from studies.refinement.refined import Refined
+from studies.refinement.ladder import KINDS, Ladder, Refined
 
 
 def figure(found: Sequence[Refined], rungs: Ladder) -> Figure:

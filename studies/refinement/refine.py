@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.output.files import write_json, write_text
-from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, ladder
-from studies.refinement.refined import Refined
+from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, Refined, ladder
 from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
 from studies.study import Table

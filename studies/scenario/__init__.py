@@ -3,28 +3,26 @@
 Users call `load`, `parse`, `dump`, `schema` and `scenes`; the classes are the tables of the file.
 """
 
-from studies.scenario.contact import Contact
-from studies.scenario.loads import Load
 from studies.scenario.organ import (
     BlockMesh,
     Boundary,
+    Contact,
     CylinderMesh,
     FileMesh,
     GivenMesh,
+    Load,
     Mesh,
     Region,
     Tissue,
     TubeMesh,
     WoundMesh,
 )
-from studies.scenario.piercing import Friction, Piercing
+from studies.scenario.piercing import Friction, Piercing, Tie, Tract
 from studies.scenario.scenario import Scenario, parse, schema
 from studies.scenario.solve import Output, Solve
 from studies.scenario.table import ScenarioError
 from studies.scenario.thread import ClampedEnd, Cut, DrivenEnd, End, FixedEnd, FreeEnd, PulledEnd, Thread
-from studies.scenario.tie import Tie
 from studies.scenario.toml import SCENES, dump, load, scenes
-from studies.scenario.tract import Tract
 
 __all__ = [
     "SCENES", "BlockMesh", "Boundary", "ClampedEnd", "Contact", "Cut", "CylinderMesh",

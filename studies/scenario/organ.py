@@ -1,4 +1,4 @@
-"""The table of the organ, `[tissue]`: mesh, boundaries, regions, material."""
+"""The table of the organ, `[tissue]`: mesh, boundaries, regions, material and loads; and `[[contact]]`."""
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,15 +7,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from studies.scenario.loads import Load
-from studies.scenario.material import Law, MaterialKeys, material_fault
-from studies.scenario.meanings import because
-from studies.scenario.refusal import as_key, as_toml, nearest, refusal
+from studies.scenario.course import Timed
+from studies.scenario.refusal import as_key, as_toml, because, nearest, refusal
 from studies.scenario.table import ScenarioTable, repetition
 from studies.scenario.values import (
     Flag,
     Growth,
     NotNegative,
+    Number,
     PoissonRatio,
     Positive,
     Series,
@@ -38,6 +37,8 @@ SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files with a closed surface to be
 ACCURACY = 0.03  # of a hole's compliance: tissue data are less accurate, and half of this takes 1.2 times the cells
 Accuracy = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)]
 Unit = Literal["m", "dm", "cm", "mm", "um"]
+Law = Literal["linear", "neo-hookean", "exponential"]
+FAMILIES = 2  # largest number of fibre families at one place
 HEAD = 1024  # bytes of a .vtk file that name its content
 
 
@@ -199,6 +200,52 @@ def check_box(box: tuple[Vector, Vector]) -> None:
         raise ValueError(f".box = {as_toml(box)} is refused: {reason}")
 
 
+class Load(Timed):
+    """Force per area on a boundary of the organ."""
+
+    boundary: Text
+    traction: Vector | None = None
+    pressure: Number | None = None
+    ramp: NotNegative = 0.0
+
+    def _check_kind(self) -> None:
+        self._refuse(self.traction is not None and self.pressure is not None, "pressure.traction")
+        self._refuse(self.traction is None and self.pressure is None, "traction.missing")
+        self._refuse(self.course is not None and self.ramp, "ramp.course")
+
+
+class Fibre(ScenarioTable):
+    """Family of fibres that carry tension only."""
+
+    direction: Vector
+    k1: NotNegative
+    k2: Positive
+
+    def _check_direction(self) -> None:
+        self._refuse(not any(self.direction), "direction.zero")
+
+
+class MaterialKeys(ScenarioTable):
+    """Keys of a material at finite strain."""
+
+    stiffening: Positive | None = None
+    fibres: Annotated[tuple[Fibre, ...], Field(max_length=FAMILIES)] | None = None
+    prestretch: tuple[Positive, Positive, Positive] | None = None
+
+
+def material_fault(material: Law, keys: MaterialKeys, stiffening: float | None) -> str | None:
+    """Return the fault in the keys of a material, or None; `stiffening` is its effective value."""
+    values = keys.model_dump(include=set(MaterialKeys.model_fields), exclude_none=True)
+    if material == "linear" and values:
+        key, value = next(iter(values.items()))
+        return f"{key} = {as_toml(value)} is refused: {because('material-linear')}"
+    if material == "neo-hookean" and "stiffening" in values:
+        return refusal("stiffening", keys.stiffening, because("material-neo-hookean"))
+    if material == "exponential" and stiffening is None:
+        return f"stiffening is missing: {because('material-exponential')}"
+    return None
+
+
 class Boundary(ScenarioTable):
     """Named set of the surface facets whose centre lies in a box."""
 
@@ -207,6 +254,16 @@ class Boundary(ScenarioTable):
 
     def _check_box(self) -> None:
         check_box(self.box)
+
+
+class Contact(ScenarioTable):
+    """Contact between two boundaries of the organ: nodes of one boundary, facets of the other."""
+
+    between: tuple[Text, Text]
+    friction: Annotated[NotNegative, one_sentence("allowed-contact")] = 0.0
+
+    def _check(self) -> None:
+        self._refuse(self.between[0] == self.between[1], "between.one")
 
 
 class Region(MaterialKeys):
@@ -381,3 +438,52 @@ def idle_load(
         if reason:
             return refusal(f"load.{number}.boundary", name, reason)
     return None
+
+
+# --- faults in the names of a scenario that is not yet valid ---------------------------------------------
+# Whether a name is known does not depend on refused numbers. So unknown and repeated names are reported together with
+# refused values, and not only after these are corrected.
+
+
+def name_faults(data: Mapping[str, Any]) -> list[str]:
+    """Describe the unknown, taken and repeated names in plain tables, one sentence each."""
+    tissue = _table(data.get("tissue"))
+    faults = [
+        repetition("piercing", _names(data.get("piercing"))),
+        repetition("tie", _names(data.get("tie"))),
+        repetition("tissue.boundary", _names(tissue.get("boundary"))),
+        repetition("tissue.region", _names(tissue.get("region"))),
+        *_boundary_faults(tissue),
+    ]
+    return [fault for fault in faults if fault]
+
+
+def _boundary_faults(tissue: Mapping[str, Any]) -> list[str | None]:
+    """Describe boundaries that a generated mesh lacks or already has.
+
+    Boundaries of a file are not known here.
+    """
+    mesh = _table(tissue.get("mesh"))
+    there = BOUNDARIES.get(str(mesh.get("kind")), ())
+    if not there:
+        return []
+    there = (*there, FLOOR) if mesh.get("shape") == "ellipse" else there
+    there = (*there, *STUMPS) if mesh["kind"] == "tube" and "gap" in mesh else there
+    own = _names(tissue.get("boundary"))
+    repeated = taken_boundary(own, there, str(mesh["kind"]))
+    unknown = [unknown_clamp(_words(tissue.get(key)), [*there, *own], key) for key in ("clamp", "roller")]
+    return [fault and f"tissue.{fault}" for fault in (repeated, *unknown)]
+
+
+def _table(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _words(value: Any) -> list[str]:
+    return [word for word in value if isinstance(word, str) and word] if isinstance(value, list | tuple) else []
+
+
+def _names(value: Any) -> list[str]:
+    """Return the names of a list of tables."""
+    tables = value if isinstance(value, list | tuple) else ()
+    return _words([_table(item).get("name") for item in tables])

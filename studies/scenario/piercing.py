@@ -1,15 +1,18 @@
-"""The table of a piercing, `[[piercing]]`, and of its friction."""
+"""The tables of a piercing and its friction, `[[piercing]]`, and of what joins two piercings.
+
+A tract, `[[tract]]`, is tissue on which the thread bears laterally between two holes. A tie,
+`[[tie]]`, is a loop of thread that hands draw tight over the tissue and lock.
+"""
 
 from collections.abc import Sequence
 from itertools import product
-from math import dist, hypot
+from math import dist, hypot, inf
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from studies.scenario.meanings import because
-from studies.scenario.refusal import as_toml, dotted_key, refusal
-from studies.scenario.table import ScenarioError, ScenarioTable, check_ending, check_rising, refused
+from studies.scenario.refusal import as_toml, because, dotted_key, nearest, refusal
+from studies.scenario.table import ScenarioError, ScenarioTable, check_ending, check_rising, refuse, refused, repetition
 from studies.scenario.values import From, NotNegative, Number, Positive, Text, Turn, Vector, one_sentence
 
 LetGo = tuple[Number]
@@ -154,3 +157,93 @@ def place_refused(hole: Piercing, reason: str, /, **values: object) -> ScenarioE
         return refused(hole.key("at"), hole.at, reason, **values)
     origin = f"near gives {as_toml(hole.place)} m on the surface, and {because(reason, **values)}"
     return ScenarioError(refusal(hole.key("at"), "surface", origin))
+
+
+class Tract(ScenarioTable):
+    """Tissue along the thread's path between two neighbouring holes.
+
+    The thread slides along the path, and not across it.
+    """
+
+    between: tuple[Text, Text]
+    radius: Positive | None = None
+    spacing: Positive | None = None
+    friction: Friction | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the tract, made of the names of its holes."""
+        return "-".join(self.between)
+
+
+def check_tracts(tracts: Sequence[Tract], holes: Sequence[Piercing], in_organ: bool, scheme: str) -> None:
+    """Refuse a tract that is impossible.
+
+    Its holes must be neighbours along the thread, without a second tract, permanent, and with a
+    radius. It needs an organ and must not use the paper's linear step.
+    """
+    names = [hole.name for hole in holes]
+    for k, tract in enumerate(tracts):
+        key, value = f"tract.{k}.between", tract.between
+        refuse(not in_organ, key, value, "tract-organ")
+        refuse(scheme == "linear", key, value, "tract-linear")
+        for name in value:
+            if name not in names:
+                known = ", ".join(map(repr, names)) or "none"
+                raise refused(key, value, "tract-unknown", name=name, known=known)
+        refuse(any(value == other.between for other in tracts[:k]), key, value, "tract-twice")
+        (one, other), (first, last) = value, map(names.index, value)
+        if last != first + 1:
+            following = f"; after {one!r} it passes {names[first + 1]!r}" if first + 1 < len(names) else ""
+            raise refused(key, value, "tract-apart", one=one, other=other, following=following)
+        ends = holes[first : last + 1]
+        for hole in ends:
+            refuse(hole.from_ > 0.0 or hole.until is not None, key, value, "tract-passing", hole=hole.key())
+        refuse(tract.radius is None and not min(hole.footprint for hole in ends), key, value, "tract-radius", number=k)
+
+
+class Tie(ScenarioTable):
+    """Tie of the outer strands at two holes."""
+
+    name: Text
+    between: tuple[Text, Text]
+    force: Positive
+    from_: From = 0.0
+    until: Positive
+    ramp: NotNegative | None = None
+    speed: Positive = 0.05
+    hold: Positive | None = None
+
+    @property
+    def growth(self) -> float:
+        """Time in which the force grows [s]."""
+        return 0.5 * (self.until - self.from_) if self.ramp is None else self.ramp
+
+    def _check(self) -> None:
+        self._refuse(self.between[0] == self.between[1], "between.one")
+        check_ending(self.from_, self.until)
+        drawn = self.until - self.from_
+        self._refuse(self.ramp is not None and self.ramp > drawn, "ramp.long", drawn=drawn)
+
+
+def check_ties(ties: Sequence[Tie], holes: Sequence[Piercing]) -> None:
+    """Refuse ties with a repeated name, and a tie of impossible holes.
+
+    Whether the thread has slid out of a hole is not considered.
+    """
+    if fault := repetition("tie", [tie.name for tie in ties]):
+        raise ScenarioError(fault)
+    known, pairs = {hole.name: hole for hole in holes}, [set(tie.between) for tie in ties]
+    for k, tie in enumerate(ties):
+        key = "tie", tie.name, "between"
+        for name in tie.between:
+            if name not in known:
+                match = nearest(name, known)
+                hint = f", did you mean {as_toml(match)}" if match else ""
+                raise refused(key, tie.between, "tie-unknown", name=as_toml(name), hint=hint)
+        if pairs[k] in pairs[:k]:
+            other = ties[pairs.index(pairs[k])].name
+            raise refused(key, tie.between, "tie-twice", other=as_toml(other))
+        for hole in map(known.__getitem__, tie.between):
+            if not hole.from_ <= tie.from_ < (hole.until or inf):
+                raise refused(("tie", tie.name, "from"), tie.from_, "tie-early", name=as_toml(hole.name))

@@ -13,8 +13,10 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from studies.scenario.meanings import meaning_of
+from studies.lists import list_of
 
+KEYS, REASONS = list_of(__file__, "keys.toml"), list_of(__file__, "refusals.toml")
+FORMER = REASONS.pop("former")  # keys of earlier versions, by the class of their table
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 LONGEST_VALUE = 60  # largest number of shown characters of a refused value, unless it is text
 LONGEST_TEXT = 300  # largest number of shown characters of a text: a path is useful only as a whole
@@ -22,6 +24,25 @@ LONGEST_MEANING = 120  # number of characters above which only the first clause 
 LONGEST_WORD = 100  # largest number of characters for a search of similar words
 MOST_DETAILS = 100  # largest number of faults with a sentence
 LARGEST_WHOLE = 10**100  # above this a number is shown by its size: Python does not print 4300 digits
+
+
+def meaning_of(table: type, key: str) -> tuple[str, list[Any]]:
+    """Return the meaning of a key of a table with its unit in brackets, and examples of its value.
+
+    A base class of the table can have the meaning. Without a meaning the text is empty.
+    """
+    entry = next((KEYS[kind.__name__][key] for kind in table.__mro__ if key in KEYS.get(kind.__name__, ())), "")
+    return (entry, []) if isinstance(entry, str) else (entry[0], entry[1:])
+
+
+def reason_of(table: type, name: str) -> str:
+    """Return the reason for a refusal by a table, which a base class of the table can have."""
+    return next(REASONS[kind.__name__][name] for kind in table.__mro__ if name in REASONS.get(kind.__name__, ()))
+
+
+def because(name: str, /, **values: object) -> str:
+    """Return the reason of this name for a refusal by a function, with its values."""
+    return str(REASONS["functions"][name].format(**values))
 
 
 def as_toml(value: object) -> str:

@@ -12,20 +12,14 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from studies.scenario.contact import Contact
 from studies.scenario.course import STEPS, Timed
-from studies.scenario.meanings import because
-from studies.scenario.names import name_faults
-from studies.scenario.organ import LIPS, GivenMesh, Tissue, WoundMesh, unknown_clamp
-from studies.scenario.origin import stitch_names, with_origin
-from studies.scenario.piercing import Piercing, place_refused
-from studies.scenario.refusal import as_toml, dotted_key, refusal, sentences
+from studies.scenario.organ import LIPS, Contact, GivenMesh, Tissue, WoundMesh, name_faults, unknown_clamp
+from studies.scenario.piercing import Piercing, Tie, Tract, check_ties, check_tracts, place_refused
+from studies.scenario.refusal import as_toml, because, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
-from studies.scenario.stitch import Stitch, long_form
+from studies.scenario.stitch import Stitch, long_form, stitch_names, with_origin
 from studies.scenario.table import ScenarioError, ScenarioTable, plain_values, refuse, refused, repetition
 from studies.scenario.thread import ClampedEnd, Cut, End, PulledEnd, Thread
-from studies.scenario.tie import Tie, check_ties
-from studies.scenario.tract import Tract, check_tracts
 
 RAMP = 0.05  # s: the period of 20 Hz, a slow vibration of the organs here
 ONE_SYSTEM = {"solve.scheme": "newton", "solve.coupling": "monolithic", "solve.friction": "implicit"}

@@ -7,6 +7,7 @@ sheet, the whole stitch is straight from hole to hole. Each kind is a list of bi
 with coordinates along the wound and across it from left to right.
 """
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
@@ -17,9 +18,8 @@ import numpy as np
 from pydantic import Field
 
 from studies.arrays import Array
-from studies.scenario.meanings import because
 from studies.scenario.piercing import Friction
-from studies.scenario.refusal import dotted_key, refusal
+from studies.scenario.refusal import as_toml, because, dotted_key, refusal
 from studies.scenario.solve import Solve
 from studies.scenario.table import ScenarioTable, check_ending, check_rising, repetition
 from studies.scenario.values import From, NotNegative, Positive, Text, Turn, Vector, one_sentence
@@ -34,6 +34,14 @@ UNTIL = 0.75  # of the run: time at which a stitch is tied
 FLAT = ("block", "wound")  # meshes with a plane top at z = 0
 ROWS = ("running", "purse-string")  # kinds with a number of bites
 Kind = Literal["single", "running", "vertical-mattress", "horizontal-mattress", "figure-of-eight", "purse-string"]
+# The keys of a stitch that determine a key or a table of its long form.
+CAUSES = {
+    "draw": "draw",
+    "pull": "force, from or until",
+    "piercing": "at, bite, depth, pitch or footprint",
+    "tract": "at, bite, depth or tract",
+    "tie": "from, until, force or hold",
+}
 
 
 class Bite(NamedTuple):
@@ -328,3 +336,30 @@ def rounded(point: Array) -> list[float]:
     This removes the round-off of the frame.
     """
     return [round(value, 12) + 0.0 for value in point.tolist()]
+
+
+# --- hints in refusals of tables that a stitch wrote: the keys of the stitch to change ---------------------
+# A scenario has the long form of its stitches, whose keys the user of a stitch has not written.
+
+
+def stitch_names(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the names of the stitches in tables that are not yet validated."""
+    tables = data.get("stitch")
+    names = [table.get("name") for table in tables if isinstance(table, Mapping)] if isinstance(tables, list) else []
+    return tuple(name for name in names if isinstance(name, str))
+
+
+def with_origin(problem: str, stitches: Sequence[str]) -> str:
+    """Return a refusal, with a hint if one of the `stitches`, given by name, wrote the refused key.
+
+    All piercings and tracts of a scenario with stitches are theirs, but ties can be the user's own.
+    """
+    if stitches and re.match(r"thread\.(path|cuts)\b", problem) and because("stitch-writes") not in problem:
+        return f"{problem}; {because('stitch-path')}"
+    names = "|".join(re.escape(as_toml(name)[1:-1]) for name in sorted(stitches, key=len, reverse=True))
+    found = re.match(rf"""(tie)\.(?:"({names})"|({names}))\.|(piercing|tract)\b.*?["']({names})\.""", problem)
+    if not stitches or found is None:
+        return problem
+    table, name = filter(None, found.groups())
+    key = problem.partition(" = ")[0].rpartition(".")[2]
+    return f"{problem}; {because('stitch-part', name=name, keys=CAUSES.get(key, CAUSES[table]))}"

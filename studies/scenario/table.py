@@ -11,8 +11,7 @@ from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validato
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from studies.scenario.meanings import FORMER, because, meaning_of, reason_of
-from studies.scenario.refusal import as_toml, dotted_key, refusal, shortened
+from studies.scenario.refusal import FORMER, as_toml, because, dotted_key, meaning_of, reason_of, refusal, shortened
 
 ALLOWED_START_ERROR = 1e-6  # distance of a driven end's first waypoint from the path's end, over the path's length
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 1000  # shown for one scenario, and characters of each

@@ -15,9 +15,8 @@ from typing import Any, get_args
 
 import tomli_w
 
-from studies.scenario.meanings import because
 from studies.scenario.organ import FileMesh
-from studies.scenario.refusal import BARE, as_toml, dotted_key, nearest, refusal
+from studies.scenario.refusal import BARE, as_toml, because, dotted_key, nearest, refusal
 from studies.scenario.scenario import Scenario, parse
 from studies.scenario.stitch import long_form
 from studies.scenario.table import ScenarioError, plain_values

@@ -19,8 +19,7 @@ from meshes.given import given_mesh, mesh_digest
 from studies import scenario as model
 from studies.arrays import Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.meanings import because
-from studies.scenario.refusal import dotted_key, nearest, refusal, shortened
+from studies.scenario.refusal import because, dotted_key, nearest, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
 from tissue.elasticity import ELEMENTS
 from tissue.materials.density import Density

@@ -34,11 +34,11 @@ from studies.output.records import Ending, OrganRecord, Record, Snapshot, StepRe
 from studies.output.remarks import Remark, bounds
 from studies.output.tally import Tally
 from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
-from studies.scenario.meanings import because
 from studies.scenario.organ import LIPS
-from studies.scenario.origin import with_origin
+from studies.scenario.refusal import because
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
+from studies.scenario.stitch import with_origin
 from studies.scenario.table import refused
 from studies.simulation.assembly import Assembly, assemble, bounds_of, marks_of, shareable
 from studies.simulation.given import Energy, Given, Stiffness

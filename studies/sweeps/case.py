@@ -11,8 +11,8 @@ from time import perf_counter
 from typing import Any
 
 from coupling.errors import CouplingError
+from studies.output.provenance import ROOT, installed_version
 from studies.output.records import Record, Snapshot, StepRecord
-from studies.output.version import ROOT, installed_version
 from studies.scenario import Scenario
 from studies.scenario.toml import changed, parsed, tables, with_mesh_copy
 from studies.simulation.sharing import Shared, start_key

@@ -27,8 +27,8 @@ from studies.command.parser import TABLE
 from studies.command.progress import Progress, duration
 from studies.output import budget
 from studies.output.budget import size_text
+from studies.output.provenance import ROOT
 from studies.output.remarks import Remark
-from studies.output.version import ROOT
 from studies.scenario import Scenario, load
 from tests.studies.samples import CONTRACT, Stub
 from tissue.organs import krylov

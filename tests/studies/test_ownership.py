@@ -20,10 +20,9 @@ from studies.output import budget, manifest
 from studies.output.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import LOCK, locked
-from studies.output.log import LOG
 from studies.output.manifest import MARK, files_of
+from studies.output.provenance import LOG, ROOT
 from studies.output.tally import Tally
-from studies.output.version import ROOT
 from studies.scenario import Scenario, ScenarioError, load, parse, schema
 from studies.scenario.toml import tables
 from studies.simulation import prepare

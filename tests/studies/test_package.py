@@ -9,7 +9,7 @@ import pytest
 import studies
 import suturefem
 from studies import scenario, simulation
-from studies.output.version import CODE, installed_version
+from studies.output.provenance import CODE, installed_version
 from studies.scenario import parse
 from tests.studies.test_sweep import ORGAN
 

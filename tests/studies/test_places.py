@@ -17,7 +17,7 @@ from studies.scenario import Piercing, Scenario, ScenarioError, load, parse
 from studies.scenario.scenario import check_apart
 from studies.scenario.toml import dump
 from studies.simulation import prepare
-from studies.simulation.places import with_places
+from studies.simulation.meshing import with_places
 from studies.simulation.sharing import Shared
 from tests.bounds import IDENTITY
 from tests.meshes.samples import NEEDS_GMSH

@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from studies.scenario import SCENES, DrivenEnd, FileMesh, Piercing, Scenario, ScenarioError, dump, load, parse, schema
-from studies.scenario.meanings import FORMER, KEYS, REASONS
 from studies.scenario.organ import unknown_clamp
-from studies.scenario.refusal import as_key, as_toml
+from studies.scenario.refusal import FORMER, KEYS, REASONS, as_key, as_toml
 from studies.scenario.scenario import RAMP, check_control_points, check_order, resolved
 from studies.scenario.table import LONGEST_PROBLEM, MOST_PROBLEMS, ScenarioTable
 from studies.scenario.toml import scenario_file, with_mesh_copy

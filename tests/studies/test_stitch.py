@@ -9,8 +9,7 @@ import pytest
 
 from studies.command import command
 from studies.scenario import ScenarioError, load, parse
-from studies.scenario.origin import with_origin
-from studies.scenario.stitch import NEAR, Stitch, bites_of
+from studies.scenario.stitch import NEAR, Stitch, bites_of, with_origin
 from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble

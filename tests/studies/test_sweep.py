@@ -25,7 +25,7 @@ from coupling.system import State
 from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE
 from studies.output.columns import quantities, state_summary
-from studies.output.version import ROOT
+from studies.output.provenance import ROOT
 from studies.refinement.ladder import ladder
 from studies.refinement.refine import refine, refined
 from studies.report.report import write_report
@@ -38,8 +38,7 @@ from studies.sweeps import sweep as sweeps
 from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
 from studies.sweeps.figure import DASHES
 from studies.sweeps.figure import figure as drawn_figure
-from studies.sweeps.grid import paired, parse_over, read_table
-from studies.sweeps.sweep import SweepProgress, sweep
+from studies.sweeps.sweep import SweepProgress, paired, parse_over, read_table, sweep
 from studies.sweeps.table import Column, drawn_columns, table_of
 from studies.workers import Workers, WorkersError, in_order, in_processes, in_turn, on_cluster, workers_of
 from tests.bounds import IDENTITY

@@ -8,8 +8,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from studies.output.provenance import __version__
     from studies.output.reading import open_run
-    from studies.output.version import __version__
     from studies.refinement.refine import refine
     from studies.scenario import load
     from studies.simulation import prepare
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["__version__", "load", "open_run", "prepare", "refine", "run", "sweep"]
 
 HOMES = {
-    "__version__": "studies.output.version",
+    "__version__": "studies.output.provenance",
     "load": "studies.scenario",
     "open_run": "studies.output.reading",
     "prepare": "studies.simulation",
