@@ -18,8 +18,8 @@ from studies.figure import literal
 from studies.output.fields import OrganTopology
 from studies.pictures import view
 from studies.pictures.camera import along_arrows, label_places
-from studies.pictures.film import write_frames
 from studies.pictures.scene import Frame
+from studies.pictures.view import write_frames
 
 DPI = 150
 LETTERS, LETTER = 20.0, 0.6  # pixels of the letters of a name, and mean width of a letter over its size

@@ -30,8 +30,8 @@ from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
 from studies.pictures import view
 from studies.pictures.camera import Camera, along_arrows, camera_on, label_places, scale_bar
-from studies.pictures.film import write_frames
 from studies.pictures.scene import Frame
+from studies.pictures.view import write_frames
 
 BLANK = 2.0  # standard deviation of the pixel values below which the picture is empty
 SAMPLES = 8  # samples per pixel at edges, if available; a larger picture would take a third longer

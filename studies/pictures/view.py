@@ -1,20 +1,22 @@
 """Common parts of the pictures of a frame: the visible region, colours, labels."""
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
-from studies.pictures.scene import Frame, Scene
+from studies.pictures.scene import FILM, Frame, Scene
 
 Indices = NDArray[np.int64]
 
-SIZE = (1500, 1000)  # pixels
+SIZE, FILM_SIZE = (1500, 1000), (900, 600)  # pixels, of a picture and of an animation
+PAUSE, LAST = 120, 1500  # ms of each picture of an animation, and of the last one
 THREAD, MARKER, ARROW = "#1f3a93", "#c0392b", "#222222"
 TISSUE = ("#f7e6da", "#f0bd9f", "#dc7356", "#8e1b2c")
 TENSION = ("#a6cee3", "#3b76b8", "#0b1a5e")
@@ -224,3 +226,29 @@ def tension_colours(scale: Scale) -> Array:
     low, high = scale.tension
     values = np.linspace(low, high, SHADES) / max(-low, high)
     return np.where(values[:, None] < 0.0, blend(PRESSURE, -values), blend(TENSION, values))
+
+
+# --- frames in a file: one as a picture, or all as an animation -----------------------------------------------
+
+
+def write_frames(frames: Sequence[Frame], path: Path, draw: Callable[[Frame, Path], None]) -> None:
+    """Write the first frame as a PNG file, or all frames as an endless GIF.
+
+    `draw` draws one frame into a picture.
+    """
+    if path.suffix.lower() != FILM:
+        draw(frames[0], path)
+        return
+    scratch = path.with_name("frame.png")
+    pictures = []
+    for frame in frames:
+        draw(frame, scratch)
+        pictures.append(small(scratch))
+    pauses = [PAUSE] * (len(pictures) - 1) + [LAST]
+    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=pauses, loop=0)
+
+
+def small(path: Path) -> Image.Image:
+    """Return a picture in the size of an animation."""
+    with Image.open(path) as picture:
+        return picture.convert("RGB").resize(FILM_SIZE, Image.Resampling.LANCZOS)

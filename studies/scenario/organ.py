@@ -10,18 +10,7 @@ from pydantic import Field
 from studies.scenario.course import Timed
 from studies.scenario.refusal import as_key, as_toml, because, nearest, refusal
 from studies.scenario.table import ScenarioTable, repetition
-from studies.scenario.values import (
-    Flag,
-    Growth,
-    NotNegative,
-    Number,
-    PoissonRatio,
-    Positive,
-    Series,
-    Text,
-    Vector,
-    one_sentence,
-)
+from studies.scenario.values import Flag, NotNegative, Number, Positive, Series, Text, Vector, one_sentence
 
 BLOCK_BOUNDARIES = ("left", "right", "front", "back", "bottom", "top")
 LIPS = ("lip_left", "lip_right")  # of a wound
@@ -36,6 +25,8 @@ FLOOR = "wound_floor"  # of an ellipse that does not cut through
 SURFACES = (".stl", ".obj", ".ply", ".vtp")  # files with a closed surface to be filled; some .vtk files too
 ACCURACY = 0.03  # of a hole's compliance: tissue data are less accurate, and half of this takes 1.2 times the cells
 Accuracy = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1e-3, le=0.5)]
+PoissonRatio = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)]
+Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
 Unit = Literal["m", "dm", "cm", "mm", "um"]
 Law = Literal["linear", "neo-hookean", "exponential"]
 FAMILIES = 2  # largest number of fibre families at one place

@@ -14,9 +14,7 @@ From = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, alias="fro
 Text = Annotated[str, Field(strict=True, min_length=1, pattern=r"^[^\x00-\x1f\x7f]+$")]
 Whole = Annotated[int, Field(strict=True, ge=1)]
 Flag = Annotated[bool, Field(strict=True)]
-PoissonRatio = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
-Growth = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1, le=3)]
 Turn = tuple[Number, Number]
 
 

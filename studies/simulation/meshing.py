@@ -29,7 +29,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import GIGA, Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import idle_load, unknown_clamp
+from studies.scenario.organ import Boundary, Mesh, Region, idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
 from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
@@ -138,7 +138,7 @@ def places(holes: Sequence[model.Piercing]) -> Array:
     return np.reshape([hole.place for hole in holes], (-1, 3)).astype(float)
 
 
-def grading_of(shape: model.Mesh, holes: Sequence[model.Piercing]) -> Grading:
+def grading_of(shape: Mesh, holes: Sequence[model.Piercing]) -> Grading:
     """Return the sizes of a generated mesh; `h_site` reaches to the largest footprint."""
     assert not isinstance(shape, model.GivenMesh) and shape.h is not None
     radius = max((hole.footprint for hole in holes), default=0.0)
@@ -270,7 +270,7 @@ def check_smooth(mesh: skfem.MeshTet, holes: Sequence[model.Piercing]) -> None:
             raise place_refused(hole, "sharp-edge", away=away, reach=hole.footprint)
 
 
-def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.MeshTet:
+def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[Boundary]) -> skfem.MeshTet:
     """Return the mesh with the scenario's boundaries: surface facets whose centre lies in a box.
 
     Without boxes this is the same mesh, because a copy would renumber its facets.
@@ -289,7 +289,7 @@ def with_boxes(mesh: skfem.MeshTet, boxes: Sequence[model.Boundary]) -> skfem.Me
     return with_boundaries(mesh, named)
 
 
-def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.MeshTet:
+def with_regions(mesh: skfem.MeshTet, regions: Sequence[Region]) -> skfem.MeshTet:
     """Return the mesh with the regions of the scenario as subdomains.
 
     Without regions it is the same mesh.
@@ -299,7 +299,7 @@ def with_regions(mesh: skfem.MeshTet, regions: Sequence[model.Region]) -> skfem.
     return mesh.with_subdomains(dict(mesh.subdomains or {}) | {r.name: region_cells(mesh, r) for r in regions})
 
 
-def region_cells(mesh: skfem.MeshTet, region: model.Region) -> Cells:
+def region_cells(mesh: skfem.MeshTet, region: Region) -> Cells:
     """Return the cells of a region.
 
     The mesh file names them, or their centre lies in the region's box or layer.
