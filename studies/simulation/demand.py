@@ -14,10 +14,9 @@ from math import hypot
 import numpy as np
 
 import tissue
-from studies import scenario as model
 from studies.arrays import MILLI, Array
 from studies.output.remarks import Remark, bounds, judged, remark
-from studies.scenario import Piercing, Scenario
+from studies.scenario import DrivenEnd, FreeEnd, Piercing, PulledEnd, Scenario
 from thread.catalogue import Section
 
 # ∫ (8 J₂(x)/x²)²/π dx: a half-space under a parabolic weight yields by (1 + ν)(1 − ν/2) F/(E a) times this, and under a
@@ -134,7 +133,7 @@ def corners(scenario: Scenario) -> Array:
     """Return both final ends of the thread, with the holes in between, shape `(p + 2, 3)` [m]."""
     ends = [scenario.thread.path[0], scenario.thread.path[-1]]
     for k, end in enumerate(scenario.thread.ends):
-        ends[k] = end.position(scenario.solve.duration) if isinstance(end, model.DrivenEnd) else ends[k]
+        ends[k] = end.position(scenario.solve.duration) if isinstance(end, DrivenEnd) else ends[k]
     return np.array([ends[0], *(hole.place for hole in scenario.piercing), ends[1]])
 
 
@@ -145,7 +144,7 @@ def directions(scenario: Scenario) -> Array:
     """
     ways = np.diff(corners(scenario), axis=0)
     for k, sign, end in zip((0, -1), (-1.0, 1.0), scenario.thread.ends, strict=True):
-        if isinstance(end, model.PulledEnd):
+        if isinstance(end, PulledEnd):
             ways[k] = sign * np.array(end.force)
     return np.asarray(ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), np.finfo(float).tiny))
 
@@ -162,13 +161,13 @@ def strand_tensions(scenario: Scenario, s: Array, length: float, EA: float, spri
     first, last = (anchors[0], anchors[-1]) if anchors else (len(holes), -1)
     ends = scenario.thread.ends
     for end, reached in zip(ends, (slice(0, first + 1), slice(last + 1, None)), strict=True):
-        if isinstance(end, model.PulledEnd):
+        if isinstance(end, PulledEnd):
             out[reached] = np.maximum(out[reached], np.linalg.norm(end.force))
     for k, hole in enumerate(holes):
         pulls = [row[1] for row in hole.pull or () if len(row) > 1]
         out[k] = max(out[k], *pulls, 0.0)
         out[k + 1] = max(out[k + 1], *(-pull for pull in pulls), 0.0)
-    if anchors or scenario.thread.cuts or out.any() or any(isinstance(end, model.FreeEnd) for end in ends):
+    if anchors or scenario.thread.cuts or out.any() or any(isinstance(end, FreeEnd) for end in ends):
         return out
     lengths = np.linalg.norm(np.diff(corners(scenario), axis=0), axis=1)
     lengths[1:-1] = np.where(borne(scenario), np.diff(s), lengths[1:-1])
@@ -224,7 +223,7 @@ def slack_lengths(scenario: Scenario, s: Array, length: float) -> Array:
     """
     out = np.diff(np.concatenate([[0.0], s, [length]]))
     for k, end in zip((0, -1), scenario.thread.ends, strict=True):
-        out[k] = np.inf if isinstance(end, model.FreeEnd | model.PulledEnd) else out[k]
+        out[k] = np.inf if isinstance(end, FreeEnd | PulledEnd) else out[k]
     return np.where(out > 0.0, out, np.inf)
 
 

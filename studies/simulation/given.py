@@ -16,9 +16,8 @@ from scipy.sparse import csr_matrix
 import tissue
 from coupling.interfaces import FrictionLaw
 from meshes.given import given_mesh, mesh_digest
-from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario, ScenarioError, Tissue
 from studies.scenario.refusal import because, dotted_key, nearest, refusal, shortened
 from studies.scenario.scenario import with_given_mesh
 from tissue.elasticity import ELEMENTS
@@ -207,7 +206,7 @@ def faults_of_basis(basis: skfem.Basis, element: str) -> Iterator[str]:
         yield refusal("tissue.element", element, because("basis-element", element=type(basis.elem.elem).__name__))
 
 
-def faults_of_energy(table: model.Tissue) -> Iterator[str]:
+def faults_of_energy(table: Tissue) -> Iterator[str]:
     """Yield the refused keys of an organ's table that the energy from Python replaces."""
     if table.material == "linear":
         yield refusal("tissue.material", "linear", because("energy-linear"))

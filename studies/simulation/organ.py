@@ -19,10 +19,9 @@ from scipy.sparse import csr_matrix
 import tissue
 from meshes.budget import BYTES_PER_UNKNOWN
 from meshes.wound import lips
-from studies import scenario as model
 from studies.arrays import Array
 from studies.output.checkpoint import read_arrays, write_arrays
-from studies.scenario import Scenario
+from studies.scenario import Scenario, Solve, Tissue, WoundMesh
 from studies.scenario.course import Timed
 from studies.scenario.organ import LIPS, Reduction
 from studies.scenario.table import refused
@@ -119,7 +118,7 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
     )
 
 
-def course_of(solve: model.Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
+def course_of(solve: Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
     """Return the course of a load; `ramp` is its growth in time.
 
     In statics a load without a course grows over the load steps.
@@ -136,7 +135,7 @@ def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
     parts: list[tissue.Part] = []
     friction = {pair.between: pair.friction for pair in scenario.contact}
     for between in scenario.touching:
-        if isinstance(shape, model.WoundMesh) and set(between) == set(LIPS):
+        if isinstance(shape, WoundMesh) and set(between) == set(LIPS):
             own = lip_gaps(shape, body)
         else:
             own = tissue.surface_gaps(body, [between])
@@ -144,7 +143,7 @@ def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:
     return tissue.Gaps(body, tuple(parts)) if parts else None
 
 
-def lip_gaps(shape: model.WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
+def lip_gaps(shape: WoundMesh, body: tissue.Elasticity) -> tissue.Gaps:
     """Return the gaps between the matching nodes of a wound's lips."""
     wound = wound_of(shape)
     pairs = lips(body.mesh, wound)
@@ -186,7 +185,7 @@ def depths_of(scenario: Scenario, body: tissue.Elasticity | None, store: Shared,
     return known(np.ascontiguousarray(points, dtype=np.float64).tobytes())
 
 
-def body_of(table: model.Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.Elasticity:
+def body_of(table: Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.Elasticity:
     """Return the discrete elasticity of an organ on a mesh."""
     material = material_of(table, mesh)
     body = tissue.elasticity(mesh, material, table.element, table.clamp, table.dilatation, table.roller)
@@ -206,20 +205,20 @@ def fitted(
     body_on, shape = partial(body_of, table, given), table.mesh
     if shape.accuracy == "given":
         return body_on(mesh), None
-    mirror = wound_of(shape).normal_axis if isinstance(shape, model.WoundMesh) and shape.width else None
+    mirror = wound_of(shape).normal_axis if isinstance(shape, WoundMesh) and shape.width else None
     most = psutil.virtual_memory().available / BYTES_PER_UNKNOWN[table.element]
     fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror)
     return fit.body, fit
 
 
-def hyperelasticity_of(table: model.Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
+def hyperelasticity_of(table: Tissue, body: tissue.Elasticity, given: Given) -> tissue.Hyperelasticity:
     """Return the energy of an organ at finite strain, of the scenario or from Python."""
     own = given.distortion(float(np.max(body.material.lame_mu)))
     shear = Exponential(body.material.lame_mu, stiffening_of(table, body))
     return tissue.Hyperelasticity(body, own or Sum([shear, *fibres_of(table, body)]), prestretch_of(table, body))
 
 
-def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony | None:
+def relaxation_of(table: Tissue, body: tissue.Elasticity) -> tissue.Prony | None:
     """Return the relaxation of an organ's stress, None without relaxation.
 
     Each series acts in its own cells.
@@ -231,7 +230,7 @@ def relaxation_of(table: model.Tissue, body: tissue.Elasticity) -> tissue.Prony 
     return tissue.Prony(*zip(*rows, strict=True))
 
 
-def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
+def stiffening_of(table: Tissue, body: tissue.Elasticity) -> Array:
     """Return b per cell, shape `(c,)` [-]: zero for a neo-Hookean material.
 
     A region without material and stiffening has the organ's b.
@@ -244,7 +243,7 @@ def stiffening_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
     return out
 
 
-def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
+def fibres_of(table: Tissue, body: tissue.Elasticity) -> list[Fibres]:
     """Return the families of fibres, each in the cells of its organ or region."""
     owner, every = owned(table, body.mesh, "fibres")
     return [
@@ -254,7 +253,7 @@ def fibres_of(table: model.Tissue, body: tissue.Elasticity) -> list[Fibres]:
     ]
 
 
-def prestretch_of(table: model.Tissue, body: tissue.Elasticity) -> Array:
+def prestretch_of(table: Tissue, body: tissue.Elasticity) -> Array:
     """Return the principal stretches of the reference shape, shape `(3,)` [-].
 
     The shape is `(3, c)` if a region differs.

@@ -18,12 +18,11 @@ from coupling.reports.audit import Energies
 from coupling.reports.observation import PiercingObservation
 from coupling.rest.equilibrium import slides_freely
 from meshes.quality import size_at
-from studies import scenario as model
 from studies.arrays import MILLI, Array
 from studies.lists import list_of
 from studies.output import records
 from studies.output.remarks import Remark, bounds, judged, remark, say
-from studies.scenario import Scenario
+from studies.scenario import Contact, FreeEnd, Piercing, PulledEnd, Scenario, Tie, WoundMesh
 from studies.scenario.refusal import dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at, radii_at
@@ -106,7 +105,7 @@ def times_of(scenario: Scenario) -> dict[str, float]:
 def rest_unloaded(scenario: Scenario) -> Iterator[Remark]:
     """Yield remarks on ramps of dead loads on a thread that starts at rest."""
     for key, end in (("thread.start", scenario.thread.start), ("thread.end", scenario.thread.end)):
-        if scenario.solve.start == "rest" and isinstance(end, model.PulledEnd) and end.ramp:
+        if scenario.solve.start == "rest" and isinstance(end, PulledEnd) and end.ramp:
             yield remark("rest-unloaded", key, ramp=end.ramp)
 
 
@@ -217,7 +216,7 @@ def torn(names: Sequence[str], extremes: records.Extremes, strengths: Sequence[f
     yield from worst_of(found, "tears", "holes")
 
 
-def assumed_channels(holes: Sequence[model.Piercing], observed: Sequence[PiercingObservation]) -> Iterator[Remark]:
+def assumed_channels(holes: Sequence[Piercing], observed: Sequence[PiercingObservation]) -> Iterator[Remark]:
     """Yield a remark on an assumed channel whose length affects friction.
 
     The hole is named whose friction depends most on this length.
@@ -329,7 +328,7 @@ def unsettled(energy: Energies, slide: float, diameter: float) -> list[Remark]:
     return judged(bool(signs), "not-at-rest", "solve.duration", signs=", and ".join(signs))
 
 
-def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> list[Remark]:
+def left_holes(holes: Sequence[Piercing], step: records.StepRecord) -> list[Remark]:
     """Return a remark on holes that the thread has left at the end of a run.
 
     Only holes that have begun and not ended are considered.
@@ -343,7 +342,7 @@ def left_holes(holes: Sequence[model.Piercing], step: records.StepRecord) -> lis
     return judged(bool(left), "hole-left", left[0] if left else "", holes=words, time=step.time)
 
 
-def undone(scenario: model.Scenario, step: records.StepRecord) -> Iterator[Remark]:
+def undone(scenario: Scenario, step: records.StepRecord) -> Iterator[Remark]:
     """Yield remarks on ties that have begun but are open at the end of a run.
 
     A tie whose loop is cut is not considered.
@@ -356,7 +355,7 @@ def undone(scenario: model.Scenario, step: records.StepRecord) -> Iterator[Remar
         yield from judged(is_open, "tie-undone", tie.name, time=step.time)
 
 
-def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension: float) -> Iterator[Remark]:
+def kept_knots(ties: Sequence[Tie], off_law: Mapping[str, float], tension: float) -> Iterator[Remark]:
     """Yield remarks on ties whose hands kept the knot between its holes by a force along the thread.
 
     `off_law` are the violations of Coulomb's law [N] by holes while hands drew, and `tension` [N] is the largest
@@ -367,7 +366,7 @@ def kept_knots(ties: Sequence[model.Tie], off_law: Mapping[str, float], tension:
         yield from judged(force > bounds.OFF_LAW * tension, "knot-kept", tie.name, holes=tie.between, force=force)
 
 
-def locked_off(ties: Sequence[model.Tie], forces: Array) -> Iterator[Remark]:
+def locked_off(ties: Sequence[Tie], forces: Array) -> Iterator[Remark]:
     """Yield remarks on ties locked below or above their force.
 
     `forces` (t,) [N] are NaN for a tie that was not locked.
@@ -404,7 +403,7 @@ def inaccurate(accuracy: float, errors: Mapping[str, float], unknowns: int) -> I
     yield from worst_of(found, "accuracy", "holes")
 
 
-def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
+def coarse_cells(hole: Piercing, size: float, element: str, refined: bool = False) -> list[Remark]:
     """Return a remark on coarse cells [m] at a hole, unless they were `refined` to an accuracy."""
     if hole.footprint == 0.0:
         return [remark("bare-point", hole.name, key=hole.key("footprint"))]
@@ -413,7 +412,7 @@ def coarse_cells(hole: model.Piercing, size: float, element: str, refined: bool 
     return judged(not refined and size > limit, "cells", hole.name, element=element, **sizes)
 
 
-def moved_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
+def moved_holes(holes: Sequence[Piercing]) -> Iterator[Remark]:
     """Yield remarks on holes that were moved far to the surface."""
     for hole in holes:
         sizes = {"moved": (hole.moved or 0.0) / MILLI, "footprint": hole.footprint / MILLI}
@@ -421,7 +420,7 @@ def moved_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
         yield from judged(far, "moved", hole.name, **sizes)
 
 
-def near_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
+def near_holes(holes: Sequence[Piercing]) -> Iterator[Remark]:
     """Yield a remark on neighbouring holes, with the pair that is nearest for its footprints.
 
     Two holes at the same place are one hole at two times.
@@ -439,7 +438,7 @@ def near_holes(holes: Sequence[model.Piercing]) -> Iterator[Remark]:
         yield remark("holes-near", first, other=second, apart=apart, reach=reach, also=also)
 
 
-def steep_friction(contacts: Sequence[model.Contact]) -> Iterator[Remark]:
+def steep_friction(contacts: Sequence[Contact]) -> Iterator[Remark]:
     """Yield remarks on contacts with a large coefficient of friction."""
     for pair in contacts:
         yield from judged(pair.friction > bounds.STEEP, "contact-rough", " - ".join(pair.between), pair=pair)
@@ -458,7 +457,7 @@ def distances_from_wound(scenario: Scenario) -> dict[str, list[float]]:
     They are negative on one side. The result is empty without a wound.
     """
     shape = scenario.tissue.mesh if scenario.tissue else None
-    if not isinstance(shape, model.WoundMesh):
+    if not isinstance(shape, WoundMesh):
         return {}
     axis, names = wound_of(shape).normal_axis, [hole.name for hole in scenario.piercing]
     loops = {tie.name: sorted(map(names.index, tie.between)) for tie in scenario.tie}
@@ -552,7 +551,7 @@ def is_cut(thread: Thread, low: float, high: float) -> bool:
     return bool(np.any((low < cuts) & (cuts < high)))
 
 
-def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float, float]]) -> Iterator[Remark]:
+def end_strands(assembly: Assembly, own: Sequence[tuple[Piercing, float, float]]) -> Iterator[Remark]:
     """Yield remarks on the first and the last strand of the thread.
 
     `own` are its holes with their abscissae on the path and on the thread [m]. A strand that is cut
@@ -564,7 +563,7 @@ def end_strands(assembly: Assembly, own: Sequence[tuple[model.Piercing, float, f
     strands = ((table.start, 0.0, first, own[:1], "first"), (table.end, path.length, last, own[-1:], "last"))
     for end, at_end, s_end, holes, which in strands:
         for hole, at, s in holes:
-            if is_cut(thread, *sorted((s_end, s))) or (isinstance(end, model.FreeEnd) and hole.kind == "anchored"):
+            if is_cut(thread, *sorted((s_end, s))) or (isinstance(end, FreeEnd) and hole.kind == "anchored"):
                 continue
             deep = assembly.depths(assembly.through.position(np.linspace(at_end, at, LOOKS + 2)[:-1]))
             where = f"on its {which} strand, from its end to {hole.name!r},"

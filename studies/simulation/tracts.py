@@ -8,9 +8,8 @@ import numpy as np
 import skfem
 
 import tissue
-from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Piercing, Scenario, Tract
+from studies.scenario import Piercing, Scenario, Thread, Tract
 from studies.scenario.table import refuse, refused
 from studies.simulation.laid import LaidPath
 from thread.path import RoundedPath
@@ -190,7 +189,7 @@ def are_beside(first: Distances, second: Distances, one: Ball, other: Ball) -> b
     return bool(max(a[0], b[1]) <= touched or max(b[0], a[1]) <= touched)
 
 
-def check_balls(thread: model.Thread, holes: Sequence[Piercing]) -> None:
+def check_balls(thread: Thread, holes: Sequence[Piercing]) -> None:
     """Refuse a spline too coarse for the balls of its tracts.
 
     Each ball takes two of the three unknowns of a control point, and the thread bends between two
