@@ -9,20 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from meshes.child import run_module
+from studies.output import reading
 from studies.output.columns import STATE_CODES
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_bytes
-from studies.output.reading import (
-    FrameFiles,
-    OpenRun,
-    ResultsError,
-    arrays_of,
-    evenly_spaced,
-    open_run,
-    pieces,
-    refused_if_torn,
-    topology_of,
-)
 from studies.pictures.picture import draw_scene, words_of
 from studies.pictures.scene import FILM, Frame, Hole, Organ
 
@@ -36,9 +26,9 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
 
     Raises `ResultsError` for a folder without a run or frames, and for a file of another kind.
     """
-    run = open_run(folder)
+    run = reading.open_run(folder)
     if not run.frames:
-        raise ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
+        raise reading.ResultsError(f"{folder} is refused: it has no frames; run the scenario again")
     if out is not None:
         return [drawn_into(run, out, time)]
     reason = window(folder) if has_screen(os.environ, sys.platform) else "no screen"
@@ -50,7 +40,7 @@ def view(folder: Path, out: Path | None, time: float | None) -> list[str]:
 def write_macro(path: Path) -> list[str]:
     """Write the macro that draws a run in ParaView; return the lines for a person."""
     if path.suffix != ".py":
-        raise ResultsError(f"--macro {path} is refused: a macro is a Python file; name it {path.stem}.py")
+        raise reading.ResultsError(f"--macro {path} is refused: a macro is a Python file; name it {path.stem}.py")
     write_bytes(path, Path(__file__).with_name("paraview_macro.py").read_bytes())
     return [f"macro      {path}: in ParaView, Macros > Import new macro; or pvpython {path} DIR"]
 
@@ -70,56 +60,56 @@ def window(folder: Path) -> str:
     return words_of(done) if done.returncode else ""
 
 
-def drawn_into(run: OpenRun, out: Path, time: float | None) -> str:
+def drawn_into(run: reading.OpenRun, out: Path, time: float | None) -> str:
     """Draw one frame or all frames into a file; return the line on the picture.
 
     One frame is the nearest to a time, or the last if the time is None.
     """
     if out.suffix.lower() not in KINDS:
-        raise ResultsError(
+        raise reading.ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
         )
     line, failure = film(run, out) if out.suffix.lower() == FILM else still(run, out, time)
     if failure:
-        raise ResultsError(line)
+        raise reading.ResultsError(line)
     return line
 
 
-def still(run: OpenRun, out: Path, time: float | None) -> tuple[str, str]:
+def still(run: reading.OpenRun, out: Path, time: float | None) -> tuple[str, str]:
     """Draw a frame into a PNG file, like `draw_scene`."""
     frame = nearest(run.frames, time)
-    return draw_scene(([read_frame(frame, run.piercings)], topology_of(frame), run.title), out)
+    return draw_scene(([read_frame(frame, run.piercings)], reading.topology_of(frame), run.title), out)
 
 
-def nearest(frames: Sequence[FrameFiles], time: float | None) -> FrameFiles:
+def nearest(frames: Sequence[reading.FrameFiles], time: float | None) -> reading.FrameFiles:
     """Return the frame nearest to a time [s], or the last frame if the time is None."""
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 
-def film(run: OpenRun, out: Path) -> tuple[str, str]:
+def film(run: reading.OpenRun, out: Path) -> tuple[str, str]:
     """Draw frames into a GIF file, at most `MOST_PICTURES` of them, like `draw_scene`."""
-    chosen = [run.frames[number] for number in evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
+    chosen = [run.frames[number] for number in reading.evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
     frames = [read_frame(frame, run.piercings) for frame in chosen]
-    return draw_scene((frames, topology_of(run.frames[0]), run.title), out, patience=10.0)
+    return draw_scene((frames, reading.topology_of(run.frames[0]), run.title), out, patience=10.0)
 
 
-def read_frame(files: FrameFiles, names: Sequence[str]) -> Frame:
+def read_frame(files: reading.FrameFiles, names: Sequence[str]) -> Frame:
     """Return a recorded frame, which has single precision; `names` are its piercings.
 
     Raises `ResultsError` like `FrameFiles.read`.
     """
-    with refused_if_torn(f"the frame at {files.time:g} s"):
+    with reading.refused_if_torn(f"the frame at {files.time:g} s"):
         thread, holes, organ = (files.read(part) for part in ("thread", "piercings", "organ"))
-        data, lengths = arrays_of(thread.point_data), tuple(len(piece) for piece in pieces(thread))
+        data, lengths = reading.arrays_of(thread.point_data), tuple(len(piece) for piece in reading.pieces(thread))
         record = ThreadRecord(
             np.asarray(thread.points, dtype=np.float64), data["s"], data["tension"], data["curvature"],
             float(data["radius"][0]), lengths if len(lengths) > 1 else (), data.get("torque"),
         )  # fmt: skip
-        at = {} if holes is None else arrays_of(holes.point_data) | {"x": np.asarray(holes.points, dtype=np.float64)}
+        at = {} if holes is None else reading.arrays_of(dict(holes.point_data.items()) | {"x": holes.points})
         marks = [
             Hole(name, float(at["s"][k]), at["x"][k], at["force"][k], STATES[int(at["state"][k])])
             for k, name in enumerate(names if at else ())
         ]
-        nodes = None if organ is None else arrays_of(organ.point_data)
+        nodes = None if organ is None else reading.arrays_of(organ.point_data)
         moved = None if nodes is None else Organ(nodes["displacement"], nodes["von_mises"])
         return Frame(files.time, record, tuple(marks), moved)

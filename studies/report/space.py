@@ -13,18 +13,9 @@ from typing import Any
 import numpy as np
 
 from studies.arrays import Array
+from studies.output import reading
 from studies.output.columns import STATE_CODES, UNITS
 from studies.output.fields import OrganTopology
-from studies.output.reading import (
-    FrameFiles,
-    OpenRun,
-    arrays_of,
-    evenly_spaced,
-    nodal,
-    pieces,
-    refused_if_torn,
-    topology_of,
-)
 from studies.pictures.view import Indices, surface
 from studies.report.charts import SHOWN, plain
 
@@ -43,10 +34,10 @@ THREAD_POINTS = 600  # largest number per frame
 Skin = tuple[Indices, Indices]
 
 
-def view_record(run: OpenRun, name: str, budget: float = BYTES) -> dict[str, Any]:
+def view_record(run: reading.OpenRun, name: str, budget: float = BYTES) -> dict[str, Any]:
     """Return a run's view for the page; without an organ only the thread. Raises `ResultsError`."""
-    with refused_if_torn(run.folder / "frames"):
-        frames = [run.frames[k] for k in evenly_spaced(len(run.frames), MOST_FRAMES).tolist()]
+    with reading.refused_if_torn(run.folder / "frames"):
+        frames = [run.frames[k] for k in reading.evenly_spaced(len(run.frames), MOST_FRAMES).tolist()]
         record: dict[str, Any] = {
             "name": name,
             "times": plain(np.array([frame.time for frame in frames])),
@@ -59,10 +50,10 @@ def view_record(run: OpenRun, name: str, budget: float = BYTES) -> dict[str, Any
         return record
 
 
-def organ_record(frames: Sequence[FrameFiles], budget: float) -> dict[str, Any]:
+def organ_record(frames: Sequence[reading.FrameFiles], budget: float) -> dict[str, Any]:
     """Return the organ of all frames, packed into about `budget` bytes."""
     first = frames[0].read("organ")
-    topology: Any = topology_of(frames[0])
+    topology: Any = reading.topology_of(frames[0])
     points, cells = topology.points, topology.cells[:, :CORNERS]
     names = field_names(field_values(first, cells))
     per_node = 2.0 * (3 + len(names)) * len(frames)
@@ -123,10 +114,10 @@ def field_values(organ: Any, cells: Indices) -> dict[str, Array]:
     A field of cells is averaged over the cells at a node. Vectors are left out, except the length
     of the displacement and the components of the stress.
     """
-    data, cell_data = arrays_of(organ.point_data), arrays_of(organ.cell_data)
+    data, cell_data = reading.arrays_of(organ.point_data), reading.arrays_of(organ.cell_data)
     out = {name: values for name, values in data.items() if values.ndim == 1}
     scalars = {name: values for name, values in cell_data.items() if values.ndim == 1}
-    out |= {name: nodal(values, cells, organ.n_points) for name, values in scalars.items()}
+    out |= {name: reading.nodal(values, cells, organ.n_points) for name, values in scalars.items()}
     out["displacement"] = np.linalg.norm(data["displacement"], axis=1)
     if "stress" in data:
         out |= {f"stress_{part}": data["stress"][:, k] for k, part in enumerate(STRESSES)}
@@ -159,7 +150,7 @@ def thread_record(thread: Any) -> dict[str, Any]:
     points, tension = np.asarray(thread.points, dtype=np.float64), np.asarray(thread.point_data["tension"])
     s = np.asarray(thread.point_data["s"], dtype=np.float64)
     chain: list[int] = []
-    for piece in pieces(thread):
+    for piece in reading.pieces(thread):
         step = max(1, -(-len(points) // THREAD_POINTS))
         chain += [*piece[:-1:step].tolist(), int(piece[-1]), -1]
     held = np.array(chain[:-1], dtype=np.int64)
@@ -169,7 +160,7 @@ def thread_record(thread: Any) -> dict[str, Any]:
     return {name: plain(np.where(gap, np.nan, values)) for name, values in columns.items()}
 
 
-def holes_record(frame: FrameFiles, names: Sequence[str]) -> list[dict[str, Any]]:
+def holes_record(frame: reading.FrameFiles, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return the piercings of one frame that contain the thread.
 
     Each has its name, its place [mm] and its force [N].
