@@ -125,12 +125,15 @@ TRACT_NAME, *TRACT = columns_of(
     "tract",
     balls=lambda tract: len(tract.balls),
     length=lambda tract: sum(ball.bearing or 0.0 for ball in tract.balls),
+    force=lambda tract: np.sum([ball.force for ball in tract.balls], axis=0),
     normal_force=lambda tract: sum(ball.normal_force for ball in tract.balls),
+    friction=lambda tract: sum(ball.tangential_force for ball in tract.balls),
     bearing=lambda tract: max(ball.normal_force / (ball.bearing or np.inf) for ball in tract.balls),
     bearing_pressure=lambda tract: max(ball.bearing_pressure for ball in tract.balls),
     displacement=lambda tract: max(float(norm(ball.displacement)) for ball in tract.balls),
     tension_before=lambda tract: tract.balls[0].tension_before,
     tension_after=lambda tract: tract.balls[-1].tension_after,
+    slipping=lambda tract: sum(ball.state == "slip" for ball in tract.balls),
 )
 LOAD = columns_of("load")
 TIE_NAME, *TIE = columns_of("tie", tie=lambda tie: tie.name)

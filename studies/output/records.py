@@ -77,11 +77,6 @@ class TractRecord:
     balls: tuple[PiercingObservation, ...]
 
     @property
-    def force(self) -> Array:
-        """Total force of the tissue on the thread, shape `(3,)` [N]."""
-        return np.sum([ball.force for ball in self.balls], axis=0)
-
-    @property
     def spacing(self) -> float:
         """Largest length of path per ball, the distance to the next ball [m]."""
         return max(ball.bearing or 0.0 for ball in self.balls)
@@ -100,16 +95,6 @@ class TractRecord:
     def tension(self) -> float:
         """Largest tension of the thread at a ball [N], 0 if the thread is slack."""
         return max(0.0, *(max(ball.tension_before, ball.tension_after) for ball in self.balls))
-
-    @property
-    def friction(self) -> float:
-        """Sum of the forces along the thread, towards rising s [N]."""
-        return sum(ball.tangential_force for ball in self.balls)
-
-    @property
-    def slipping(self) -> int:
-        """Number of balls along which the thread slips."""
-        return sum(ball.state == "slip" for ball in self.balls)
 
 
 @dataclass(frozen=True)
