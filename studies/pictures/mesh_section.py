@@ -1,6 +1,5 @@
 """The picture of a mesh in a section, by matplotlib, without OpenGL."""
 
-import pickle
 import sys
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from studies.figure import literal
 from studies.output.reading import nodal
 from studies.pictures.mesh_report import MeshScene
 from studies.pictures.section import ASIDE, DPI, cut
-from studies.pictures.view import MARKER, SIZE, colours
+from studies.pictures.view import MARKER, SIZE, colours, read_scene
 
 
 def draw_section(scene: MeshScene, path: Path) -> None:
@@ -48,4 +47,4 @@ def _sizes(scene: MeshScene) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    draw_section(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
+    draw_section(read_scene(sys.argv[1]), Path(sys.argv[2]))

@@ -3,7 +3,6 @@
 It is drawn in a child process, like `studies.pictures.space`.
 """
 
-import pickle
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import pyvista as pv
 
 from studies.pictures.mesh_report import MeshScene
 from studies.pictures.space import BLANK
-from studies.pictures.view import MARKER, SIZE, THREAD
+from studies.pictures.view import MARKER, SIZE, THREAD, read_scene
 
 REGIONS = ("#f0d9c8", "#dc7356", "#8fb7c9", "#c9b458", "#8ea66f", "#9d7fb0")  # the first: no region
 LIP = THREAD
@@ -69,4 +68,4 @@ def _add_marks(plotter: Any, scene: MeshScene) -> None:
 
 
 if __name__ == "__main__":
-    draw_space(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))
+    draw_space(read_scene(sys.argv[1]), Path(sys.argv[2]))

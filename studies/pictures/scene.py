@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from studies.arrays import Array
-from studies.output.fields import OrganTopology, ThreadRecord
+from studies.output.fields import ThreadRecord
 
 if TYPE_CHECKING:
     from studies.output.records import Snapshot
@@ -55,9 +55,6 @@ class Frame:
     piercings: tuple[Hole, ...]
     organ: Organ | None
     held: Array | None = None
-
-
-Scene = tuple[list[Frame], OrganTopology | None, str]  # frames for one file, and its title
 
 
 def frame_of(snapshot: "Snapshot", held: Array | None = None, footprints: Sequence[float] = ()) -> Frame:

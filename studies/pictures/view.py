@@ -4,6 +4,7 @@ import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from PIL import Image
 
 from studies.arrays import KILO, Array
 from studies.output.fields import OrganTopology
-from studies.pictures.scene import FILM, Frame, Scene
+from studies.pictures.scene import FILM, Frame
 
 Indices = NDArray[np.int64]
 
@@ -30,10 +31,12 @@ TICKS = 4  # largest number of labels at a colour bar
 ROUND = np.array([1.0, 2.0, 5.0])  # possible steps between two labels, within a decade
 
 
-def read_scene(path: str) -> Scene:
-    """Return the scene that ``draw_scene`` wrote for a child process."""
-    read: Scene = pickle.loads(Path(path).read_bytes())
-    return read
+def read_scene(path: str) -> Any:
+    """Return the scene that ``draw_scene`` wrote for a child process.
+
+    It is frames for one file, the organ's mesh and a title, or a `MeshScene`.
+    """
+    return pickle.loads(Path(path).read_bytes())
 
 
 def surface(topology: OrganTopology) -> Indices:
