@@ -695,8 +695,7 @@ def test_cells_at_the_holes_are_refined_step_by_step(tmp_path: Path, capsys: pyt
         exact.quantity,
         "--levels",
         "3",
-        "--over",
-        "accuracy",
+        "--adaptive",
     ]
     assert main([*words, "--out", str(tmp_path / "b"), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
