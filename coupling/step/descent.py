@@ -66,6 +66,7 @@ from tissue.errors import OrganError
 PATIENCE, BOWING = 4, 8  # times the corrections of a plain solve; a column that buckles takes 150
 ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
 SHORTEST, LONGEST = 0.1, 0.8  # of a correction that led too far: range of its shortening
+ANSWERS = 3  # answers of a nonlinear organ with a way downhill each, at most
 LENGTHS = 9  # lengths of a correction, at most
 MUCH = 0.5  # of the largest excess: such holes are released together; one by one, 84 holes took 200 corrections
 LEAST = 0.1  # of a correction: if a smaller part is allowed, it is made with a firmer tie
@@ -77,18 +78,22 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
     """Solve a step downhill from `start`.
 
     With a nonlinear organ, the step is solved downhill with the organ's last answer, and then by
-    Newton's method. `patience` is the allowed number of corrections, in those of a plain solve.
-    Raises `StepError`; its state has the organ's answer there, for the next round at rest.
+    Newton's method. If Newton's method does not converge, this is repeated with the answer there.
+    `patience` is the allowed number of corrections, in those of a plain solve. Raises `StepError`.
     """
     if problem.answer.linear:
         return newton.solve(problem, start, Descent[Body](), patience)
-    held = newton.solve(replace(problem, stands=True), start, Descent[Body](), patience)
-    try:
-        solution = newton.solve(problem, held.iterate)
-    except StepError as error:
-        followed = newton.follow(problem, held.iterate, held.residual)[0]
-        raise newton.unfinished(error, replace(held, problem=followed)) from error
-    return replace(solution, iterations=held.iterations + solution.iterations)
+    made, z = 0, start
+    for _ in range(ANSWERS):
+        held = newton.solve(replace(problem, stands=True), z, Descent[Body](), patience)
+        made, z = made + held.iterations, held.iterate
+        try:
+            solution = newton.solve(problem, z)
+            return replace(solution, iterations=made + solution.iterations)
+        except StepError as error:
+            failed = error
+        problem = newton.follow(problem, z, held.residual)[0]
+    raise newton.unfinished(failed, replace(held, problem=problem, iterations=made))
 
 
 @dataclass

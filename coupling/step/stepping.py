@@ -444,6 +444,7 @@ def advance(
     pending, end, tries, beyond = [(dt, depth, True)], state.time + dt, 0, list[State[Body]]()
     while pending:
         part, level, remembers = pending.pop()
+        forgetful_halves = [(0.5 * part, level + 1, False)] * 2
         tries += 1
         if tries > MOST_TRIES:
             raise diagnose(system, state, given_up(system, state, end - state.time))
@@ -470,17 +471,18 @@ def advance(
                     state, beyond = release(state, gone), [*beyond, ahead]
                     pending.append((part, level, remembers))
                     continue
-            uphill = isinstance(error, UphillError)
-            early = uphill and level < min(depth + CURVED, HALVINGS)
-            if uphill and not early and remembers and state.before is not None:
+            if isinstance(error, UphillError) and level < min(depth + CURVED, HALVINGS):
+                pending += [(0.5 * part, level + 1, remembers)] * 2
+                continue
+            if isinstance(error, UphillError) and remembers and state.before is not None:
                 state = forgetful(state)
                 pending.append((part, level, remembers))
-            elif level < HALVINGS:
-                pending += [(0.5 * part, level + 1, remembers and early)] * 2
-            elif isinstance(error, StepError):
-                raise diagnose(system, state, error) from error
-            else:
+                continue
+            if level >= HALVINGS:
+                if isinstance(error, StepError):
+                    raise diagnose(system, state, error) from error
                 raise
+            pending += forgetful_halves
             continue
         taken.append(replace(step, beyond=tuple(beyond)))
         beyond = []
