@@ -34,7 +34,17 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from coupling.arrays import Array, Flags, Indices
 from coupling.errors import CouplingError
 from coupling.interfaces import Answer, Body
-from coupling.joins.rubbing import NO_HOLD, Law, Rubbing, find_forces, forces_by_tangent, law_of_pairs, stuck
+from coupling.joins.rubbing import (
+    LAW,
+    NO_HOLD,
+    Law,
+    Rubbing,
+    find_forces,
+    forces_by_tangent,
+    law_of_pairs,
+    stuck,
+    violation,
+)
 from coupling.kernels.border import NINE
 from coupling.kernels.constraints import site_force
 from coupling.system import State, System
@@ -235,6 +245,16 @@ def closing_forces(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: 
     They can be tensile; such a set is then changed.
     """
     return closed_by(contact, pressed, rubbing, contact.gaps_when_open(f))
+
+
+def is_lawful(contact: Contact[Body], pressed: Flags, rubbing: Rubbing, f: Array) -> bool:
+    """Return whether the forces by the tangent of these sets obey Coulomb's law under the site forces `f` (9m,).
+
+    Forces are not compared with those of another solve: where nearly all pairs slip, forces that
+    obey the law to round-off can differ by a thousand times more.
+    """
+    opened = contact.gaps_when_open(f)
+    return violation(contact.law, closed_by(contact, pressed, rubbing, opened), opened)[1] <= LAW
 
 
 def solve_contact(system: System[Body], f_y: Array, answer: Answer[Body]) -> Array:

@@ -147,6 +147,16 @@ def projected(law: Law, P: Array, c: Array) -> Array:
     return np.concatenate([np.maximum(push, 0.0), (share[:, None] * b).ravel()])
 
 
+def violation(law: Law, P: Array, c_open: Array) -> tuple[float, float]:
+    """Return the norm of what violates the law in P [N], and its largest part of the largest force [-].
+
+    `c_open` and P have shape `(k + 2m,)`, as for `find_forces`.
+    """
+    lawful = projected(law, P, c_open + law.C @ P)
+    wrong, largest = P - lawful, max(np.abs(P).max(), np.abs(lawful).max(), TINY)
+    return float(np.linalg.norm(wrong)), float(np.abs(wrong).max() / largest)
+
+
 def active_sets(law: Law, P: Array, c: Array) -> tuple[Flags, Rubbing]:
     """Return which pairs are pressed and which slip at given forces and gaps, with the tangent of
     the law there.
@@ -165,14 +175,11 @@ def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tu
     """
     P, last, violations = forces_by_tangent(law, pressed, rubbing, c_open), np.inf, list[float]()
     for number in range(CORRECTIONS):
-        c = c_open + law.C @ P
-        lawful = projected(law, P, c)
-        violation = P - lawful
-        off = float(np.abs(violation).max() / max(np.abs(P).max(), np.abs(lawful).max(), TINY))
+        wrong, off = violation(law, P, c_open)
         if off == 0.0 or BETTER * last <= off <= LAW:
             return pressed, rubbing, P
-        violations.append(float(np.linalg.norm(violation)))
-        (pressed, rubbing), last = active_sets(law, P, c), off
+        violations.append(wrong)
+        (pressed, rubbing), last = active_sets(law, P, c_open + law.C @ P), off
         bound = max(violations[-LATEST if number < LENIENT else -1 :])
         P = on_the_way(law, c_open, P, forces_by_tangent(law, pressed, rubbing, c_open), bound)
     raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; use shorter steps, or less friction")
@@ -184,7 +191,7 @@ def on_the_way(law: Law, c_open: Array, P: Array, new: Array, bound: float) -> A
     After the shortest part the search ends without this condition.
     """
     share, tried = 1.0, new
-    while share > SHORTEST and not np.linalg.norm(tried - projected(law, tried, c_open + law.C @ tried)) < bound:
+    while share > SHORTEST and not violation(law, tried, c_open)[0] < bound:
         share *= 0.5
         tried = P + share * (new - P)
     return tried

@@ -34,6 +34,7 @@ from coupling.joins.contact import (
     find_pressed,
     find_sets,
     first_of,
+    is_lawful,
     misfits,
 )
 from coupling.joins.rubbing import NO_PAIRS, Rubbing
@@ -598,10 +599,10 @@ def with_rubbing_sets(
     It is the same object if the forces of the surfaces obey Coulomb's law, whatever the set.
     """
     f = r.f_y.ravel()
-    pressed, rubbing, P = find_sets(contact, f, z.pressed, z.rubbing)
-    other, off = sigma != z.sigma, P - closing_forces(contact, z.pressed, z.rubbing, f)
-    if not other.any() and np.abs(off).max() <= FORCE_TOLERANCE * np.abs(P).max():
+    other = sigma != z.sigma
+    if not other.any() and is_lawful(contact, z.pressed, z.rubbing, f):
         return z
+    pressed, rubbing, _ = find_sets(contact, f, z.pressed, z.rubbing)
     fitting = replace(z, sigma=sigma, pressed=pressed, rubbing=rubbing)
     if other.any() and sets_of(fitting) in seen:
         return replace(fitting, sigma=admissible_sigma(problem.law, np.where(first_of(other), sigma, z.sigma)))

@@ -263,3 +263,26 @@ def test_on_other_knots_lips_rub_from_the_start_of_the_load_step() -> None:
     lips = observe_contact(now.system, now.state)
     assert (np.linalg.norm(w, axis=1) > 1e-6).all() and lips.slips.all()
     assert np.linalg.norm(lips.friction, axis=1) == pytest.approx(0.02 * lips.force, rel=ONE_PAIR)
+
+
+def test_a_joint_that_begins_to_slide_as_a_whole_bears_its_loads() -> None:
+    """Independent check: normal forces and friction of a joint have the resultant of the loads. Nearly all pairs slip,
+    so that forces that obey Coulomb's law to round-off are found to seven digits only."""
+    loads = [
+        {"boundary": "right", "pressure": 4e3, "course": [[0, 0], [0.2, 1]]},
+        {"boundary": "right", "traction": [0, 0.9e3, 0], "course": [[0, 0], [0.2, 0], [1, 1]]},
+    ]
+    mesh = {"kind": "wound", "size": [0.03, 0.02, 0.01], "length": 0.02, "depth": 0.01, "h": 3e-3, "accuracy": "given"}
+    block = {"youngs_modulus": 2e5, "poisson_ratio": 0.3, "density": 1e3, "inertia": False, "mesh": mesh, "load": loads}
+    ends = {"path": [[0, 0, 0.02], [0.01, 0, 0.02]], "start": {"kind": "fixed"}, "end": {"kind": "fixed"}}
+    scene = {
+        "title": "sheared",
+        "tissue": block | {"clamp": ["left"], "roller": ["bottom"]},
+        "contact": [{"between": ["lip_left", "lip_right"], "friction": MU}],
+        "thread": {"suture": "5-0 nylon"} | ends,
+        "solve": {"kind": "static", "load_steps": 10},
+    }
+    *_, (record, _) = prepare(parse(scene)).advance()
+    (joint,) = record.contact
+    assert joint.slipping >= 0.8 * joint.pressed
+    assert np.hypot(joint.force, joint.friction) == pytest.approx(np.hypot(0.8, 0.18), rel=1e-3)
