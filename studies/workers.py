@@ -190,10 +190,10 @@ def on_cluster(
     """
     try:
         import distributed
-
-        client = distributed.Client(address, timeout=TIMEOUT)
     except ImportError:
         raise WorkersError(f"--dask is refused: distributed is not installed; {installation('distributed')}") from None
+    try:
+        client = distributed.Client(address, timeout=TIMEOUT)
     except (OSError, ValueError) as error:
         reason = f"no scheduler answers ({error}); start one by dask scheduler, or use --jobs"
         raise WorkersError(f"--dask {address} is refused: {reason}") from None

@@ -613,12 +613,14 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
-    turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
-    jumped = system.organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
-    if jumped and depth < DEEPEST:
+    elif turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN:
+        return replace(step, snapped=True)
+    if not system.organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ):
+        return step
+    if depth < DEEPEST:
         cause = "the tissue jumped over an energy barrier to another branch"
         raise StepError(step.old.time, step.dt, cause)
-    return replace(step, snapped=bool(turned) or jumped)
+    return replace(step, snapped=True)
 
 
 def refuse_folding(step: Step[Body]) -> None:

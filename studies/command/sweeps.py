@@ -132,6 +132,7 @@ def run_refinement(options: argparse.Namespace) -> int:
                 options.ratio,
                 workers_of(options.jobs, options.dask),
                 tell,
+                options.adaptive,
             )
     except KeyboardInterrupt:
         return complain("interrupted; the same command continues", INTERRUPTED)

@@ -177,11 +177,12 @@ def turned_over(step: StepRecord) -> float:
 
 
 def settling_loss(step: StepRecord) -> float | None:
-    """Return the energy that the first step dissipated numerically [J], None at other steps.
+    """Return the stored energy that the first step dissipated numerically [J], None at other steps.
 
-    Bends of the laid thread store energy, and one step brings them to rest.
+    Bends of the laid thread store energy, and one step brings them to rest. The work of loads in
+    this step is not stored energy.
     """
-    return step.energy.numerical_dissipation if step.step == 1 else None
+    return max(step.energy.numerical_dissipation - max(step.energy.external_work, 0.0), 0.0) if step.step == 1 else None
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ class Extremes:
     energy: float = field(default=0.0, metadata={"step": turned_over})
     # largest energy created by the integrator [J]
     created: float = field(default=0.0, metadata={"step": lambda step: -step.energy.numerical_dissipation})
-    # energy that the first step dissipated numerically [J]
+    # stored energy that the first step dissipated numerically [J]
     settling: float = field(default=0.0, metadata={"step": settling_loss})
     # largest strain of the organ's cells [-]
     strain: float = field(default=0.0, metadata={"frame": lambda organ: organ.strain.max()})

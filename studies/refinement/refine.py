@@ -17,6 +17,7 @@ from studies.sweeps.table import Column, SweepTable, asked_column
 from studies.verdicts import verdict
 from studies.workers import Workers, nothing
 
+ACCURACY = "accuracy"  # the kind of levels of `adaptive`
 ESTIMATE = "compliance_error"  # of a piercing in the summary
 
 
@@ -29,6 +30,7 @@ def refine(
     ratio: float | None = None,
     workers: Workers | None = None,
     tell: Tell = nothing,
+    adaptive: bool = False,
 ) -> tuple[Refined, ...]:
     """Refine a scenario level by level into a folder, and return the result for each quantity.
 
@@ -38,6 +40,7 @@ def refine(
       "all", the first three.
     - `ratio`: ratio of the levels; None means √2, or 2 for the accuracy.
     - `workers`: as in `studies.sweeps.sweep`.
+    - `adaptive`: the same as `over="accuracy"`.
 
     Raises `ScenarioError`, for an unknown quantity before the first level is run, and
     `studies.workers.WorkersError`.
@@ -48,8 +51,12 @@ def refine(
     names = list(quantity) if isinstance(quantity, Sequence) and not isinstance(quantity, str) else [quantity]
     if not names or not all(isinstance(name, str) for name in names):
         raise ScenarioError(f"quantity = {quantity!r} is refused; give the name of a number of the summary, or several")
+    if adaptive and over not in ("all", ACCURACY):
+        raise ScenarioError(
+            f"--over {over} is refused: --adaptive refines the cells at the holes; leave out one of them"
+        )
     plain = base_tables(base)
-    rungs = ladder(parsed(plain), over, levels, ratio)
+    rungs = ladder(parsed(plain), ACCURACY if adaptive else over, levels, ratio)
 
     def check(table: SweepTable) -> list[Column]:
         return [asked_column(table, name, "--quantity") for name in names]
@@ -79,7 +86,7 @@ def as_estimated(rungs: Ladder, table: SweepTable) -> Ladder:
 
     Their factors are the ratios of these estimates.
     """
-    if rungs.kinds != ("accuracy",):
+    if rungs.kinds != (ACCURACY,):
         return rungs
     columns = [column.values for column in table.columns if column.name.endswith(f".{ESTIMATE}")]
     rows = zip(*columns, strict=True) if columns else [()] * len(table)

@@ -553,6 +553,7 @@ def test_parquet_has_the_units(tmp_path: Path) -> None:
         (lambda: ladder(parse(RING), "accuracy"), "has no organ"),
         (lambda: ladder(parse(ORGAN), "accuracy"), 'tissue.mesh.accuracy is "given"; set a number'),
         (lambda: ladder(parse(pulled_organ(**{"piercing.ring.footprint": 0.0})), "accuracy"), "has a footprint"),
+        (lambda: refine(RING, "time", "nowhere", "dt", adaptive=True), "--over dt is refused: --adaptive refines"),
     ],
 )
 def test_what_cannot_be_swept_or_refined_is_refused(ask: Callable[[], Any], said: str) -> None:
