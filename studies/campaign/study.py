@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from studies.campaign.generator import ASKS, KINDS, Case, asked
 from studies.figure import draw, panel, series
 from studies.study import Table, each, grouped, measure, measured, unit_field
-from studies.sweeps.sweep import Result, run_case
+from studies.sweeps.case import Result, run_case
 from thread.catalogue import suture
 
 TELLING = {"forces-swing", "numerical-dissipation", "energy-created"}  # codes of remarks on the effects of time steps

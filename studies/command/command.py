@@ -43,7 +43,8 @@ from studies.pictures.scene import frame_of
 from studies.scenario import Scenario, load, schema
 from studies.scenario.reference import reference
 from studies.scenario.toml import scenario_file, written
-from studies.simulation.recorded import begin, try_remedies
+from studies.simulation.recorded import begin
+from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import REFUSALS, Moments, Simulation, prepare, timed
 from studies.status import FAILED, INTERRUPTED, REFUSED, SIGNALLED, UNSUPPORTED

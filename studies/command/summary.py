@@ -11,7 +11,8 @@ from studies.arrays import MILLI
 from studies.command.lines import print_lines
 from studies.lists import list_of, sentences
 from studies.output.columns import ENDS
-from studies.output.folder import Recorder, files_of
+from studies.output.folder import Recorder
+from studies.output.manifest import files_of
 from studies.output.records import Record
 from studies.output.remarks import Remark
 from studies.output.tally import Status

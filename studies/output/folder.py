@@ -17,43 +17,26 @@ readable.
 """
 
 import hashlib
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Generic, Self
+from typing import Any, Self
 
-import numpy as np
-
+from studies.output import manifest
 from studies.output.checkpoint import ANEW, changes, first_in_words, write_checkpoint
-from studies.output.columns import GAP_PROFILE, TABLES, Column, Layout, Row, headings
+from studies.output.columns import GAP_PROFILE, Layout
 from studies.output.fields import OrganTopology
-from studies.output.files import comma_separated, read_json, unfinished, write_bytes, write_json, write_text
+from studies.output.files import read_json, write_bytes, write_json, write_text
 from studies.output.lock import LOCK, foreign_file, refused
-from studies.output.provenance import LOG, provenance
+from studies.output.provenance import provenance
 from studies.output.records import Snapshot, StepRecord
 from studies.output.remarks import Remark, remark
-from studies.output.series import Series, frame_files, named_files, step_of
+from studies.output.series import Series, named_files, step_of
+from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import NEVER, Status, Tally
 from studies.scenario import Scenario, ScenarioError, dump
 from studies.scenario.toml import mesh_file, with_mesh_copy
 
-MARK = "provenance.json"  # the first file written
-SCENARIO = "scenario.toml"
-PROFILE = "gap_profile.csv"
-FOLDERS = ("frames", "mesh")  # in the folder of a run
-FILES = (
-    MARK,
-    SCENARIO,
-    "summary.json",
-    *(f"{layout.name}.csv" for layout in TABLES),
-    PROFILE,
-    "checkpoint.npz",
-    "results.pvd",
-    "picture.png",
-    LOG,
-)
 DURATION = "solve.duration"
 SHOWN = 3  # number of names of missing files in a message
 
@@ -81,8 +64,8 @@ class Recorder:
         self._pending: Callable[[], Snapshot] | None = None
         self.tally, self._recorded = tally, tally.begun  # last step in the tables
         if tally.begun == NEVER:
-            refuse_foreign(self.folder, scenario)
-            clear_run(self.folder)
+            manifest.refuse_foreign(self.folder, scenario)
+            manifest.clear(self.folder)
             self.provenance = _write_beginning(self.folder, scenario, methods or {})
         else:
             _refuse_lost_rows(self.folder, self._recorded, tables_of(scenario))
@@ -133,9 +116,9 @@ class Recorder:
                 table.close()
             self._outcome = status, error
             write_json(self.folder / "summary.json", self.summary(status, error))
-            write_json(self.folder / MARK, self._origin())
+            write_json(self.folder / manifest.MARK, self._origin())
             if self.tally.scenario.wounds and self.tally.last_step is not None:
-                write_bytes(self.folder / PROFILE, whole_table(GAP_PROFILE, self.tally.last_step.profile()))
+                write_bytes(self.folder / manifest.PROFILE, whole_table(GAP_PROFILE, self.tally.last_step.profile()))
 
     def remark(self, remark: Remark) -> None:
         """Add a remark on the files; an existing summary is updated."""
@@ -206,8 +189,8 @@ def can_resume(folder: Path | str, scenario: Scenario) -> bool:
     only a longer duration counts as the same.
     """
     folder = Path(folder)
-    before = read_manifest(folder)
-    if before is None or not holds_run(folder):
+    before = manifest.read(folder)
+    if before is None or not manifest.holds_run(folder):
         return False
     changed, (_, digests) = _changes(folder, scenario), _scenario_text(scenario)
     same_mesh = before.get("mesh_sha256") == digests.get("mesh_sha256")
@@ -245,7 +228,7 @@ def _changes(folder: Path, scenario: Scenario) -> dict[str, tuple[Any, Any]]:
 
     Raises `ScenarioError`.
     """
-    path = folder / SCENARIO
+    path = folder / manifest.SCENARIO
     try:
         return changes(path.read_text(encoding="utf-8"), _scenario_text(scenario)[0])
     except (OSError, ValueError, RecursionError) as error:
@@ -268,22 +251,22 @@ def check_folder(
     earlier values.
     """
     folder = Path(folder)
-    if read_manifest(folder) is None:
+    if manifest.read(folder) is None:
         _refuse_others(folder)
-    if holds_run(folder) and not resume:
+    if manifest.holds_run(folder) and not resume:
         _refuse_replacing(folder, [file, mesh_file(scenario) if scenario else None], overwrite)
     if scenario is not None:
-        refuse_foreign(folder, scenario)
-        if resume and holds_run(folder):
+        manifest.refuse_foreign(folder, scenario)
+        if resume and manifest.holds_run(folder):
             given = {key: values for key, values in _changes(folder, scenario).items() if values[1] is not None}
             _refuse_another(folder, scenario, given)
 
 
 def _refuse_others(folder: Path) -> None:
     """Refuse a folder that holds files but no manifest of this code."""
-    if other := foreign_file(folder, [MARK], known=False):
-        torn = (folder / MARK).exists()
-        also = f", and {MARK} is damaged or not from a run" if torn else ""
+    if other := foreign_file(folder, [manifest.MARK], known=False):
+        torn = (folder / manifest.MARK).exists()
+        also = f", and {manifest.MARK} is damaged or not from a run" if torn else ""
         raise refused(folder, f"it holds files that no run wrote ({other}{also}); give a new or empty folder")
 
 
@@ -308,13 +291,13 @@ def _write_beginning(folder: Path, scenario: Scenario, methods: Mapping[str, str
     folder.mkdir(parents=True, exist_ok=True)
     mesh = mesh_file(scenario)
     text, digests = _scenario_text(scenario)
-    origin = provenance() | {"methods": dict(methods)} | digests | {"files": files_of(scenario)}
-    _take_out(left_unfinished(folder, origin["files"]))
-    write_json(folder / MARK, origin)
+    origin = provenance() | {"methods": dict(methods)} | digests | {"files": manifest.files_of(scenario)}
+    _take_out(manifest.unfinished(folder, origin["files"]))
+    write_json(folder / manifest.MARK, origin)
     if mesh is not None:
         (folder / "mesh").mkdir(exist_ok=True)
         write_bytes(folder / "mesh" / mesh.name, mesh.read_bytes())
-    write_text(folder / SCENARIO, text)
+    write_text(folder / manifest.SCENARIO, text)
     return origin
 
 
@@ -327,12 +310,12 @@ def _take_out(paths: Iterable[Path]) -> None:
 
 def _write_continuation(folder: Path, scenario: Scenario) -> dict[str, Any]:
     """Remove an earlier end of the run, and note that the run continues."""
-    origin = read_manifest(folder) or {}
-    _take_out([folder / "summary.json", *left_unfinished(folder, origin.get("files", ()))])
+    origin = manifest.read(folder) or {}
+    _take_out([folder / "summary.json", *manifest.unfinished(folder, origin.get("files", ()))])
     text, digests = _scenario_text(scenario)
     origin |= digests | {"resumed": [*origin.get("resumed", []), provenance()]}
-    write_json(folder / MARK, origin)
-    write_text(folder / SCENARIO, text)
+    write_json(folder / manifest.MARK, origin)
+    write_text(folder / manifest.SCENARIO, text)
     return origin
 
 
@@ -344,160 +327,3 @@ def _scenario_text(scenario: Scenario) -> tuple[str, dict[str, str]]:
     copied, mesh = with_mesh_copy(scenario)
     text, digests = dump(copied), {"mesh_sha256": mesh} if mesh else {}
     return text, digests | {"scenario_sha256": hashlib.sha256(text.encode()).hexdigest()}
-
-
-# --- tables in CSV that grow by whole lines after each step, so a killed run leaves whole rows ----------------
-
-
-class CsvFile(Generic[Row]):
-    """A CSV file that grows by whole lines."""
-
-    def __init__(self, path: Path, columns: Sequence[Column[Row]], last_step: int = -1) -> None:
-        """``last_step``: rows up to this step are kept, for a resumed run."""
-        self._columns = columns
-        self._end = len(b"".join(rows_until(path, last_step))) if last_step >= 0 else 0
-        self._file = path.open("r+b" if self._end else "wb", buffering=0)
-        self._file.truncate(self._end)
-        self._file.seek(self._end)
-        if not self._end:
-            self._write(head_of(columns))
-
-    def append(self, rows: Iterable[Row]) -> None:
-        """Append rows in one write; on a full disk, append none."""
-        if data := lines_of(self._columns, rows):
-            self._write(data)
-
-    def close(self) -> None:
-        self._file.close()
-
-    def _write(self, data: bytes) -> None:
-        try:
-            if self._file.write(data) != len(data):
-                raise OSError(f"{self._file.name} cannot grow: the disk is full; free disk space")
-        except OSError:
-            self._file.truncate(self._end)
-            self._file.seek(self._end)
-            raise
-        self._end += len(data)
-
-
-def lines_of(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
-    """Return the lines of rows.
-
-    Numbers have all their digits, so that reading gives the same bits.
-    """
-    return comma_separated([cell for column in columns for cell in cells_of(column, row)] for row in rows).encode()
-
-
-def cells_of(column: Column[Row], row: Row) -> list[Any]:
-    """Return the cells of a column in a row, for a vector one for each component."""
-    value: Any = column.of(row)
-    if column.parts:
-        return np.asarray(value, dtype=np.float64).tolist()
-    return [float(value) if column.kind == "number" and value is not None else value]
-
-
-def whole_table(columns: Sequence[Column[Row]], rows: Iterable[Row]) -> bytes:
-    """Return a complete table as bytes."""
-    return head_of(columns) + lines_of(columns, rows)
-
-
-def head_of(columns: Iterable[Column[Any]]) -> bytes:
-    """Return the first line of a table."""
-    return comma_separated([headings(columns)]).encode()
-
-
-def rows_until(path: Path, step: int) -> list[bytes]:
-    """Read a table's head and its rows up to a step, as whole lines.
-
-    The step is the second column of every table.
-
-    Raises `ValueError` for a row without a step there, and `IndexError` for a row without a second
-    column.
-    """
-    head, *rows = path.read_bytes().splitlines(keepends=True)
-    return [head, *(row for row in rows if row.endswith(b"\n") and int(row.split(b",")[1]) <= step)]
-
-
-def tables_of(scenario: Scenario) -> list[Layout[Any]]:
-    """List the tables that a run of the scenario writes."""
-    organ = scenario.tissue
-    absent = {"ties": not scenario.tie, "loads": organ is None or not organ.load, "tracts": not scenario.tract}
-    absent |= dict.fromkeys(("contact", "stitches"), not scenario.wounds)
-    return [layout for layout in TABLES if not absent.get(layout.name)]
-
-
-# --- the manifest, ``provenance.json``: the list of the files that belong to the run --------------------------
-# A folder belongs to a run only if it holds a manifest of this code. Files outside the manifest, except frames, belong
-# to the user: they are neither removed nor overwritten.
-
-
-def files_of(scenario: Scenario) -> list[str]:
-    """List the files that a run of the scenario writes, without its frames."""
-    absent = {f"{layout.name}.csv" for layout in TABLES} - {f"{layout.name}.csv" for layout in tables_of(scenario)}
-    absent |= set() if scenario.wounds else {PROFILE}
-    mesh = mesh_file(scenario)
-    return [name for name in FILES if name not in absent] + ([] if mesh is None else [f"mesh/{mesh.name}"])
-
-
-def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Read the manifest of a folder; None if the folder has no manifest of this code."""
-    found = read_json(folder / MARK)
-    return found if "suturefem" in found and isinstance(found.get("files"), list) else None
-
-
-def holds_run(folder: Path) -> bool:
-    """Return whether a folder holds a run, finished or not.
-
-    False if the run stopped before it wrote its scenario.
-    """
-    return read_manifest(folder) is not None and (folder / SCENARIO).is_file()
-
-
-def own_files(folder: Path) -> list[Path]:
-    """List the files of the run in a folder, with the manifest.
-
-    The temporary files of a killed run are included.
-    """
-    listed = (read_manifest(folder) or {}).get("files", [])
-    known = [name for name in listed if name in FILES or re.fullmatch(r"mesh/[^/\\]+", str(name))]
-    frames = frame_files(folder / "frames") if known else []
-    return [*(folder / name for name in known), *frames, *left_unfinished(folder, known)]
-
-
-def left_unfinished(folder: Path, known: Iterable[str] = ()) -> list[Path]:
-    """List the temporary files of a killed run with the names `known`, and its lock."""
-    names = {MARK, *(Path(name).name for name in known)}
-    found = [path for place in (folder, folder / "mesh") for path in unfinished(place, names)]
-    return [*found, *folder.glob(LOCK)]
-
-
-def refuse_foreign(folder: Path, scenario: Scenario) -> None:
-    """Raise `ScenarioError` if a run of the scenario would overwrite files that no run wrote."""
-    refuse_links(folder, FOLDERS)
-    own = set(own_files(folder))
-    lost = [name for name in files_of(scenario) if (folder / name).exists() and folder / name not in own]
-    if lost:
-        remedy = "move your files, or give a new or empty folder"
-        raise refused(folder, f"a run would overwrite {', '.join(lost)}, which no run wrote; {remedy}")
-
-
-def refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` if a folder inside is a link.
-
-    The target of a link does not belong to the run.
-    """
-    for name in names:
-        if (folder / name).is_symlink():
-            remedy = "replace the link by that folder, or give a new or empty folder"
-            raise refused(folder, f"{name} in it is a link to another folder; {remedy}")
-
-
-def clear_run(folder: Path) -> None:
-    """Remove the files of a run from a folder, except its manifest and the lock."""
-    for path in own_files(folder):
-        if path.name not in (MARK, LOCK):
-            path.unlink(missing_ok=True)
-    for name in FOLDERS:
-        with suppress(OSError):  # it is missing, or holds files of the user
-            (folder / name).rmdir()

@@ -24,7 +24,7 @@ from studies.extras import installation
 from studies.output.columns import TABLES, UNITS, Quantity, headed, quantities
 from studies.output.fields import OrganTopology
 from studies.output.files import read_json
-from studies.output.folder import MARK, SCENARIO, holds_run
+from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.series import is_whole, named_files, part_of, step_of
 from studies.scenario import Scenario
 from studies.scenario.refusal import nearest

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from studies.figure import COLOURS
 from studies.output.columns import HOLE_SUMMARY, headed
 from studies.output.files import as_json, read_json, unfinished, write_text
-from studies.output.folder import holds_run
+from studies.output.manifest import holds_run
 from studies.output.reading import OpenRun, ResultsError, Table, open_run, read_table
 from studies.pictures.view import ARROW, MARKER, PRESSURE, TENSION, TISSUE
 from studies.report import page

@@ -1,17 +1,16 @@
-"""A run: the steps of a scenario in order, each with its record, by itself or by a host program."""
+"""A run: the steps of a scenario in order, each with its record."""
 
-from array import array
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from time import perf_counter
-from typing import Any, Literal, TypeGuard, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import skfem
-from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import ThreadpoolController, threadpool_limits
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 import tissue
 from coupling.errors import FormingError, StepError, UnbalancedError
@@ -40,7 +39,7 @@ from studies.scenario.refusal import because
 from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.scenario.stitch import with_origin
-from studies.scenario.table import refuse, refused
+from studies.scenario.table import refused
 from studies.simulation.assembly import Assembly, assemble, bounds_of, marks_of, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall
@@ -48,17 +47,14 @@ from studies.simulation.organ import lip_gaps
 from studies.simulation.recording import lip_fields, own_holes, step_record, thread_record
 from studies.simulation.remarks import foreseen, met
 from studies.simulation.sharing import Shared, start_key
+from studies.simulation.stepper import Stepper, WhichEnd
 from studies.simulation.tracts import of_piercings
-from thread.ends import Clamped, Driven, End, Fixed
 from thread.errors import ThreadError
 
 Made = TypeVar("Made")
 REFUSALS = (ScenarioError, MeshError, tissue.TissueError, ThreadError)  # of input, before the first step
-WhichEnd = Literal["start", "end"]
 OnStep = Callable[[StepRecord], None]
 Moments = Iterator[tuple[StepRecord, Callable[[], Snapshot]]]  # steps, each with a function that makes its frame
-ENDS: tuple[WhichEnd, WhichEnd] = ("start", "end")
-LATE = 99.0  # per cent of the steps
 AT_ONCE = 50  # largest number of steps before they are recorded: the user cannot see or stop steps before
 
 
@@ -76,130 +72,6 @@ def timed(make: Callable[[], Made], compiles: bool) -> tuple[Made, float]:
     with install_timer("numba:compile", compiling.append):
         result = make()
     return result, perf_counter() - began - sum(compiling)
-
-
-@dataclass(frozen=True)
-class Forces:
-    """Forces after a step [N].
-
-    `hand` (3,) is the force of the thread on the hand. `other` (3,) is its force on the holder of
-    the other end, zero without a holder. `piercings` (p, 3) are the forces of the holes on the
-    thread, zero for a hole without thread.
-    """
-
-    hand: Array
-    other: Array
-    piercings: Array
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Wall-clock times of the steps so far [s], and the number of steps above their deadline."""
-
-    steps: int
-    median: float
-    late: float  # 99 % of the steps took less
-    worst: float
-    missed: int
-
-    def __str__(self) -> str:
-        median, late, worst = (1e3 * seconds for seconds in (self.median, self.late, self.worst))
-        return (
-            f"{self.steps} steps: median {median:.3g} ms, 99th percentile {late:.3g} ms, longest {worst:.3g} ms, "
-            f"{self.missed} late"
-        )
-
-
-def is_led(end: End) -> TypeGuard[Driven | Fixed]:
-    """Return whether an end is held by its place only, so that a hand can move it."""
-    return isinstance(end, Driven | Fixed) and not isinstance(end, Clamped)
-
-
-class Stepper:
-    """A run stepped by a host program, for example a haptic loop. Made by `Simulation.stepper`.
-
-        stepper = prepare(scenario).stepper()
-        while …:
-            forces = stepper.step(1e-3, hand)
-
-    `end` is the end of the thread that the host moves; the scenario must hold it by its place,
-    driven or fixed. Other events of the scenario continue. `deadline` [s] is the longest time of a
-    step; None is the simulated time of the step. Raises `ScenarioError` for statics, for an end
-    without a prescribed place, for an unknown end, and for a deadline below 0 s.
-    """
-
-    def __init__(self, simulation: "Simulation", end: WhichEnd, deadline: float | None) -> None:
-        scenario = simulation.scenario
-        refuse(end not in ENDS, "end", end, "end-unknown")
-        refuse(deadline is not None and not deadline >= 0.0, "deadline", deadline, "deadline")
-        refuse(scenario.solve.kind == "static", "solve.kind", "static", "stepper-static")
-        self._simulation, self._side, self._deadline = simulation, ENDS.index(end), deadline
-        self._now = simulation.beginning()
-        if not is_led(self._now.system.ends[self._side]):
-            raise refused(f"thread.{end}.kind", getattr(scenario.thread, end).kind, "end-free")
-        self._seconds, self._missed = array("d"), 0
-        self._threads = ThreadpoolController()
-
-    @property
-    def time(self) -> float:
-        """Time reached [s]."""
-        return self._now.state.time
-
-    @property
-    def record(self) -> StepRecord:
-        """The record of the last step."""
-        return self._simulation.record(self._now, self._seconds[-1] if self._seconds else 0.0)
-
-    def frame(self) -> Snapshot:
-        """Return the snapshot of the state."""
-        return self._simulation.snapshot(self._now)
-
-    @property
-    def forces(self) -> Forces:
-        """The forces of the last step, zero before the first step."""
-        state = self._now.state
-        reaction = -state.reaction[:, :3]
-        holes = len(self._now.system.piercings)
-        return Forces(reaction[self._side], reaction[1 - self._side], state.lam[:holes, :3])
-
-    @property
-    def timing(self) -> Timing:
-        """Times of the steps so far. Raises `ValueError` before the first step."""
-        if not self._seconds:
-            raise ValueError("no step was taken yet, so no times are known; take a step")
-        seconds = np.frombuffer(self._seconds)
-        median, late = np.percentile(seconds, [50.0, LATE])
-        return Timing(len(seconds), float(median), float(late), float(seconds.max()), self._missed)
-
-    def step(self, dt: float, end_position: ArrayLike) -> Forces:
-        """Advance by `dt` [s], and return the forces.
-
-        The hand moves at constant speed to `end_position` (3,) [m]. A failed step leaves the run
-        unchanged, so that the host can try another. Raises `ValueError` for an invalid place or
-        time, and `StepError`, `ConstraintError`, `InversionError`, `FormingError`.
-        """
-        began = perf_counter()
-        try:
-            place, length = np.asarray(end_position, dtype=float), float(dt)
-        except (TypeError, ValueError):
-            place, length = np.empty(0), 0.0
-        if place.shape != (3,) or not np.all(np.isfinite(place)) or not 0.0 < length < np.inf:
-            raise ValueError(f"dt = {dt!r} s, end_position = {end_position!r}: {because('hand-place')}")
-        with self._threads.limit(limits=1, user_api="blas"):
-            self._now = self._led(length, place).steps(length, 1)
-        forces = self.forces
-        seconds = perf_counter() - began
-        self._seconds.append(seconds)
-        self._missed += seconds > (length if self._deadline is None else self._deadline)
-        return forces
-
-    def _led(self, dt: float, place: Array) -> OrganRun:
-        """Return the run with a hand that moves the end to `place` within `dt` [s]."""
-        run, here = self._now, self._now.state.time
-        held = run.system.ends[self._side]
-        assert is_led(held)
-        led = np.array([[here, *np.asarray(held.position(here))], [here + dt, *place]])
-        return replace(run, system=run.system.led(self._side, Driven(led, turn=held.turn)))
 
 
 @dataclass(frozen=True)
@@ -369,7 +241,7 @@ class Simulation:
         `deadline` [s] is the longest time of a step; None is the simulated time of the step. Raises
         `ScenarioError`.
         """
-        return Stepper(self, end, deadline)
+        return Stepper(self.scenario, self.beginning, self.record, self.snapshot, end, deadline)
 
     def beginning(self) -> OrganRun:
         """Return the run before the first step.

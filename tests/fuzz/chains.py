@@ -29,10 +29,10 @@ import os, signal, sys
 from pathlib import Path
 sys.path[:0] = [{root!r}]
 from studies.command import command
-from studies.output import files, folder
+from studies.output import files, tables
 
 count = 0
-replace, write, write_bytes = os.replace, folder.CsvFile._write, Path.write_bytes
+replace, write, write_bytes = os.replace, tables.CsvFile._write, Path.write_bytes
 
 def event():
     global count
@@ -59,7 +59,7 @@ def dying_write_bytes(path, data):
         die()
     return write_bytes(path, data)
 
-files.os.replace, folder.CsvFile._write, Path.write_bytes = dying_replace, dying_write, dying_write_bytes
+files.os.replace, tables.CsvFile._write, Path.write_bytes = dying_replace, dying_write, dying_write_bytes
 status = command.main({words!r})
 sys.stderr.write(f"\\n{{count}}")
 sys.exit(status)

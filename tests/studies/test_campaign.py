@@ -15,7 +15,7 @@ from studies.campaign.study import AGREED, ALIKE, TELLING, Row, apart, figure, r
 from studies.scenario import parse
 from studies.simulation import Simulation
 from studies.study import AT_WORK
-from studies.sweeps.sweep import Result, run_case
+from studies.sweeps.case import Result, run_case
 
 
 def test_a_case_follows_from_the_seed_and_its_number_alone() -> None:

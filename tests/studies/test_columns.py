@@ -45,13 +45,13 @@ from studies.output.columns import (
 )
 from studies.output.fields import ThreadRecord
 from studies.output.files import write_json
-from studies.output.folder import CsvFile
 from studies.output.records import (
     LoadRecord,
     StepRecord,
     StitchRecord,
     TractRecord,
 )
+from studies.output.tables import CsvFile
 from tests.studies.samples import contact, frame, step
 
 UNITS = {"-", "s", "m", "m/s", "1/m", "rad", "N", "N m", "N/m", "N s", "J", "Pa", "m²", "m³"}

@@ -18,9 +18,11 @@ import pyvista as pv
 
 from studies.output.columns import Column
 from studies.output.files import write_json, write_text
-from studies.output.folder import MARK, CsvFile, Recorder, check_folder
+from studies.output.folder import Recorder, check_folder
 from studies.output.lock import locked
+from studies.output.manifest import MARK
 from studies.output.provenance import provenance
+from studies.output.tables import CsvFile
 from studies.output.tally import Tally
 from studies.scenario import ScenarioError, load, parse
 from studies.scenario.toml import tables
@@ -202,7 +204,7 @@ import resource, sys
 sys.path[:0] = [{root!r}]
 from pathlib import Path
 from studies.output.columns import Column
-from studies.output.folder import CsvFile
+from studies.output.tables import CsvFile
 from studies.output.files import write_text
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 table = CsvFile(Path({path!r}), [Column("number", "-", "", lambda number: number, kind="whole")])

@@ -18,9 +18,9 @@ from coupling.step.tables import OVER
 from studies.command.command import main
 from studies.command.progress import TERMINAL, Progress, Stages, stages
 from studies.output.columns import CONTACTS, LOADS
-from studies.output.folder import CsvFile
 from studies.output.reading import ResultsError, open_run, read_table, topology_of
 from studies.output.records import LoadRecord, Record
+from studies.output.tables import CsvFile
 from studies.pictures import looking, section
 from studies.pictures.camera import CLEAR, camera_on, label_places, scale_bar
 from studies.pictures.scene import frame_of

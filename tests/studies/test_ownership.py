@@ -16,10 +16,11 @@ from types import SimpleNamespace
 import pytest
 
 from studies.command import command, start
-from studies.output import budget
+from studies.output import budget, manifest
 from studies.output.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
-from studies.output.folder import MARK, Recorder, can_resume, check_folder, completed_run, files_of, read_manifest
+from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import LOCK, locked
+from studies.output.manifest import MARK, files_of
 from studies.output.provenance import LOG, ROOT
 from studies.output.tally import Tally
 from studies.scenario import Scenario, ScenarioError, load, parse, schema
@@ -120,7 +121,7 @@ def test_a_folder_inside_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
 def test_a_manifest_names_what_a_run_writes(tmp_path: Path) -> None:
     """Consistency check: all that is there after a run, but frames, and a manifest that names strange files gives no
     leave to remove them."""
-    found = read_manifest(recorded(tmp_path / "out"))
+    found = manifest.read(recorded(tmp_path / "out"))
     assert found is not None
     there = {path.name for path in (tmp_path / "out").iterdir() if path.is_file()}
     assert there - set(found["files"]) == set()

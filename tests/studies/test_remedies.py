@@ -16,7 +16,7 @@ from studies.output.records import Snapshot, StepRecord
 from studies.scenario import Scenario, ScenarioError
 from studies.scenario.scenario import parse
 from studies.scenario.toml import changed, dump, parsed, tables
-from studies.simulation.recorded import MOST, PAST, remedies, try_remedies
+from studies.simulation.remedies import MOST, PAST, remedies, try_remedies
 from suturefem import load, prepare
 from tests.studies.samples import Stub, framing, step
 

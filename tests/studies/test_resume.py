@@ -18,7 +18,8 @@ import pyvista as pv
 
 from studies.command import command
 from studies.output.checkpoint import CHECKPOINT, changes, first_in_words, read_checkpoint, sealed, write_checkpoint
-from studies.output.folder import MARK, Recorder, can_resume
+from studies.output.folder import Recorder, can_resume
+from studies.output.manifest import MARK
 from studies.output.records import StepRecord
 from studies.output.tally import Tally
 from studies.scenario import ScenarioError, dump, load, parse
@@ -128,13 +129,13 @@ DYING = """
 import os, signal, sys
 sys.path[:0] = [{root!r}]
 from studies.command import command
-from studies.output import files, folder
+from studies.output import files, tables
 
 def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 seen = {{"rename": 0, "row": 0}}
-rename, append = os.replace, folder.CsvFile.append
+rename, append = os.replace, tables.CsvFile.append
 
 def dying_rename(source, target):
     seen["rename"] += 1
@@ -153,7 +154,7 @@ def dying_append(table, rows):
         die()
     append(table, rows)
 
-files.os.replace, folder.CsvFile.append = dying_rename, dying_append
+files.os.replace, tables.CsvFile.append = dying_rename, dying_append
 command.main(["run", {file!r}, "--out", {out!r}, "--quiet", "--no-picture"])
 """
 
@@ -280,15 +281,15 @@ def test_a_table_that_cannot_grow_is_a_failed_run_that_goes_on(file: Path, whole
     script = (
         f"import resource, sys; sys.path[:0] = [{str(ROOT)!r}]\n"
         "from studies.command import command\n"
-        "from studies.output import folder\n"
-        "append = folder.CsvFile.append\n"
+        "from studies.output import tables\n"
+        "append = tables.CsvFile.append\n"
         "def limited(table, rows):\n"
         "    if table._file.name.endswith('piercings.csv'):\n"
         f"        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))\n"
         "    try:\n        append(table, rows)\n"
         "    finally:\n"
         "        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))\n"
-        "folder.CsvFile.append = limited\n"
+        "tables.CsvFile.append = limited\n"
         f"sys.exit(command.main(['run', {str(file)!r}, '--out', {str(out)!r}, '--quiet', '--no-picture']))\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)

@@ -16,7 +16,7 @@ from studies.output.records import StepRecord
 from studies.scenario import Scenario, ScenarioError, parse
 from studies.scenario.scenario import RAMP
 from studies.simulation import prepare
-from studies.simulation.recorded import try_remedies
+from studies.simulation.remedies import try_remedies
 from tests.bounds import MOVED, RESIDUAL, SWING, TWO_SOLVERS
 
 PULL, G = 0.1, 9.81

@@ -35,21 +35,10 @@ from studies.simulation import assembly, prepare
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Simulation
 from studies.sweeps import sweep as sweeps
+from studies.sweeps.case import MODULES, PACKAGES, ROOMS, Result, run_case, source_files
 from studies.sweeps.figure import DASHES
 from studies.sweeps.figure import figure as drawn_figure
-from studies.sweeps.sweep import (
-    MODULES,
-    PACKAGES,
-    ROOMS,
-    Result,
-    SweepProgress,
-    paired,
-    parse_over,
-    read_table,
-    run_case,
-    source_files,
-    sweep,
-)
+from studies.sweeps.sweep import SweepProgress, paired, parse_over, read_table, sweep
 from studies.sweeps.table import Column, drawn_columns, table_of
 from studies.workers import Workers, WorkersError, in_order, in_processes, in_turn, on_cluster, workers_of
 from tests.bounds import IDENTITY
@@ -235,7 +224,7 @@ def test_many_tensions_pay_for_one_organ(tmp_path: Path, monkeypatch: pytest.Mon
         (Simulation, "organ_record"),
     ):
         count(where, name)
-    monkeypatch.setattr("studies.sweeps.sweep.KEPT", Shared())
+    monkeypatch.setattr("studies.sweeps.case.KEPT", Shared())
     table = sweep(changed(ORGAN, {"solve": ONE_STEP}), {"thread.start.force.0": [-0.1, -0.15, -0.2]}, tmp_path)
     assert table["exit_status"].values == (0, 0, 0)
     once = dict.fromkeys(("organ_mesh", "start", "thread_of", "compliance"), 1)
