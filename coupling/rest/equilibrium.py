@@ -94,6 +94,7 @@ DRIFTS = 30  # additional equilibria of a load step, at most, until a floating b
 DRAGGED = 1e-10  # of the forces on a floating body: allowed remaining drag
 ROUNDS = 40  # of corrections, each starting with knots that fit; a thread that runs out of a hole takes 12
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times the number for the scene "pulley"
+TOLD = 100  # corrections between two messages: a usual load step takes fewer
 DOWN = 2  # rounds downhill before a round of Newton's method
 REFITS = 4  # additional equilibria, at most, until the packets of travelling knots fit
 LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
@@ -545,7 +546,12 @@ def load_steps(
     left = iter(range(MOST_CORRECTIONS))
 
     def count() -> None:
-        if next(left, None) is None:
+        number = next(left, None)
+        if number and number % TOLD == 0:
+            log.info(
+                "%d of at most %d corrections so far to %.4g %% of the loads", number, MOST_CORRECTIONS, 100.0 * share
+            )
+        if number is None:
             doing = what_it_does(system, state)
             raise SpentError(state.time, share, MOST_CORRECTIONS, *doing, remedy=remedy_for(system, state))
 

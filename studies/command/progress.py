@@ -14,7 +14,7 @@ REFRESH = 0.1  # s between two drawings on a terminal
 TERMINAL = 79  # characters of a line that is overwritten
 PACKAGES = ("tissue", "coupling", "studies")  # packages that log their stages
 LOOP_LOGGERS = ("coupling.step.tables", "coupling.run.course")  # these log compilation
-STEP_LOGGERS = (*LOOP_LOGGERS, "coupling.run.run", "tissue.organs.krylov")  # also rest and whole organs
+STEP_LOGGERS = (*LOOP_LOGGERS, "coupling.run.run", "coupling.rest.equilibrium", "tissue.organs.krylov")
 TENTHS = 10  # number of plain lines if the output is not a terminal
 
 

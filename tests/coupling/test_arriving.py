@@ -1,5 +1,6 @@
 """Steps that arrive or end in words: a thread pulled taut, parts of a step, and loads that nothing balances."""
 
+import logging
 from dataclasses import replace
 from typing import Any
 
@@ -302,3 +303,14 @@ def test_a_load_step_that_goes_on_for_ever_ends_in_words(monkeypatch: pytest.Mon
     monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 1)
     with pytest.raises(SpentError, match=r"under 100 % of the loads in 1 corrections.*'hole'; .*solve.load_steps"):
         load_step(system, state, 1.0, 1.0)
+
+
+def test_a_long_load_step_says_how_far_it_is(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: one line for every so many corrections, and none for a load step that takes fewer."""
+    system, state = through_a_hole((Fixed(ORIGIN), Pulled(0.2 * X)))
+    with caplog.at_level(logging.INFO, logger=equilibrium.__name__):
+        load_step(system, state, 1.0, 1.0)
+        assert "corrections so far" not in caplog.text
+        monkeypatch.setattr(equilibrium, "TOLD", 1)
+        load_step(system, state, 1.0, 1.0)
+    assert "1 of at most 4000 corrections so far to 100 % of the loads" in caplog.text
