@@ -23,12 +23,8 @@ Body = TypeVar("Body")
 # For an organ without inertia: its elastic energy under weight and loads alone [J], the displacement of the sites by
 # these, and the forces on the sites [N, N m], `(9p,)` each.
 SteadyLoads = tuple[float, Array, Array]
-# `ModalArrays`, for an organ in modes of stiffness one, of which the first r move the sites and the others check them:
-# masses and loads (n,); displacement by the site forces in a step, W (n, 9p); Y (9p, r), y0 (9p,); residual of the
-# check per acceleration of the other modes (k, n − r); Rayleigh's α [1/s] and β [s]. If all modes move the sites, the
-# residual is for all modes (k, n); its tolerances follow, relative to the largest forces, and by round-off [√J];
-# otherwise zeros.
-# The motion: η, η̇, η̈ (n,), the forces on the sites (9p,), and the residual of the check or the largest forces so far.
+# The motion of an organ in modes (`ModalArrays`): η, η̇, η̈ (n,), the forces on the sites (9p,), and the residual of
+# the check or the largest forces so far.
 ModalMotion = tuple[Array, Array, Array, Array, float]
 
 

@@ -820,3 +820,12 @@ def test_the_provenance_names_the_methods(scene: Path, tmp_path: Path) -> None:
     assert methods["solver"] in ("superlu", "cholmod", "pardiso", "multigrid")
     assert (methods["kind"], methods["scheme"], methods["newton"]) == ("static", "newton", "numpy")
     assert found["packages"].keys() >= {"numpy", "scipy", "scikit-fem", "pyamg", "psutil", "threadpoolctl"}
+
+
+def test_every_bound_is_used_and_every_use_has_a_bound() -> None:
+    """Independent check: the names of bounds in the code, which no type checker sees, are those of the list."""
+    root, used, names = Path(__file__).parents[2], set[str](), set(vars(bounds))
+    for path in (root / "studies").rglob("*.py"):
+        used |= set(re.findall(r"\bbounds\.([A-Z_]+)\b", path.read_text(encoding="utf-8")))
+    worded = set(re.findall(r"\{([A-Z_]+)[:}]", (root / "studies" / "output" / "remarks.toml").read_text("utf-8")))
+    assert used | worded == names

@@ -150,8 +150,9 @@ class TimeScheme(Protocol):
 class OrganEnergies(NamedTuple):
     """Energies at the end of a step, and works during the step [J].
 
-    `friction` is the dissipation of contact friction. `prestretch` is the energy of a prestretch in
-    the reference shape.
+    `numerical` is the loss by the integrator, with −p⁺·Δg of the contact forces p⁺ at the end of
+    the step. `friction` is the dissipation of contact friction. `prestretch` is the energy of a
+    prestretch in the reference shape.
     """
 
     kinetic: float

@@ -30,8 +30,11 @@ from tissue.recent import Recent
 from tissue.sites.site import Sites
 from tissue.solvers.choice import SolverChoice
 
-# The data with which a kernel makes steps: masses and loads (n,), W (n, 9p), Y, y0 and R, Rayleigh's α and β, and two
-# bounds of the residual.
+# The data with which a kernel makes steps of an organ in modes of stiffness one. The first r modes move the sites, and
+# the others check them. Masses and loads (n,); displacement by the site forces in a step, W (n, 9p); Y (9p, r), y0
+# (9p,); residual of the check per acceleration of the other modes (k, n − r); Rayleigh's α [1/s] and β [s]. If all
+# modes move the sites, the residual is for all modes (k, n), and its tolerances follow, relative to the largest forces
+# and by round-off [√J]; otherwise zeros.
 ModalArrays = tuple[Array, Array, Array, Array, Array, Array, float, float, float, float]
 
 
