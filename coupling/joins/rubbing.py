@@ -147,12 +147,11 @@ def projected(law: Law, P: Array, c: Array) -> Array:
     return np.concatenate([np.maximum(push, 0.0), (share[:, None] * b).ravel()])
 
 
-def violation(law: Law, P: Array, c_open: Array) -> tuple[float, float]:
-    """Return the norm of what violates the law in P [N], and its largest part of the largest force [-].
-
-    `c_open` and P have shape `(k + 2m,)`, as for `find_forces`.
+def violation(law: Law, P: Array, c: Array) -> tuple[float, float]:
+    """Return the norm of what violates the law in P at the gaps and slips `c` [N], and its largest
+    part of the largest force [-].
     """
-    lawful = projected(law, P, c_open + law.C @ P)
+    lawful = projected(law, P, c)
     wrong, largest = P - lawful, max(np.abs(P).max(), np.abs(lawful).max(), TINY)
     return float(np.linalg.norm(wrong)), float(np.abs(wrong).max() / largest)
 
@@ -175,11 +174,12 @@ def find_forces(law: Law, c_open: Array, pressed: Flags, rubbing: Rubbing) -> tu
     """
     P, last, violations = forces_by_tangent(law, pressed, rubbing, c_open), np.inf, list[float]()
     for number in range(CORRECTIONS):
-        wrong, off = violation(law, P, c_open)
+        c = c_open + law.C @ P
+        wrong, off = violation(law, P, c)
         if off == 0.0 or BETTER * last <= off <= LAW:
             return pressed, rubbing, P
         violations.append(wrong)
-        (pressed, rubbing), last = active_sets(law, P, c_open + law.C @ P), off
+        (pressed, rubbing), last = active_sets(law, P, c), off
         bound = max(violations[-LATEST if number < LENIENT else -1 :])
         P = on_the_way(law, c_open, P, forces_by_tangent(law, pressed, rubbing, c_open), bound)
     raise OrganError(f"no forces of {law.k} pairs in contact obey Coulomb's law; use shorter steps, or less friction")
@@ -191,7 +191,7 @@ def on_the_way(law: Law, c_open: Array, P: Array, new: Array, bound: float) -> A
     After the shortest part the search ends without this condition.
     """
     share, tried = 1.0, new
-    while share > SHORTEST and not violation(law, tried, c_open)[0] < bound:
+    while share > SHORTEST and not violation(law, tried, c_open + law.C @ tried)[0] < bound:
         share *= 0.5
         tried = P + share * (new - P)
     return tried

@@ -94,7 +94,7 @@ DRIFTS = 30  # additional equilibria of a load step, at most, until a floating b
 DRAGGED = 1e-10  # of the forces on a floating body: allowed remaining drag
 ROUNDS = 40  # of corrections, each starting with knots that fit; a thread that runs out of a hole takes 12
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times the number for the scene "pulley"
-TOLD = 100  # corrections between two messages: a usual load step takes fewer
+REPORTED = 100  # corrections between two messages: a usual load step takes fewer
 DOWN = 2  # rounds downhill before a round of Newton's method
 REFITS = 4  # additional equilibria, at most, until the packets of travelling knots fit
 LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
@@ -547,7 +547,7 @@ def load_steps(
 
     def count() -> None:
         number = next(left, None)
-        if number and number % TOLD == 0:
+        if number and number % REPORTED == 0:
             log.info(
                 "%d of at most %d corrections so far to %.4g %% of the loads", number, MOST_CORRECTIONS, 100.0 * share
             )
@@ -619,14 +619,12 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
-    elif turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN:
-        return replace(step, snapped=True)
-    if not system.organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ):
+        if has_jumped(system.organ, step):
+            cause = "the tissue jumped over an energy barrier to another branch"
+            raise StepError(step.old.time, step.dt, cause)
         return step
-    if depth < DEEPEST:
-        cause = "the tissue jumped over an energy barrier to another branch"
-        raise StepError(step.old.time, step.dt, cause)
-    return replace(step, snapped=True)
+    turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
+    return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
 
 
 def refuse_folding(step: Step[Body]) -> None:
@@ -638,6 +636,11 @@ def refuse_folding(step: Step[Body]) -> None:
     was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
     if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
         raise StepError(step.old.time, step.dt, "the thread folded back on itself within a span")
+
+
+def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
+    """Return whether tissue at finite strain passed an energy barrier in a step."""
+    return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
 def without_equilibrium(error: StepError | InversionError | TogetherError, share: float) -> CouplingError:

@@ -311,6 +311,6 @@ def test_a_long_load_step_says_how_far_it_is(caplog: pytest.LogCaptureFixture, m
     with caplog.at_level(logging.INFO, logger=equilibrium.__name__):
         load_step(system, state, 1.0, 1.0)
         assert "corrections so far" not in caplog.text
-        monkeypatch.setattr(equilibrium, "TOLD", 1)
+        monkeypatch.setattr(equilibrium, "REPORTED", 1)
         load_step(system, state, 1.0, 1.0)
     assert "1 of at most 4000 corrections so far to 100 % of the loads" in caplog.text

@@ -1,10 +1,13 @@
 """Coulomb friction of surfaces that press on one another: the law and its tangent, a slope, patches, what is taken."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import tissue
 from coupling.joins import rubbing
+from coupling.joins.contact import Contact, is_lawful
 from coupling.joins.rubbing import Law, active_sets, find_forces, law_of_pairs, projected, rows_of, stuck
 from tests.bounds import IDENTITY, RESIDUAL, TWO_SOLVERS
 from tests.tissue.rubbed import at_rest_on, bear_uniform_strain, motion, on_slope, rough_cubes
@@ -163,6 +166,14 @@ def test_surfaces_that_bear_too_little_slip_as_a_whole() -> None:
     again = organ.lips(at_rest_on(organ, (state,)))  # nothing moves on: what slipped sticks, and bears the same
     assert np.abs(again.friction - lips.friction).max() <= 1e-6 * np.abs(lips.friction).max()
     assert np.abs(again.slide - lips.slide).max() <= 1e-9 * lips.slide.max()
+
+
+def test_open_surfaces_do_not_need_their_compliance() -> None:
+    """Independent check: without forces no gap is negative by the law; the compliance would take solves."""
+    nothing = SimpleNamespace()  # it has no compliance
+    for gap, lawful in ((1e-6, True), (0.0, True), (-1e-6, False)):
+        contact: Contact = Contact(np.array([1e-3, gap, 0.0, 0, 0, 0]), np.zeros((6, 0)), nothing, np.full(2, MU))
+        assert is_lawful(contact, np.zeros(2, dtype=bool), contact.stuck, np.zeros(0)) is lawful
 
 
 def test_without_friction_nothing_is_remembered() -> None:
