@@ -32,6 +32,7 @@ from studies.simulation.sharing import Shared, body_key, reduction_key
 from tissue.materials.density import Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
+from tissue.organs.finite import KEEP, keep_at_rest
 from tissue.solvers.direct import LIBRARIES
 
 log = logging.getLogger(__name__)
@@ -71,8 +72,9 @@ def organ_of(
     relaxation = relaxation_of(scenario.tissue, body)
     if scenario.tissue.material != "linear":
         hyper = hyperelasticity_of(scenario.tissue, body, given)
-        damping = scenario.tissue.rayleigh[0]
-        return tissue.FiniteOrgan(*known, law=hyper, inertia=inertia, damping=damping, relaxation=relaxation)
+        keep = keep_at_rest(body.free.size) if scenario.solve.kind == "static" else KEEP
+        finite = partial(tissue.FiniteOrgan, inertia=inertia, damping=scenario.tissue.rayleigh[0], keep=keep)
+        return finite(*known, law=hyper, relaxation=relaxation)
     if relaxation is not None:
         damped = scenario.tissue.rayleigh
         return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)

@@ -63,7 +63,8 @@ from tissue.solvers.factor import factorize_indefinite
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the organ's residual
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
 BENT = 1e-12  # of the numbers of a frame: accepted difference between y(z) and its linearisation
-KEEP = 8  # corrections, a third of those allowed; a new factor with its columns is as expensive as two dozen
+KEEP = 8  # corrections, a third of those allowed in a step in time
+CHEAP = 10_000  # unknowns; a new factor with its columns is as expensive as about KEEP corrections
 SHORTEST = 2.0**-12  # smallest part of a correction that is tried
 ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
 SHORTER = 0.25  # of a correction that led too far: its shortest next part
@@ -201,6 +202,15 @@ class TangentSolver:
             return self.own.solve(b, guess, rough)
         except FactorError as error:
             raise unsolved(error) from error
+
+
+def keep_at_rest(unknowns: int) -> int:
+    """Return `keep` for the equilibria of an organ, which allow more corrections than a step in time.
+
+    A factorisation takes O(n²) operations and a back-substitution O(n^(4/3)) (George, SIAM J.
+    Numer. Anal. 10, 1973). A factor is therefore worth O(n^(2/3)) corrections.
+    """
+    return round(KEEP * max(1.0, unknowns / CHEAP) ** (2.0 / 3.0))
 
 
 def corrections_left(before: float, after: float, tolerance: float) -> float:
