@@ -3,8 +3,9 @@
 The facets approximate a smooth surface. Its unit normals n_i at the corners of a facet are the means
 of the facets that meet there; facets that meet at a sharp edge are not part of one smooth surface.
 In the reference shape the surface bulges over a facet by b = ½ Σ ξ_i (x − x_i)·n_i (Phong
-tessellation: Boubekeur and Alexa, ACM Trans. Graph. 27, 2008). The bulge moves with its facet as
-the organ deforms.
+tessellation: Boubekeur and Alexa, ACM Trans. Graph. 27, 2008). With P2 the facets are quarters of
+flat facets, and the bulge of the whole facet is added. The bulge moves with its facet as the organ
+deforms.
 
 A point P faces the point x = Σ ξ_i x_i of a facet if P = x − t N with N = Σ ξ_i n_i, which points
 into the organ. Its gap is g = t |N| − b. It is continuous as P and the organ move, because facets
@@ -41,6 +42,7 @@ TOUCHING = 1e-3  # of a facet's size: a smaller distance gives no direction d
 FACETS = 6  # on which a point is sought, at most: half way round a vertex are three
 CORRECTIONS = 4  # of Newton's method for the place on one facet: each squares a relative error of at most an angle
 FOCAL = 0.5  # of a facet's area: with a smaller offset facet a point is near a centre of curvature
+SIDES = np.array([[0, 1], [1, 2], [0, 2]])  # corners of a facet on both sides of the middle nodes 3, 4 and 5
 # The quarters of a P2 facet, whose nodes are the corners and the middles of the sides.
 QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 
@@ -112,6 +114,17 @@ class Skin:
         """The surface in the reference shape, as `_surface`."""
         return self._surface(self.body.points)
 
+    @cached_property
+    def _lifts(self) -> Array:
+        """The bulge of the whole P2 facet at the corners of its quarters, `(m, 3)` [m]; zero with P1."""
+        if len(self.body.cell.doflocs) == 4:
+            return np.zeros(self.facets.shape)
+        # Quarter k has corner k of the whole facet as its own corner k.
+        x, n = (np.einsum("fkkx->fkx", each.reshape(-1, 4, 3, 3)[:, :3]) for each in self._at_rest)
+        first, second = SIDES.T
+        middles = np.vecdot(x[:, second] - x[:, first], n[:, first] - n[:, second]) / 8.0
+        return np.asarray(np.pad(middles, ((0, 0), (3, 0)))[:, QUARTERS].reshape(-1, 3))
+
     def faced(self, displacement: Array, places: Array, labels: Array) -> Array:
         """Return the facing data of points at `places` `(k, 3)` [m], shape `(k, 9 + l)`.
 
@@ -161,11 +174,12 @@ class Skin:
 
     def _bulge(self, facet: Indices, inside: Array) -> tuple[Array, Array]:
         """Return b [m] at barycentric coordinates `inside` `(k, 3)` of facets, `(k,)`, and ∂b/∂ξ, `(k, 3)`."""
-        corners, normals = (each[facet] for each in self._at_rest)
+        (corners, normals), lifts = (each[facet] for each in self._at_rest), self._lifts[facet]
+        corners = corners - lifts[..., None] * normals
         from_corners = np.vecmat(inside, corners)[:, None] - corners
         tilts = np.vecdot(from_corners, normals)
-        by_place = 0.5 * (tilts - np.matvec(from_corners, np.vecmat(inside, normals)))
-        return 0.5 * np.vecdot(inside, tilts), by_place
+        by_place = lifts + 0.5 * (tilts - np.matvec(from_corners, np.vecmat(inside, normals)))
+        return np.vecdot(inside, lifts + 0.5 * tilts), by_place
 
     def sums(self, points: Array) -> csr_matrix:
         """Return the matrix from the displacement of the surface's nodes to d·x, shape `(k, 3r)`.
