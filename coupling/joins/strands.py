@@ -38,11 +38,13 @@ from thread.spline import Spline
 from tissue.errors import OrganError
 from tissue.organs.lips import tangents
 
-ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
+ALONG, AWAY, OFF = slice(4, 7), 7, 8  # columns of the points: d, the distance, and d·(x − P) minus the distance
 LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, offset from the thread's axis, radius there
+STAY, STAY_AT = slice(14, 17), 17  # labels too: v of a spring, and v·P where it is slack (`in_grooves`)
 CLEAR = 1.0  # diameters along the thread from a hole in which no point bears: the thread emerges there
 SLIGHT = 2e-3  # of the radius: largest penetration at the start that is pushed out, so far as a pressed point yields
 FIRM = 1e-4  # of the softest point's compliance, added to each point: several points may bear on few nodes
+GROOVE = 3.0  # times the stiffness of a groove: with 1 a strand in a soft cylinder still swings, with 10 it creeps
 HARD = 0.1  # of radius over EA: least added compliance, for held facets, whose gaps round-off would decide
 NEAR = 0.05  # radii: points with smaller gaps without their forces can be pressed in a correction
 PER_SPAN = 2  # points: one leaves long spans between, and more are redundant for a cubic
@@ -83,40 +85,73 @@ def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
     return np.asarray(out)
 
 
-def touching_organ(system: System[Body], state: State[Body], origin: State[Body]) -> Body:
+def touching_organ(system: System[Body], state: State[Body], origin: State[Body], at_rest: bool) -> Body:
     """Return the organ's state before a step of a thread that bears on it.
 
     `origin` is the state at the start of the step in time or of the load step.
     """
     if not (system.bears and isinstance(system.organ, Bearing)):
         return state.organ
-    touched: Body = system.organ.touched(state.organ, bearing_points(system, system.organ, state, origin))
+    touched: Body = system.organ.touched(state.organ, bearing_points(system, system.organ, state, origin, at_rest))
     return touched
 
 
-def bearing_points(system: System[Body], organ: Bearing, state: State[Body], origin: State[Body]) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 14)`.
+def bearing_points(
+    system: System[Body], organ: Bearing, state: State[Body], origin: State[Body], at_rest: bool = False
+) -> Array:
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 18)`.
 
     Points that were closer to the surface than their radius at the `origin` of a step, such as next
     to a hole, get their distance there as radius. Contact then prevents a deeper penetration but
-    lifts no point.
+    lifts no point. With `at_rest` pressed points have a spring (`in_grooves`).
     """
     points = points_facing(system, organ, state)
     away = points[:, AWAY] if origin is state else faced_again(system, organ, origin, points)[:, AWAY]
     nearer = points[:, REACH] - away > SLIGHT * 0.5 * system.thread.section.diameter
-    out = points.copy()
+    out = in_grooves(system, organ, state, points) if at_rest else points.copy()
     out[nearer, REACH] = away[nearer]
     return out
 
 
+def in_grooves(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
+    """Return the facing data `points` `(j, 18)` with a spring across the thread for pressed points.
+
+    A thread makes its own groove, at whose sides d turns. With the d of one equilibrium the thread
+    would swing to the other side in the next one, and farther each time. The stiffness of the groove
+    against this is −p ∂²g/∂P². The spring ½ (v·P − v·P̂)² has GROOVE times this stiffness. It is slack
+    at the places P̂ of this state, and does nothing once they are those of the equilibrium.
+    """
+    old, P = organ.touching_points(state.organ)
+    if not (len(old) and P.any()):
+        return points.copy()
+    _, was, now = np.intersect1d(identity_of(old), identity_of(points), return_indices=True)
+    now, p = now[P[was] > 0.0], P[was[P[was] > 0.0]]
+    out, spline = points.copy(), system.at(state).thread.spline
+    some, step = points[now], 0.5 * system.thread.section.diameter
+    T = spline.curve(state.q[:, :3], some[:, LABEL])[:, 1]
+    across = np.cross(some[:, ALONG], T)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    places = places_of(spline, state.q, some[:, LABEL]) + some[:, ASIDE]
+    one, other = (organ.faced(state.organ, places + way * across, some[:, LABEL:]) for way in (step, -step))
+    turn = np.vecdot(one[:, ALONG] - other[:, ALONG], across) / (2.0 * step)
+    out[now, STAY] = np.sqrt(GROOVE * p * np.maximum(turn, 0.0))[:, None] * across
+    out[now, STAY_AT] = np.vecdot(out[now, STAY], places)
+    return out
+
+
+def identity_of(points: Array) -> Array:
+    """Return one number for each of the points `(j, 18)`, `(j,)`: their abscissa, and their offset."""
+    return points[:, LABEL] + 1j * points[:, ASIDE].sum(axis=1)
+
+
 def faced_again(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
-    """Return the facing data of points `(j, 14)` of a thread in another state, `(j, 14)`."""
+    """Return the facing data of points `(j, 18)` of a thread in another state, `(j, 18)`."""
     places = places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
     return organ.faced(state.organ, places, points[:, LABEL:])
 
 
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 14)`.
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 18)`.
 
     There are PER_SPAN points per span, the free ends, and rows of points across the thread if
     facets are finer than the thread.
@@ -125,7 +160,8 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
 
     def faced(s: Array, aside: Array, reach: Array) -> Array:
         """Return the facing data of points at abscissae `s` with offsets `aside` from the thread's axis."""
-        return organ.faced(state.organ, places_of(spline, state.q, s) + aside, np.column_stack([s, aside, reach]))
+        labels = np.column_stack([s, aside, reach, np.zeros((len(s), 4))])
+        return organ.faced(state.organ, places_of(spline, state.q, s) + aside, labels)
 
     radius, s = 0.5 * system.thread.section.diameter, abscissae(system, state, PER_SPAN)
     points = faced(s, np.zeros((len(s), 3)), np.full(len(s), radius))
@@ -206,7 +242,7 @@ class Strands(Generic[Body]):
 
     @property
     def points(self) -> Array:
-        """Facing data of the points, shape `(j, 14)`."""
+        """Facing data of the points, shape `(j, 18)`."""
         return self.answer.points
 
     @cached_property
@@ -311,11 +347,12 @@ class Strands(Generic[Body]):
         """Return the thread's part of gaps and slips at control points `q` (n, c) and abscissae `s`
         (m,), `(K,)` [m].
         """
-        P = np.einsum("ji,jix->jx", self.b, q[self.first[:, None] + LOCAL, :3])
-        gaps = -np.vecdot(self.along[: self.count], P + self.points[:, ASIDE]) - self.points[:, REACH]
+        places = self.places(q)
+        gaps = -np.vecdot(self.along[: self.count], places) - self.points[:, REACH]
         if not self.friction:
             return gaps
-        slipped = np.vecdot(self.along[self.count :], (P - self.material(s)[0])[self.at[self.count :]])
+        slipped = places - self.points[:, ASIDE] - self.material(s)[0]
+        slipped = np.vecdot(self.along[self.count :], slipped[self.at[self.count :]])
         return np.append(gaps, -slipped)
 
     def material(self, s: Array) -> tuple[Array, Array]:
@@ -369,12 +406,24 @@ class Strands(Generic[Body]):
         slips = give[k:].reshape(-1, 2).mean(axis=1)
         return Law(C, k, rough, np.full(len(rough), self.friction), 1.0 / give[:k], 1.0 / slips)
 
-    def push(self, touch: Touch, n: int) -> Array:
-        """Return the forces on `n` control points, shape `(n, 3)` [N]."""
-        out = np.zeros((n, 3))
-        forces = -(touch.P[:, None] * self.along)
-        np.add.at(out, self.first[self.at][:, None] + LOCAL, self.b[self.at][:, :, None] * forces[:, None])
+    def push(self, touch: Touch, q: Array) -> Array:
+        """Return the forces on control points `q` (n, c), shape `(n, 3)` [N]."""
+        out, v = np.zeros((len(q), 3)), self.points[:, STAY]
+        stays = self.points[:, STAY_AT] - np.vecdot(v, self.places(q))
+        for at, forces in ((self.at, -touch.P[:, None] * self.along), (np.arange(self.count), stays[:, None] * v)):
+            np.add.at(out, self.first[at][:, None] + LOCAL, self.b[at][:, :, None] * forces[:, None])
         return out
+
+    @property
+    def blocks(self) -> Array:
+        """Stiffness of the springs of all points, shape `(j, 4, 4, 3, 3)` [N/m]."""
+        v = self.points[:, STAY]
+        return np.einsum("ji,jk,jx,jy->jikxy", self.b, self.b, v, v)
+
+    def places(self, q: Array) -> Array:
+        """Return the places of the points for control points `q` (n, c), shape `(j, 3)` [m]."""
+        P = np.einsum("ji,jix->jx", self.b, q[self.first[:, None] + LOCAL, :3])
+        return np.asarray(P + self.points[:, ASIDE])
 
     def drive(self, P: Array, s: Array) -> Array:
         """Return the forces along the thread at the holds due to the friction of points, `(m,)` [N]."""

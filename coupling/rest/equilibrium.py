@@ -498,7 +498,11 @@ def creep(system: System[Body], organ: Creeping, state: State[Body], share: floa
     now, pace, failed = state, FIRST_PACE, EquilibriumError(state.time, share * duration - state.time, "", "", share)
     for _ in range(CREEPS):
         try:
-            given = organ.creep(touching_organ(system, now, now), duration, share, pace) if pace > LAST_PACE else None
+            given = (
+                organ.creep(touching_organ(system, now, now, at_rest=False), duration, share, pace)
+                if pace > LAST_PACE
+                else None
+            )
             step = settle(system, now, share, duration, given, state)
         except OrganError as error:
             failed, pace = replace(failed, cause=str(error)), HARDER * pace

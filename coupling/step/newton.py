@@ -313,14 +313,14 @@ def touched(
     forces on the sites. The forces of the points are None if no point may bear. The third result
     has their forces on the control points, shape `(n, 3)` [N].
     """
-    strands, n = problem.strands, problem.system.thread.n
+    strands = problem.strands
     if strands is None:
-        return now, None, np.zeros((n, 3))
+        return now, None, np.zeros((problem.system.thread.n, 3))
     touch = strands.touch(z.q, z.s, f_y.ravel())
     if strands.friction and touch.P.any() and now.at.ridden is not None:
         by_s = now.at.ridden.by_s - strands.drive(touch.P, z.s)
         now = replace(now, at=replace(now.at, drive=-by_s, ridden=now.at.ridden._replace(by_s=by_s)))
-    return now, touch, strands.push(touch, n)
+    return now, touch, strands.push(touch, z.q)
 
 
 def site_residual(problem: Problem[Body], z: Iterate, f_y: Array, touch: Touch | None) -> Array:
@@ -455,6 +455,8 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     thread = r.configuration.thread
     A = thread.tangent(r.points, z.N)
     A += problem.mass_factor * thread.mass_band if thread.travels else problem.inertia
+    if problem.strands is not None:
+        A += thread.band_at(problem.strands.first, problem.strands.blocks)
     return A
 
 

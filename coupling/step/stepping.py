@@ -128,7 +128,10 @@ def ask_organ(
     """
     try:
         now, *before = past
-        bodies = [touching_organ(system, now, now if scheme.a else past[-1]), *(each.organ for each in before)]
+        bodies = [
+            touching_organ(system, now, now if scheme.a else past[-1], not scheme.a),
+            *(each.organ for each in before),
+        ]
         return system.organ.answer(scheme, bodies, time, share)
     except OrganError as error:
         raise StepError(past[0].time, scheme.dt, str(error)) from error

@@ -129,6 +129,19 @@ def test_a_strand_round_a_bar_of_tissue_is_a_capstan(friction: float) -> None:
     assert strands.depth < 0.0
 
 
+@pytest.mark.parametrize(("youngs_modulus", "off"), [(1e6, CAPSTAN), (3e5, 3.0 * CAPSTAN)])
+def test_a_strand_without_friction_keeps_its_tension_and_its_side(youngs_modulus: float, off: float) -> None:
+    # Independent: T₁ = T₂, and the scene is symmetric about x = 0. Nodes of quadratic cells lie on chords, and the
+    # strand makes a groove in soft tissue.
+    text = capstan(0.0, 5e-3).replace("clamp =", 'element = "P2"\nclamp =').replace("1.0e6", str(youngs_modulus))
+    simulation = prepare(parsed(text))
+    run = simulation.beginning()
+    for share in (0.25, 0.5, 0.75, 1.0):
+        run = run.load(share, simulation.scenario.solve.duration)
+        assert -run.state.reaction[0, 2] == pytest.approx(0.2 * share, rel=off)
+    assert np.abs(run.state.q[:, 0]).max() <= 1.2e-3  # a cell
+
+
 def test_chords_of_a_path_are_laid_on_the_surface() -> None:
     """Independent check: chords over 30° dip into a bar by more than a radius of the thread, and are laid on it.
     Without friction the thread then bears the same on both sides."""
