@@ -120,7 +120,9 @@ class UnbalancedError(EquilibriumError):
 
 @dataclass
 class OutError(EquilibriumError):
-    """A load step in which the thread runs out of its last hole: larger loads have no equilibrium."""
+    """A load step in which the thread runs out of its last hole, or a strand finds no place on the
+    surface: no equilibrium continues from there.
+    """
 
     remedy: str = HOLD_IT
 

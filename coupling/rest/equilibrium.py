@@ -668,7 +668,8 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     A step pairs the lips as at its start. The equilibrium is solved again if the lips slide on the
     way, if their gaps change because an organ at finite strain turns them, or if a body that only
     thread and contact hold is dragged. With friction the lips rub along the way from the start of
-    the load step. Raises `StepError`.
+    the load step. Raises `StepError`, also if a strand is then farther than its diameter from the
+    place of its forces on the surface.
     """
     out = [step]
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
@@ -677,6 +678,11 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         since = Equilibrium(share * duration - step.old.time)
         given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old))
+    if (off := misplaced(system, out[-1].new, step.old)) > system.thread.section.diameter:
+        cause = f"a strand finds no place on the surface: it is {1e3 * off:.2g} mm from where its forces act"
+        raise OutError(
+            step.old.time, share * duration - step.old.time, cause, "", share, "pull less, or take firmer tissue"
+        )
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on: neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"

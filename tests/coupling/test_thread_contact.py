@@ -11,6 +11,7 @@ import pytest
 import skfem
 
 import tissue
+from coupling.errors import OutError
 from coupling.joins.strands import AWAY, FIRM, abscissae, forces_of, places_of
 from coupling.rest.equilibrium import load_steps
 from coupling.rest.laying import start
@@ -329,3 +330,11 @@ def test_contact_without_an_organ_is_refused_in_words() -> None:
     # Behaviour: there is no surface.
     with pytest.raises(ScenarioError, match=r"thread.contact = true is refused: there is no organ; add \[tissue\]"):
         load("paper_figure_1", ["thread.contact=true"])
+
+
+def test_a_strand_that_sinks_out_of_its_place_is_refused_in_words() -> None:
+    # Consistency: the tissue is a fifth as stiff as tissue that carries the strand in a groove.
+    simulation = prepare(parsed(capstan(0.0, 5e-3).replace("1.0e6", "6.0e4")))
+    run = simulation.beginning().load(0.25, simulation.scenario.solve.duration)
+    with pytest.raises(OutError, match=r"a strand finds no place on the surface: it is 0.* mm from where its forces"):
+        run.load(0.5, simulation.scenario.solve.duration)
