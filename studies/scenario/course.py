@@ -118,6 +118,18 @@ class Timed(ScenarioTable):
             rows = [(rows[0][0] * (1.0 - JUMP), 0.0), *rows]
         return tuple(rows if self.until is None else ended(rows, self.until))
 
+    def last_change(self, duration: float, ramp: float) -> tuple[str, float]:
+        """Return the key and the time [s] of the last change of the load, except its end at `until`.
+
+        A load after a `duration` [s] has its beginning instead. A load without a course grows over
+        `ramp` [s], and a cycle has no last change.
+        """
+        if self.from_ > duration:
+            return "from", self.from_
+        course = self.course.rows(0.0) if isinstance(self.course, ScenarioTable) else self.course
+        last = self.from_ + (course[-1][0] if course else ramp)
+        return "course" if course else "ramp", min(last, self.until or inf) * (1.0 - JUMP)  # sums have round-off
+
     def short_wave(self, shortest: float) -> tuple[str, float] | None:
         """Return key and length [s] of a wave below the `shortest` length [s].
 

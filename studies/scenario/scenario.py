@@ -12,8 +12,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from studies.scenario.course import STEPS, Timed
-from studies.scenario.organ import LIPS, Contact, GivenMesh, Tissue, WoundMesh, name_faults, unknown_clamp
+from studies.scenario.course import STEPS
+from studies.scenario.organ import LIPS, Contact, GivenMesh, Load, Tissue, WoundMesh, name_faults, unknown_clamp
 from studies.scenario.piercing import Piercing, Tie, Tract, check_ties, check_tracts, place_refused
 from studies.scenario.refusal import as_toml, because, dotted_key, refusal, sentences
 from studies.scenario.solve import Output, Solve
@@ -116,6 +116,13 @@ class Scenario(ScenarioTable):
         cut = self.tissue is not None and isinstance(self.tissue.mesh, WoundMesh)
         lips = (LIPS,) if cut and not any(set(pair) == set(LIPS) for pair in self.touching) else ()
         return (*lips, *self.touching)
+
+    @property
+    def loads(self) -> dict[str, Load | PulledEnd]:
+        """Loads on the ends of the thread and on the organ, by their keys."""
+        ends = {f"thread.{key}": getattr(self.thread, key) for key in ("start", "end")}
+        organ = {f"tissue.load.{k}": load for k, load in enumerate(self.tissue.load if self.tissue else ())}
+        return {key: end for key, end in ends.items() if isinstance(end, PulledEnd)} | organ
 
     @property
     def floats(self) -> bool:
@@ -238,13 +245,11 @@ class Scenario(ScenarioTable):
         self._refuse(self.thread.twist and self.solve.kind == "static" and not held, "thread.twist.free")
 
     def _check_courses(self) -> None:
-        tables: dict[str, object] = {f"thread.{key}": getattr(self.thread, key) for key in ("start", "end")}
-        tables |= {f"tissue.load.{k}": load for k, load in enumerate(self.tissue.load if self.tissue else ())}
         shorter = "more load steps" if self.solve.kind == "static" else "a smaller solve.dt"
-        for key, table in tables.items():
-            if isinstance(table, Timed) and (wave := table.short_wave(STEPS * self.solve.step)):
+        for key, table in self.loads.items():
+            if wave := table.short_wave(STEPS * self.solve.step):
                 self._refuse(True, "course.short", (f"{key}.{wave[0]}", wave[1]), steps=STEPS, shorter=shorter)
-            if isinstance(table, Timed) and (missed := table.missed_turn(self.solve.step, self.solve.duration)):
+            if missed := table.missed_turn(self.solve.step, self.solve.duration):
                 time, share = missed
                 given = (f"{key}.course", table.course) if table.course else (f"{key}.until", table.until)
                 self._refuse(True, "course.missed", given, time=time, share=share, shorter=shorter)

@@ -406,6 +406,39 @@ def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: 
     assert [each.where for each in found] == [f"tie.knot.{key}" for key in late]
 
 
+@pytest.mark.parametrize(
+    ("keys", "late"),
+    [
+        ({"from": 3.0}, {"from": 3.0}),
+        ({"from": 0.5}, {}),
+        ({"from": 0.5, "ramp": 1.0}, {"ramp": 1.5}),
+        ({"course": [[0, 0], [5, 1]]}, {"course": 5.0}),
+        ({"course": [[0, 0], [5, 1]], "until": 1.0}, {}),
+        ({"course": [[0, 0], [0.5, 1], [1, 0]]}, {}),
+        ({"course": {"kind": "cough", "at": 2.0}}, {"course": 2.4}),
+        ({"from": 0.7, "course": {"kind": "cough", "at": 0.2, "duration": 0.1}}, {}),  # to 1 s, except round-off
+        ({"from": 0.1, "until": 0.9, "course": [[0, 0], [0.9, 1]]}, {}),
+        ({"course": {"kind": "cycle", "period": 0.4}}, {}),
+    ],
+)
+def test_a_load_that_changes_after_the_end_is_told(keys: dict[str, Any], late: dict[str, float]) -> None:
+    """Independent check: the start of the thread and the pressure change when the key says, in a run of 1 s."""
+    text = [
+        "solve.kind='static'",
+        "solve.duration=1.0",
+        "solve.load_steps=80",
+        "tissue.load=[{boundary='top', pressure=1.0}]",
+    ]
+    data = tables(load("two_piercings", text))
+    data["thread"]["start"].pop("ramp")
+    data["thread"]["start"] |= keys
+    data["tissue"]["load"][0] |= keys
+    found = judging.after_end(judging.times_of(parse(data)), 1.0)
+    times = {f"{key}.{name}": time for key in ("thread.start", "tissue.load.0") for name, time in late.items()}
+    assert [each.where for each in found] == list(times)
+    assert all(f"a time of {time:g} s" in each.message for each, time in zip(found, times.values(), strict=True))
+
+
 def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
     """Independent check: hands of 0.05 m/s take up 11 mm in 0.11 s, less than the loop has too much; fast ones lock it
     under the force that is asked, to what their last speed takes."""
