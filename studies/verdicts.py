@@ -35,9 +35,10 @@ SETTLED = 1e-4  # kinetic over elastic energy, like (v/ω)² over u²: the oscil
 class Verdict:
     """A verdict under refinement.
 
-    `kind` is "converged", "unresolved", "pre-asymptotic" or "diverging". `order` is the observed
-    order, NaN if the number swings. `limit` is Richardson's limit, NaN without a limit. `index` is
-    half the width of the interval about the finest number, over this number.
+    `kind` is "converged", "unresolved", "pre-asymptotic", "diverging", or "zero" for a number that
+    is zero at every level. `order` is the observed order, NaN if the number swings. `limit` is
+    Richardson's limit, NaN without a limit. `index` is half the width of the interval about the
+    finest number, over this number.
     """
 
     kind: str
@@ -54,7 +55,7 @@ class Verdict:
             return f"converged to {100 * self.index:.2g} %" + ", order not resolved" * bool(np.isnan(self.limit))
         if self.kind == "unresolved":
             return f"changes by less than {100 * UNRESOLVED:g} %, order not resolved"
-        return "pre-asymptotic"
+        return "zero at every level, no verdict" if self.kind == "zero" else "pre-asymptotic"
 
 
 def observed_order(h: Sequence[float], f: Sequence[float]) -> float:
@@ -117,9 +118,9 @@ def verdict(h: Sequence[float], f: Sequence[float], formal: float, estimated: bo
     if len(whole) < 3:
         raise ValueError(f"a verdict needs three different refinements, got {len(whole)}; run more")
     h, f = list(whole), list(whole.values())
-    if not np.all(np.isfinite(f)) or (np.any(f) and f[0] == 0.0):
-        return Verdict("pre-asymptotic", float("nan"), float("nan"), float("inf"))
-    change = float(np.ptp(f) / np.max(np.abs(f))) if np.any(f) else 0.0
+    if not np.all(np.isfinite(f)) or f[0] == 0.0:
+        return Verdict("pre-asymptotic" if np.any(f) else "zero", float("nan"), float("nan"), float("inf"))
+    change = float(np.ptp(f) / np.max(np.abs(f)))
     if change <= STILL:
         return Verdict("converged", float("nan"), float(f[0]), change)
     p = observed_order(h[:3], f[:3])

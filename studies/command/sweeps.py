@@ -139,7 +139,8 @@ def run_refinement(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(json.loads((options.out / "verdict.json").read_text(encoding="utf-8"))))
     else:
-        print_lines([*(line for one in found for line in verdict_lines(one)), "", f"all results in {options.out}"])
+        verdicts = [line for one in found for line in verdict_lines(one)]
+        print_lines([*verdicts, *found[0].notes, "", f"all results in {options.out}"])
     if any(one.verdict is None for one in found):
         return FAILED
     return UNSUPPORTED if options.strict and not all(one.converged for one in found) else 0

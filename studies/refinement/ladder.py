@@ -214,7 +214,8 @@ class Refined:
     `numbers` begin with the coarsest level, and are NaN for a failed level. It has the `factors` of
     the levels and the theoretical order. The verdict is None with fewer than three numbers. For
     levels of accuracy it also has the `estimates` of the relative error of the holes'
-    compliance [-]; otherwise they are empty.
+    compliance [-]; otherwise they are empty. `notes` are lines on unsupported numbers and failures of
+    levels.
     """
 
     quantity: str
@@ -225,6 +226,7 @@ class Refined:
     verdict: Verdict | None
     why_not: str = ""
     estimates: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Refined({self.quantity} [{self.unit}]: {self.text})"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.output.files import write_json, write_text
+from studies.output.remarks import CATALOGUE
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, Refined, ladder
 from studies.scenario import ScenarioError
 from studies.scenario.toml import parsed
@@ -18,6 +19,7 @@ from studies.verdicts import verdict
 from studies.workers import Workers, nothing
 
 ACCURACY = "accuracy"  # the kind of levels of `adaptive`
+NO_ORDER = ("unresolved", "zero")  # kinds of verdicts
 ESTIMATE = "compliance_error"  # of a piercing in the summary
 
 
@@ -110,21 +112,34 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     )
     sizes = rungs.estimates or [1.0 / factor for factor in rungs.factors]
     pairs = [(size, number) for size, number in zip(sizes, values, strict=True) if not isnan(number)]
-    distinct = len({size for size, _ in pairs})
+    distinct, judged, why = len({size for size, _ in pairs}), None, ""
     if distinct < LEAST:
         of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
         why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
-        return Refined(column.name, column.unit, rungs.factors, values, rungs.order, None, why, rungs.estimates)
-    refined_by, numbers = zip(*pairs, strict=True)
-    judged = verdict(refined_by, numbers, rungs.order, estimated=bool(rungs.estimates))
-    return Refined(column.name, column.unit, rungs.factors, values, rungs.order, judged, estimates=rungs.estimates)
+    else:
+        refined_by, numbers = zip(*pairs, strict=True)
+        judged = verdict(refined_by, numbers, rungs.order, estimated=bool(rungs.estimates))
+    given = column.name, column.unit, rungs.factors, values, rungs.order
+    return Refined(*given, judged, why, rungs.estimates, notes_on(table))
+
+
+def notes_on(table: SweepTable) -> tuple[str, ...]:
+    """Return lines on the levels: the remarks on unsupported numbers, and the reason of each failure."""
+    codes, failures = dict[str, list[str]](), []
+    for case, (remarks, error) in enumerate(zip(table["remarks"].values, table["error"].values, strict=True)):
+        for code in str(remarks).split("; "):
+            if CATALOGUE.get(code.partition(" ")[0], {}).get("severity") == "unsupported":
+                codes.setdefault(code, []).append(str(case))
+        failures += [f"case {case} is not completed: {'; '.join(str(error).splitlines())}"] if error else []
+    found = "; ".join(f"{code} in case {', '.join(cases)}" for code, cases in codes.items())
+    return (*([f"not supported: {found}"] if found else []), *failures)
 
 
 def markdown(found: Sequence[Refined], rungs: Ladder) -> str:
     """Return the verdicts in Markdown."""
     rows = [in_words(one) for one in found]
     table = Table(list(rows[0]), [list(row.values()) for row in rows])
-    return f"{title(found[0], rungs)}\n\n{table.markdown}"
+    return "\n\n".join([title(found[0], rungs), *found[0].notes, table.markdown])
 
 
 def title(one: Refined, rungs: Ladder) -> str:
@@ -138,7 +153,9 @@ def title(one: Refined, rungs: Ladder) -> str:
 def in_words(one: Refined) -> dict[str, str]:
     """Return the findings as texts for a person, by their headings."""
     judged = one.verdict
-    order = "" if judged is None else "swings" if isnan(judged.order) else f"{judged.order:.2f}"
+    order = (
+        "" if judged is None or judged.kind in NO_ORDER else "swings" if isnan(judged.order) else f"{judged.order:.2f}"
+    )
     limit = "" if judged is None or isnan(judged.limit) else f"{judged.limit:.6g}"
     between = "" if one.interval is None else "{:.6g} to {:.6g}".format(*one.interval)
     numbers = ", ".join("failed" if isnan(number) else f"{number:.6g}" for number in one.numbers)

@@ -26,8 +26,9 @@ from studies.command.command import main
 from studies.figure import COLOURS, PANEL, STYLE
 from studies.output.columns import quantities, state_summary
 from studies.output.provenance import ROOT
+from studies.output.remarks import CATALOGUE
 from studies.refinement.ladder import ladder
-from studies.refinement.refine import refine, refined
+from studies.refinement.refine import in_words, markdown, refine, refined
 from studies.report.report import write_report
 from studies.scenario import Scenario, ScenarioError, dump, parse
 from studies.scenario.toml import changed, parsed
@@ -604,11 +605,22 @@ def test_the_levels_of_a_ladder() -> None:
     assert ladder(parse(pulled_organ()), "accuracy", levels=3).settings[2] == {"tissue.mesh.accuracy": 0.075}
 
 
+REMARKS = [
+    {"code": code, "severity": CATALOGUE[code]["severity"], "where": "in"} for code in ("hole-left", "rest-unloaded")
+]
+
+
 def planted(numbers: list[float], statuses: list[int] | None = None) -> Any:
     """What refinement says of planted numbers on four levels, each twice as fine."""
     rungs = ladder(parse(ORGAN), "h", ratio=2.0)
     done = statuses or [0] * len(numbers)
-    results = [{"exit_status": s, "summary": {"time": n, "status": "x"}} for s, n in zip(done, numbers, strict=True)]
+    results = [
+        {
+            "exit_status": s,
+            "summary": {"time": n, "status": "x", "error": "it broke\nhere" if s else "", "remarks": REMARKS},
+        }
+        for s, n in zip(done, numbers, strict=True)
+    ]
     return refined("time", rungs, table_of([({}, result) for result in results]))
 
 
@@ -628,6 +640,19 @@ def test_planted_numbers_get_their_verdicts() -> None:
     assert failed.text == "no verdict: only 2 of 4 levels have the number, but 3 are needed"
     assert not planted([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 1]).interval[0] < 1.0
     assert "Refined(time [s]: converged" in repr(fine)
+
+
+def test_a_refinement_tells_what_its_levels_lack() -> None:
+    """Independent check: no convergence of zeros, no order where none is resolved, the unsupported remarks of all
+    levels without their notes, and why a level failed."""
+    zero, unresolved = planted([0.0] * 4, [0, 0, 0, 1]), planted([1.0, 1.0 + 1e-7, 1.0, 1.0 + 1e-3])
+    assert not zero.converged and zero.interval is None and zero.text == "zero at every level, no verdict"
+    assert in_words(zero)["order"] == in_words(unresolved)["order"] == ""
+    assert "order not resolved" in unresolved.text
+    assert unresolved.notes == ("not supported: hole-left (in) in case 0, 1, 2, 3",)
+    lines = (unresolved.notes[0], "case 3 is not completed: it broke; here")
+    assert zero.notes == lines
+    assert all(line in markdown([zero], ladder(parse(ORGAN), "h", ratio=2.0)) for line in lines)
 
 
 def test_a_scenario_is_refined(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -111,6 +111,7 @@ def test_swings_that_grow_are_not_called_converged(growth: float) -> None:
 def test_of_numbers_that_are_none_nothing_is_said(f: list[float]) -> None:
     """A finest number of zero has no relative error."""
     assert verdict([1.0, 2.0, 4.0], f, 2.0).kind == "pre-asymptotic"
+    assert verdict([1.0, 2.0, 4.0], [0.0, 0.0, 0.0], 2.0).kind == "zero"
 
 
 def planted(family: str, draw: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
