@@ -240,8 +240,10 @@ def test_sites_without_an_organ_stay_where_they_are() -> None:
 def test_impossible_organs_are_refused() -> None:
     floating, held = body_of("P1", ()), body_of("P1")
     sites = tissue.build_sites(held, PIERCINGS)
-    with pytest.raises(tissue.TissueError, match=r"rigid body is singular; clamp a boundary.*bottom"):
-        tissue.QuasiStaticOrgan(floating, tissue.build_sites(floating, PIERCINGS))
+    loose = tissue.build_sites(floating, PIERCINGS)
+    for kind in (tissue.QuasiStaticOrgan, tissue.FloatingOrgan):
+        with pytest.raises(tissue.TissueError, match=r"can still move along x, y, z and .*; clamp a boundary.*bottom"):
+            kind(floating, loose)
     with pytest.raises(tissue.TissueError, match="rayleigh"):
         tissue.DynamicOrgan(held, sites, rayleigh=(-1.0, 0.0))
     with pytest.raises(tissue.TissueError, match="gravity"):

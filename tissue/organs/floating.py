@@ -1,4 +1,4 @@
-"""An organ at rest with a body that can be held only by stitches and contact.
+"""An organ at rest with a body that can be held only by stitches and contact to its other bodies.
 
 K is singular if a body can move as a rigid body. An equilibrium then exists only if threads and
 contact balance the loads. The equilibrium is found step by step (the proximal point algorithm:
@@ -20,7 +20,7 @@ import numpy as np
 
 from tissue.arrays import Array
 from tissue.organs.dynamic import DynamicOrgan
-from tissue.organs.meshed import LinearAnswer, OrganState, TimeScheme
+from tissue.organs.meshed import LinearAnswer, OrganState, TimeScheme, refuse_loose
 
 # Drag in the first step of a load step, over the stiffness of a cube of the same tissue and volume.
 FIRST = 1e-2
@@ -42,11 +42,15 @@ class Drag(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FloatingOrgan(DynamicOrgan):
-    """A linear organ at rest that does not need supports.
+    """A linear organ at rest of bodies that do not all need supports; one that holds all together is enough.
 
     Its mass gives the weight and distributes the drag. `A` of its state is the remaining drag of
     the last step divided by the mass [m/s²].
     """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_loose(self.elasticity)
 
     def drag(self, begins: bool) -> Drag:
         """Return the drag of a step.

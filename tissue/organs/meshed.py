@@ -46,7 +46,7 @@ from tissue.organs.skin import OWN, Skin
 from tissue.sites.site import Sites
 from tissue.solvers.choice import GIGA, Solver, SolverChoice, choose_solver, solver
 from tissue.solvers.memory import free_memory
-from tissue.supports import holds_still
+from tissue.supports import motions_in_words, rigid_motions
 
 # Cached operators, if memory allows: of BDF2, of backward Euler, and of each part of a halved step.
 KEPT_OPERATORS = 12
@@ -669,11 +669,11 @@ def slips_since(past: Sequence[OrganState], scheme: TimeScheme) -> OrganState:
 
 def refuse_loose(body: Elasticity) -> None:
     """Raise `TissueError` if a body without inertia can move as a rigid body."""
-    if not holds_still(body.points, body.held):
+    if (motions := rigid_motions(body.points, body.held)).size:
         known = ", ".join(sorted(body.mesh.boundaries or {})) or "none"
         raise TissueError(
-            "clamp: a quasi-static organ that can move as a rigid body is singular; clamp a boundary, put rollers on "
-            f"more of them (the mesh names {known}) or give it inertia"
+            f"clamp: an organ without inertia can still {motions_in_words(motions)} as a rigid body; clamp a boundary, "
+            f"put rollers on more of them (the mesh names {known}) or give it inertia in a dynamic run"
         )
 
 
