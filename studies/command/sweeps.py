@@ -32,7 +32,7 @@ def run_sweep(options: argparse.Namespace) -> int:
     if len(wanted) not in (0, 2, 3):
         raise ScenarioError(f"--plot needs two columns, x and y, or three, x, y and by; got {len(wanted)}")
     base = read(options.file, options.set)
-    tell = teller(len(cases) or 1, options.json)
+    tell = teller(options.json)
     try:
         workers = workers_of(options.jobs, options.dask)
         if wanted:
@@ -94,8 +94,8 @@ def verdict_lines(one: Refined) -> list[str]:
     return [f"{one.quantity} [{one.unit}]", *(f"  {name:9}  {text}" for name, text in texts.items() if text)]
 
 
-def teller(count: int, quiet: bool = False) -> Tell:
-    """Write the number of cases on standard error, and return the function that writes a line per completed case.
+def teller(quiet: bool = False) -> Tell:
+    """Return the function that writes the number of cases on standard error, and a line per completed case.
 
     A line has the remaining time, from the pace since the first case that was run. Cases refused
     before the run do not count for it.
@@ -103,6 +103,9 @@ def teller(count: int, quiet: bool = False) -> Tell:
     began, ran = monotonic(), list[int]()
 
     def tell(progress: SweepProgress) -> None:
+        if not progress.done:
+            print_lines([f"{counted(progress.count)}, with one line per completed case"], sys.stderr)
+            return
         if progress.exit_status != REFUSED:
             ran.append(progress.done)
         remaining = (monotonic() - began) * (progress.count - progress.done)
@@ -112,15 +115,11 @@ def teller(count: int, quiet: bool = False) -> Tell:
         why = f": {'; '.join(progress.error.splitlines())}" if progress.error else ""
         print_lines([f"{progress.done}/{progress.count}{left}: {what}: {settings}{why}"], sys.stderr)
 
-    if quiet:
-        return nothing
-    print_lines([f"{counted(count)}, with one line per completed case"], sys.stderr)
-    return tell
+    return nothing if quiet else tell
 
 
 def run_refinement(options: argparse.Namespace) -> int:
     """``suture refine``: write the convergence of numbers of a scenario in words."""
-    tell = teller(options.levels, options.json)
     try:
         with stages(options.json, LOOP_LOGGERS):
             found = refine(
@@ -131,7 +130,7 @@ def run_refinement(options: argparse.Namespace) -> int:
                 options.levels,
                 options.ratio,
                 workers_of(options.jobs, options.dask),
-                tell,
+                teller(options.json),
                 options.adaptive,
             )
     except KeyboardInterrupt:

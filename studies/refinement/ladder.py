@@ -184,7 +184,8 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
             f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; in statics, dt refines the load steps"
         )
     if (reason := KINDS[over].lacking(scenario)) is not None:
-        raise ScenarioError(f"--over {over} is refused: {reason}")
+        asked = "--adaptive, or --over accuracy," if over == "accuracy" else f"--over {over}"
+        raise ScenarioError(f"{asked} is refused: {reason}")
     return (over,)
 
 

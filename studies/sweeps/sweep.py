@@ -48,7 +48,7 @@ class SweepProgress:
     """Progress of a sweep.
 
     It has `done` of `count` cases, `settings` and `exit_status` of the last case, and its `error`,
-    empty if it was completed.
+    empty if it was completed. The first one, with zero `done`, is that before the first case.
     """
 
     done: int
@@ -169,6 +169,7 @@ def _sweep(
     write_json(folder / MARK, {**asked, "over": varied, "base": base, **where})
     kept.mkdir(exist_ok=True)
     found = {case.digest: known for case in planned if case.digest and (known := known_case(kept, case.digest))}
+    tell(SweepProgress(0, len(planned), {}, COMPLETED, ""))
     for number, case in enumerate((case for case in planned if case.refused), start=1):
         tell(SweepProgress(number, len(planned), case.settings, REFUSED, case.refused))
     missing = in_order_of_organs([case for case in planned if case.digest and case.digest not in found])
