@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MESHIO = (".vtk", ".vtu", ".inp", ".xdmf", ".med")  # formats that meshio reads
-FORMATS = f".msh (gmsh), {', '.join(MESHIO)}"
+ENDINGS = (".msh", *MESHIO)  # .msh is read by gmsh
 LONGEST_REASON = 300  # characters of a reader's message, which can repeat the file
 LINEAR_ONLY = "allowed are only linear tetrahedra (in gmsh: Mesh.ElementOrder = 1, no recombination)"
 
@@ -69,7 +69,7 @@ def _reader(path: Path) -> Callable[[Path, float], skfem.MeshTet]:
     try:
         return readers[path.suffix.lower()]
     except KeyError:
-        raise MeshError(f"its ending {path.suffix!r} is not one of the formats {FORMATS}") from None
+        raise MeshError(f"its ending {path.suffix!r} is not one of {', '.join(ENDINGS)}") from None
 
 
 def _read_meshio(path: Path, metres_per_unit: float) -> skfem.MeshTet:

@@ -20,7 +20,7 @@ from meshes.budget import budget, expected_tets
 from meshes.checks import parts
 from meshes.cylinder import cylinder, stumps, tube
 from meshes.facets import sharp_edges
-from meshes.file import read
+from meshes.file import ENDINGS, read
 from meshes.grading import Grading
 from meshes.named import with_boundaries
 from meshes.skin import fill, read_surface
@@ -29,7 +29,7 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import GIGA, Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import Boundary, Mesh, Region, idle_load, unknown_clamp
+from studies.scenario.organ import SURFACES, Boundary, Mesh, Region, idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
 from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
@@ -109,6 +109,8 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
     """Return the tetrahedra of a file, or a closed surface filled."""
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
+        unknown, allowed = not shape.path.lower().endswith(ENDINGS), ", ".join((*ENDINGS, *SURFACES))
+        refuse(unknown, "tissue.mesh.path", shape.path, "mesh-ending", endings=allowed)
         mesh = read(shape.path, unit)
         if size := too_large(mesh.nelements, table.element):
             raise refused("tissue.mesh.path", shape.path, "file-large", size=size)

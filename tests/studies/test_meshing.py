@@ -269,6 +269,13 @@ def test_a_file_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
     assert message.startswith("tissue.mesh.path") and "0.001 GB are available; use a coarser mesh" in message
 
 
+def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    """Independent check: the key, and the endings of volumes and of surfaces."""
+    (tmp_path / "organ.py").write_text("1")
+    message = refusal(lambda: organ_mesh(scenario({"kind": "file", "path": str(tmp_path / "organ.py")})))
+    assert message.startswith("tissue.mesh.path = ") and ".msh, .vtk, " in message and ".stl, .obj, " in message
+
+
 # -- the scenarios of this repository, and the command ---------------------------------------------------------------
 
 

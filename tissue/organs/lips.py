@@ -318,7 +318,7 @@ def build_gaps(body: Elasticity, vertices: ArrayLike, facets: ArrayLike, normal:
     start = _at_partners(right, nodes[:, 1], n)
     part, sunk = _part(body, LIPS, (triangles, nodes[:, 0], corners), right, n, start)
     if sunk.max() > CLOSED * np.ptp(body.points[nodes[:, 0]], axis=0).max():
-        raise TissueError(f"the lips overlap by {sunk.max():.3g} m before they are loaded; the normal may be reversed")
+        raise TissueError(f"tissue.contact: lips overlap by {sunk.max():.3g} m unloaded; the normal may be reversed")
     return Gaps(body, (part,))
 
 
@@ -357,7 +357,7 @@ def _between(body: Elasticity, between: tuple[str, str]) -> Part:
     size = float(triangle_sizes(body.points[right[:, :3]]).mean())
     if sunk.max() > SUNK * size:
         raise TissueError(
-            f"contact between {between[0]!r} and {between[1]!r}: they overlap by {sunk.max():.3g} m before they are "
+            f"contact.between = {list(between)}: the surfaces overlap by {sunk.max():.3g} m before they are "
             f"loaded, which is more than {SUNK:g} of a facet of {size:.3g} m; move them apart, or name other boundaries"
         )
     return part
