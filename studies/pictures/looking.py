@@ -17,6 +17,7 @@ from studies.pictures.picture import draw_scene, words_of
 from studies.pictures.scene import FILM, Frame, Hole, Organ
 
 MOST_PICTURES = 24  # largest number of pictures of an animation
+LATEST = 1.0 + 1e-6  # of the time of the last frame: times are written with round-off
 KINDS = (".png", FILM)
 STATES = {code: word for word, code in STATE_CODES.items()}
 
@@ -82,7 +83,13 @@ def still(run: reading.OpenRun, out: Path, time: float | None) -> tuple[str, str
 
 
 def nearest(frames: Sequence[reading.FrameFiles], time: float | None) -> reading.FrameFiles:
-    """Return the frame nearest to a time [s], or the last frame if the time is None."""
+    """Return the frame nearest to a time [s], or the last frame if the time is None.
+
+    Raises `ResultsError` for a time after the last frame.
+    """
+    end = frames[-1].time
+    if time is not None and not 0.0 <= time <= end * LATEST:
+        raise reading.ResultsError(f"--time {time:g} is refused: the run ends at {end:.6g} s; give 0 to {end:.6g}")
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
 
 

@@ -208,7 +208,11 @@ def test_a_picture_of_a_time_is_that_of_the_nearest_frame(run: Path) -> None:
     """Independent check: the frame whose time is nearest, and the last without a time."""
     frames = open_run(run).frames
     assert looking.nearest(frames, 0.14).step == 1
-    assert looking.nearest(frames, 7.0).step == looking.nearest(frames, None).step == 3
+    end = frames[-1].time
+    assert looking.nearest(frames, end).step == looking.nearest(frames, None).step == 3
+    for outside in (-0.1, 1.01 * end, float("nan")):
+        with pytest.raises(ResultsError, match=rf"--time .* is refused: the run ends at {end:g} s"):
+            looking.nearest(frames, outside)
 
 
 def test_columns_are_drawn_over_time(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
