@@ -40,7 +40,7 @@ from tissue.organs.lips import tangents
 
 ALONG, AWAY, OFF = slice(4, 7), 7, 8  # columns of the points: d, the distance, and d·(x − P) minus the distance
 LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, offset from the thread's axis, radius there
-STAY, STAY_AT = slice(14, 17), 17  # labels too: v of a spring, and v·P where it is slack (`in_grooves`)
+ROW, STAY, STAY_AT = 14, slice(15, 18), 18  # labels too: row across, v of a spring, v·P where it is slack
 CLEAR = 1.0  # diameters along the thread from a hole in which no point bears: the thread emerges there
 SLIGHT = 2e-3  # of the radius: largest penetration at the start that is pushed out, so far as a pressed point yields
 FIRM = 1e-4  # of the softest point's compliance, added to each point: several points may bear on few nodes
@@ -99,7 +99,7 @@ def touching_organ(system: System[Body], state: State[Body], origin: State[Body]
 def bearing_points(
     system: System[Body], organ: Bearing, state: State[Body], origin: State[Body], at_rest: bool = False
 ) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 18)`.
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 19)`.
 
     Points that were closer to the surface than their radius at the `origin` of a step, such as next
     to a hole, get their distance there as radius. Contact then prevents a deeper penetration but
@@ -114,12 +114,13 @@ def bearing_points(
 
 
 def in_grooves(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
-    """Return the facing data `points` `(j, 18)` with a spring across the thread for pressed points.
+    """Return the facing data `points` `(j, 19)` with a spring across the thread for pressed points.
 
     A thread makes its own groove, at whose sides d turns. With the d of one equilibrium the thread
     would swing to the other side in the next one, and farther each time. The stiffness of the groove
     against this is −p ∂²g/∂P². The spring ½ (v·P − v·P̂)² has GROOVE times this stiffness. It is slack
-    at the places P̂ of this state, and does nothing once they are those of the equilibrium.
+    at the places P̂ of this state, and does nothing once they are those of the equilibrium. A strand
+    that is drawn aside without friction takes its groove along slowly: `held_aside` measures it.
     """
     old, P = organ.touching_points(state.organ)
     if not (len(old) and P.any()):
@@ -139,32 +140,46 @@ def in_grooves(system: System[Body], organ: Bearing, state: State[Body], points:
     return out
 
 
+def held_aside(system: System[Body], state: State[Body]) -> float:
+    """Return the sum of the forces of the springs of `in_grooves` in a state [N].
+
+    It is zero at an equilibrium whose contact acts at the places of the strand.
+    """
+    organ = system.organ
+    points = organ.touching_points(state.organ)[0] if system.bears and isinstance(organ, Bearing) else np.zeros((0, 9))
+    if not len(points):
+        return 0.0
+    v, spline = points[:, STAY], system.at(state).thread.spline
+    places = places_of(spline, state.q, points[:, LABEL]) + points[:, ASIDE]
+    return float(np.linalg.norm(v, axis=1) @ np.abs(np.vecdot(v, places) - points[:, STAY_AT]))
+
+
 def identity_of(points: Array) -> Array:
-    """Return one number for each of the points `(j, 18)`, `(j,)`: their abscissa, and their offset."""
-    return points[:, LABEL] + 1j * points[:, ASIDE].sum(axis=1)
+    """Return one number for each of the points `(j, 19)`, `(j,)`: their abscissa, and their row."""
+    return points[:, LABEL] + 1j * points[:, ROW]
 
 
 def faced_again(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
-    """Return the facing data of points `(j, 18)` of a thread in another state, `(j, 18)`."""
+    """Return the facing data of points `(j, 19)` of a thread in another state, `(j, 19)`."""
     places = places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
     return organ.faced(state.organ, places, points[:, LABEL:])
 
 
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 18)`.
+    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 19)`.
 
     There are PER_SPAN points per span, the free ends, and rows of points across the thread if
     facets are finer than the thread.
     """
     spline = system.at(state).thread.spline
 
-    def faced(s: Array, aside: Array, reach: Array) -> Array:
+    def faced(s: Array, aside: Array, reach: Array, row: Array) -> Array:
         """Return the facing data of points at abscissae `s` with offsets `aside` from the thread's axis."""
-        labels = np.column_stack([s, aside, reach, np.zeros((len(s), 4))])
+        labels = np.column_stack([s, aside, reach, row, np.zeros((len(s), 4))])
         return organ.faced(state.organ, places_of(spline, state.q, s) + aside, labels)
 
     radius, s = 0.5 * system.thread.section.diameter, abscissae(system, state, PER_SPAN)
-    points = faced(s, np.zeros((len(s), 3)), np.full(len(s), radius))
+    points = faced(s, np.zeros((len(s), 3)), np.full(len(s), radius), np.zeros(len(s)))
     most = min(int(WIDEST * radius / organ.finest), MOST)
     sides = np.where(points[:, AWAY] < 2.0 * radius, most, 0)
     if not sides.any():
@@ -175,7 +190,7 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
     aside = (step * WIDEST * radius / most)[:, None]
     d = points[:, ALONG] / np.linalg.norm(points[:, ALONG], axis=1, keepdims=True)
     on_thread = aside * across[own] + np.sqrt(radius**2 - aside**2) * d[own]
-    return faced(s[own], on_thread, np.zeros(len(own)))
+    return faced(s[own], on_thread, np.zeros(len(own)), step)
 
 
 def places_of(spline: Spline, q: Array, s: Array) -> Array:
@@ -242,7 +257,7 @@ class Strands(Generic[Body]):
 
     @property
     def points(self) -> Array:
-        """Facing data of the points, shape `(j, 18)`."""
+        """Facing data of the points, shape `(j, 19)`."""
         return self.answer.points
 
     @cached_property

@@ -8,7 +8,7 @@ import numpy as np
 
 import tissue
 from coupling.joins.contact import ContactObservation, observe_contact
-from coupling.joins.strands import AWAY, abscissae, places_of
+from coupling.joins.strands import AWAY, abscissae, held_aside, places_of
 from coupling.reports.observation import PiercingObservation, span_ratio, spans_between
 from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
@@ -87,6 +87,7 @@ def strands_record(system: System, state: State) -> records.Record | None:
         pressed=int(np.count_nonzero(across)),
         force=float(across.sum()),
         friction=float(np.linalg.norm(along, axis=1).sum()),
+        held=held_aside(system, state),
         depth=float(deep[deepest]),
         s=float(s[deepest]),
     )

@@ -156,6 +156,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
     abscissae = [hole.s for hole in step.piercings]
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
+    yield from held_in_grooves(step.strands)
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
     yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
@@ -579,6 +580,14 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
     It lies `depth` [m] deep.
     """
     return judged(depth > bounds.IN_TISSUE * diameter, "no-hole", hole, strand=strand, depth=depth / MILLI)
+
+
+def held_in_grooves(strands: records.Record | None) -> list[Remark]:
+    """Return a remark if strands on the surface were held aside when the search for their place ended."""
+    if strands is None:
+        return []
+    share = strands.held / max(strands.force, np.finfo(float).tiny)
+    return judged(share > bounds.HELD, "strand-held", "thread", held=strands.held, share=share)
 
 
 def sunk(

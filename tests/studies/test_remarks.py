@@ -124,10 +124,17 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "forces-swing": (bounds.SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
     "cells": (bounds.COARSE["P1"] * 1e-3, 1, lambda x: judging.coarse_cells(hole(), x, "P1")),
+    "strand-held": (
+        bounds.HELD,
+        1,
+        lambda x: judging.held_in_grooves(StrandsRecord(pressed=1, force=1.0, friction=0.0, held=x, depth=0.0, s=0.01)),
+    ),
     "in-tissue": (
         bounds.IN_TISSUE * 3e-4,
         1,
-        lambda x: judging.sunk(StrandsRecord(pressed=0, force=0.0, friction=0.0, depth=x, s=0.01), [], [], 3e-4, False),
+        lambda x: judging.sunk(
+            StrandsRecord(pressed=0, force=0.0, friction=0.0, held=0.0, depth=x, s=0.01), [], [], 3e-4, False
+        ),
     ),
     "no-tract": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (bounds.STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
