@@ -131,7 +131,7 @@ def in_grooves(system: System[Body], organ: Bearing, state: State[Body], points:
     some, step = points[now], 0.5 * system.thread.section.diameter
     T = spline.curve(state.q[:, :3], some[:, LABEL])[:, 1]
     across = np.cross(some[:, ALONG], T)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)  # zero at an upright end
     places = places_of(spline, state.q, some[:, LABEL]) + some[:, ASIDE]
     one, other = (organ.faced(state.organ, places + way * across, some[:, LABEL:]) for way in (step, -step))
     turn = np.vecdot(one[:, ALONG] - other[:, ALONG], across) / (2.0 * step)
