@@ -38,7 +38,7 @@ from thread.spline import Spline
 from tissue.errors import OrganError
 from tissue.organs.lips import tangents
 
-ALONG, AWAY, OFF = slice(4, 7), 7, 8  # columns of the points: d, the distance, and d·(x − P) minus the distance
+ALONG, AWAY = slice(4, 7), 7  # columns of the points: d, and the distance
 LABEL, ASIDE, REACH = 9, slice(10, 13), 13  # their labels: abscissa, offset from the thread's axis, radius there
 ROW, STAY, STAY_AT = 14, slice(15, 18), 18  # labels too: row across, v of a spring, v·P where it is slack
 CLEAR = 1.0  # diameters along the thread from a hole in which no point bears: the thread emerges there
@@ -127,12 +127,8 @@ def in_grooves(system: System[Body], organ: Bearing, state: State[Body], points:
         return points.copy()
     _, was, now = np.intersect1d(identity_of(old), identity_of(points), return_indices=True)
     now, p = now[P[was] > 0.0], P[was[P[was] > 0.0]]
-    out, spline = points.copy(), system.at(state).thread.spline
-    some, step = points[now], 0.5 * system.thread.section.diameter
-    T = spline.curve(state.q[:, :3], some[:, LABEL])[:, 1]
-    across = np.cross(some[:, ALONG], T)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)  # zero at an upright end
-    places = places_of(spline, state.q, some[:, LABEL]) + some[:, ASIDE]
+    out, some, step = points.copy(), points[now], 0.5 * system.thread.section.diameter
+    places, across = points_at(system, state, some), across_thread(system.at(state).thread.spline, state.q, some)
     one, other = (organ.faced(state.organ, places + way * across, some[:, LABEL:]) for way in (step, -step))
     turn = np.vecdot(one[:, ALONG] - other[:, ALONG], across) / (2.0 * step)
     out[now, STAY] = np.sqrt(GROOVE * p * np.maximum(turn, 0.0))[:, None] * across
@@ -149,9 +145,9 @@ def held_aside(system: System[Body], state: State[Body]) -> float:
     points = organ.touching_points(state.organ)[0] if system.bears and isinstance(organ, Bearing) else np.zeros((0, 9))
     if not len(points):
         return 0.0
-    v, spline = points[:, STAY], system.at(state).thread.spline
-    places = places_of(spline, state.q, points[:, LABEL]) + points[:, ASIDE]
-    return float(np.linalg.norm(v, axis=1) @ np.abs(np.vecdot(v, places) - points[:, STAY_AT]))
+    v = points[:, STAY]
+    off = np.vecdot(v, points_at(system, state, points)) - points[:, STAY_AT]
+    return float(np.linalg.norm(v, axis=1) @ np.abs(off))
 
 
 def identity_of(points: Array) -> Array:
@@ -161,8 +157,7 @@ def identity_of(points: Array) -> Array:
 
 def faced_again(system: System[Body], organ: Bearing, state: State[Body], points: Array) -> Array:
     """Return the facing data of points `(j, 19)` of a thread in another state, `(j, 19)`."""
-    places = places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
-    return organ.faced(state.organ, places, points[:, LABEL:])
+    return organ.faced(state.organ, points_at(system, state, points), points[:, LABEL:])
 
 
 def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
@@ -184,8 +179,7 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
     sides = np.where(points[:, AWAY] < 2.0 * radius, most, 0)
     if not sides.any():
         return points
-    across = np.cross(points[:, ALONG], spline.curve(state.q[:, :3], s)[:, 1])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across = across_thread(spline, state.q, points)
     own, step = np.transpose([(k, i) for k, n in enumerate(sides.tolist()) for i in range(-n, n + 1)])
     aside = (step * WIDEST * radius / most)[:, None]
     d = points[:, ALONG] / np.linalg.norm(points[:, ALONG], axis=1, keepdims=True)
@@ -198,6 +192,17 @@ def places_of(spline: Spline, q: Array, s: Array) -> Array:
     `(j, 3)` [m].
     """
     return spline.curve(q[:, :3], np.clip(s, spline.start, spline.end))[:, 0]
+
+
+def points_at(system: System[Body], state: State[Body], points: Array) -> Array:
+    """Return the places of points `(j, 19)` of a thread in a state, `(j, 3)` [m]."""
+    return places_of(system.at(state).thread.spline, state.q, points[:, LABEL]) + points[:, ASIDE]
+
+
+def across_thread(spline: Spline, q: Array, points: Array) -> Array:
+    """Return unit vectors normal to the thread and to d at points `(j, 19)`, `(j, 3)`; zero at an upright end."""
+    across = np.cross(points[:, ALONG], spline.curve(q[:, :3], points[:, LABEL])[:, 1])
+    return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def misplaced(system: System[Body], state: State[Body], origin: State[Body]) -> float:
@@ -423,17 +428,25 @@ class Strands(Generic[Body]):
 
     def push(self, touch: Touch, q: Array) -> Array:
         """Return the forces on control points `q` (n, c), shape `(n, 3)` [N]."""
-        out, v = np.zeros((len(q), 3)), self.points[:, STAY]
-        stays = self.points[:, STAY_AT] - np.vecdot(v, self.places(q))
-        for at, forces in ((self.at, -touch.P[:, None] * self.along), (np.arange(self.count), stays[:, None] * v)):
+        out, parts = np.zeros((len(q), 3)), [(self.at, -touch.P[:, None] * self.along)]
+        if self.held.size:
+            v = self.points[self.held, STAY]
+            off = self.points[self.held, STAY_AT] - np.vecdot(v, self.places(q)[self.held])
+            parts.append((self.held, off[:, None] * v))
+        for at, forces in parts:
             np.add.at(out, self.first[at][:, None] + LOCAL, self.b[at][:, :, None] * forces[:, None])
         return out
 
-    @property
-    def blocks(self) -> Array:
-        """Stiffness of the springs of all points, shape `(j, 4, 4, 3, 3)` [N/m]."""
-        v = self.points[:, STAY]
-        return np.einsum("ji,jk,jx,jy->jikxy", self.b, self.b, v, v)
+    @cached_property
+    def held(self) -> Indices:
+        """Numbers of the points with a spring (`in_grooves`), shape `(h,)`."""
+        return np.flatnonzero(self.points[:, STAY].any(axis=1))
+
+    @cached_property
+    def springs(self) -> Array:
+        """Stiffness of these springs, shape `(h, 4, 4, 3, 3)` [N/m]."""
+        b, v = self.b[self.held], self.points[self.held, STAY]
+        return np.asarray(np.einsum("ji,jk,jx,jy->jikxy", b, b, v, v))
 
     def places(self, q: Array) -> Array:
         """Return the places of the points for control points `q` (n, c), shape `(j, 3)` [m]."""

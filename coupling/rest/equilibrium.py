@@ -671,22 +671,20 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     the load step. Raises `StepError`, also if a strand is then farther than its diameter from the
     place of its forces on the surface.
     """
-    out = [step]
+    out, lapse = [step], share * duration - step.old.time
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
         len(out) <= DRIFTS and is_dragged(system, out[-1])
     ):
-        since = Equilibrium(share * duration - step.old.time)
-        given = ask_organ(system, since, [out[-1].new, step.old], duration, share)
+        given = ask_organ(system, Equilibrium(lapse), [out[-1].new, step.old], duration, share)
         out.append(settle(system, out[-1].new, share, duration, given, step.old))
-    if (off := misplaced(system, out[-1].new, step.old)) > system.thread.section.diameter:
+    off = misplaced(system, out[-1].new, step.old) if len(out) > PAIRINGS else 0.0  # else it is less than MISPLACED
+    if off > system.thread.section.diameter:
         cause = f"a strand finds no place on the surface: it is {1e3 * off:.2g} mm from where its forces act"
-        raise OutError(
-            step.old.time, share * duration - step.old.time, cause, "", share, "pull less, or take firmer tissue"
-        )
+        raise OutError(step.old.time, lapse, cause, "", share, "pull less, or take firmer tissue")
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on: neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"
-        raise EquilibriumError(step.old.time, share * duration - step.old.time, cause, "", share, remedy)
+        raise EquilibriumError(step.old.time, lapse, cause, "", share, remedy)
     return out[1:]
 
 

@@ -455,8 +455,9 @@ def thread_matrix(problem: Problem[Body], z: Iterate, r: Residual) -> Array:
     thread = r.configuration.thread
     A = thread.tangent(r.points, z.N)
     A += problem.mass_factor * thread.mass_band if thread.travels else problem.inertia
-    if problem.strands is not None:
-        A += thread.band_at(problem.strands.first, problem.strands.blocks)
+    strands = problem.strands
+    if strands is not None and strands.held.size:
+        A += thread.band_at(strands.first[strands.held], strands.springs)
     return A
 
 

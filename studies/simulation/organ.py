@@ -73,8 +73,8 @@ def organ_of(
     if scenario.tissue.material != "linear":
         hyper = hyperelasticity_of(scenario.tissue, body, given)
         keep = keep_at_rest(body.free.size) if scenario.solve.kind == "static" else KEEP
-        finite = partial(tissue.FiniteOrgan, inertia=inertia, damping=scenario.tissue.rayleigh[0], keep=keep)
-        return finite(*known, law=hyper, relaxation=relaxation)
+        damping = scenario.tissue.rayleigh[0]
+        return tissue.FiniteOrgan(*known, law=hyper, inertia=inertia, damping=damping, keep=keep, relaxation=relaxation)
     if relaxation is not None:
         damped = scenario.tissue.rayleigh
         return tissue.RelaxingOrgan(*known, rayleigh=damped, relaxation=relaxation, inertia=inertia)
