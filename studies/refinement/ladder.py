@@ -184,8 +184,8 @@ def kinds_of(scenario: Scenario, over: str) -> tuple[str, ...]:
             f"--over {over} is refused: allowed are {', '.join(KINDS)} and all; in statics, dt refines the load steps"
         )
     if (reason := KINDS[over].lacking(scenario)) is not None:
-        asked = "--adaptive, or --over accuracy," if over == "accuracy" else f"--over {over}"
-        raise ScenarioError(f"{asked} is refused: {reason}")
+        option = "--adaptive, or --over accuracy," if over == "accuracy" else f"--over {over}"
+        raise ScenarioError(f"{option} is refused: {reason}")
     return (over,)
 
 

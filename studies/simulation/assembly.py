@@ -323,7 +323,7 @@ def end_of(scenario: Scenario, table: model.End, path: RoundedPath, at: float) -
         case model.ClampedEnd():
             return Clamped(path.position(at), path.tangent(at), turn=turn_of(table))
         case model.PulledEnd():
-            course = course_of(scenario.solve, table, table.ramp or 0.0)
+            course = course_of(scenario.solve, table)
             return Pulled(np.array(table.force), None if course is None else np.array(course))
         case model.DrivenEnd():
             return Driven(np.array(table.waypoints), turn=turn_of(table))

@@ -22,9 +22,9 @@ from meshes.wound import lips
 from studies.arrays import Array
 from studies.output.checkpoint import read_arrays, write_arrays
 from studies.scenario import Scenario, Solve, Tissue, WoundMesh
-from studies.scenario.course import Timed
-from studies.scenario.organ import LIPS, Reduction
+from studies.scenario.organ import LIPS, Load, Reduction
 from studies.scenario.table import refused
+from studies.scenario.thread import PulledEnd
 from studies.scenario.values import Turn
 from studies.simulation.given import Given
 from studies.simulation.meshing import check_loaded, material_of, motions_left, owned, wound_of
@@ -115,17 +115,14 @@ def reduced(full: tissue.DynamicOrgan, table: Reduction, key: str, store: Shared
 def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
     """Return the loads on the organ's boundaries."""
     return tuple(
-        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, course_of(scenario.solve, table, table.ramp))
+        tissue.SurfaceLoad(table.boundary, table.traction, table.pressure, course_of(scenario.solve, table))
         for table in (() if scenario.tissue is None else scenario.tissue.load)
     )
 
 
-def course_of(solve: Solve, table: Timed, ramp: float) -> tuple[Turn, ...] | None:
-    """Return the course of a load; `ramp` is its growth in time.
-
-    In statics a load without a course grows over the load steps.
-    """
-    return table.rows(solve.duration, 0.0 if solve.kind == "static" else ramp)
+def course_of(solve: Solve, table: Load | PulledEnd) -> tuple[Turn, ...] | None:
+    """Return the course of a load; None if the whole load acts at all times."""
+    return table.rows(solve.duration, solve.ramp_of(table.ramp))
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:

@@ -99,8 +99,8 @@ def times_of(scenario: Scenario) -> dict[str, float]:
         for tie in scenario.tie
         for key, time in (("from", tie.from_), ("until", tie.until))
     }
-    duration, loaded = scenario.solve.duration, scenario.loads.items()
-    changes = ((key, load.last_change(duration, load.ramp or 0.0)) for key, load in loaded)
+    solve, loaded = scenario.solve, scenario.loads.items()
+    changes = ((key, load.last_change(solve.duration, solve.ramp_of(load.ramp))) for key, load in loaded)
     loads = {f"{key}.{name}": time for key, (name, time) in changes}
     return begins | ties | loads | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 

@@ -418,7 +418,7 @@ def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: 
     [
         ({"from": 3.0}, {"from": 3.0}),
         ({"from": 0.5}, {}),
-        ({"from": 0.5, "ramp": 1.0}, {"ramp": 1.5}),
+        ({"from": 0.5, "ramp": 1.0}, {}),  # load steps apply the load
         ({"course": [[0, 0], [5, 1]]}, {"course": 5.0}),
         ({"course": [[0, 0], [5, 1]], "until": 1.0}, {}),
         ({"course": [[0, 0], [0.5, 1], [1, 0]]}, {}),
@@ -428,7 +428,7 @@ def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: 
         ({"course": {"kind": "cycle", "period": 0.4}}, {}),
     ],
 )
-def test_a_load_that_changes_after_the_end_is_told(keys: dict[str, Any], late: dict[str, float]) -> None:
+def test_a_load_that_changes_after_the_end_has_a_remark(keys: dict[str, Any], late: dict[str, float]) -> None:
     """Independent check: the start of the thread and the pressure change when the key says, in a run of 1 s."""
     text = [
         "solve.kind='static'",
@@ -444,6 +444,12 @@ def test_a_load_that_changes_after_the_end_is_told(keys: dict[str, Any], late: d
     times = {f"{key}.{name}": time for key in ("thread.start", "tissue.load.0") for name, time in late.items()}
     assert [each.where for each in found] == list(times)
     assert all(f"a time of {time:g} s" in each.message for each, time in zip(found, times.values(), strict=True))
+
+
+def test_a_load_that_still_grows_at_the_end_has_a_remark() -> None:
+    """Independent check: a ramp of 1 s from 0.5 s on has reached the half of the load in a run of 1 s in time."""
+    given = ["solve.duration=1.0", "thread.start.from=0.5", "thread.start.ramp=1.0"]
+    assert judging.times_of(load("two_piercings", given))["thread.start.ramp"] == pytest.approx(1.5)
 
 
 def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
