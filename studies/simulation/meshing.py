@@ -29,13 +29,14 @@ from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import GIGA, Array
 from studies.scenario import Scenario, ScenarioError
-from studies.scenario.organ import SURFACES, Boundary, Mesh, Region, idle_load, unknown_clamp
+from studies.scenario.organ import SURFACES, Boundary, Region, idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
 from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
 from studies.scenario.table import refuse, refused
 from studies.scenario.values import Vector
 from studies.simulation.sharing import Shared, places_key
+from tissue.refinement.mark import SIZES
 from tissue.sites.surface import ON_SURFACE
 
 log = logging.getLogger(__name__)
@@ -87,7 +88,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
     if isinstance(shape, model.FileMesh):
         return _from_file(table, shape, holes)
     body = body_of(shape)
-    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
+    grading, sites = grading_of(table, holes), body.nearest(places(holes))
     check_memory(table, grading, sites, body, planes)
     match shape:
         case model.CylinderMesh():
@@ -117,7 +118,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
-    grading, sites = grading_of(shape, holes), body.nearest(places(holes))
+    grading, sites = grading_of(table, holes), body.nearest(places(holes))
     check_memory(table, grading, sites, body, NO_PLANES)
     return fill(skin, grading, sites)
 
@@ -140,10 +141,21 @@ def places(holes: Sequence[model.Piercing]) -> Array:
     return np.reshape([hole.place for hole in holes], (-1, 3)).astype(float)
 
 
-def grading_of(shape: Mesh, holes: Sequence[model.Piercing]) -> Grading:
-    """Return the sizes of a generated mesh; `h_site` reaches to the largest footprint."""
+def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
+    """Return the sizes of a generated mesh; `h_site` reaches to the largest footprint.
+
+    Flat facets of a size h leave a round wall by h²/8R, and bisection does not change that. Cells
+    that are refined later therefore begin at a round wall with the size of the smallest footprint.
+    They grow as the refined cells do.
+    """
+    shape = table.mesh
     assert not isinstance(shape, model.GivenMesh) and shape.h is not None
-    radius = max((hole.footprint for hole in holes), default=0.0)
+    footprints = [hole.footprint for hole in holes if hole.footprint]
+    radius = max(footprints, default=0.0)
+    is_round = isinstance(shape, model.CylinderMesh | model.TubeMesh)
+    if shape.h_site is None and is_round and shape.accuracy != "given":
+        growth = float(np.exp(SIZES[table.element][2]))
+        return Grading(shape.h, min([shape.h, *footprints]), growth, radius)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
 
@@ -197,12 +209,13 @@ def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body
 def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:
     """Refuse a mesh whose organ needs more than the available memory, before the mesh is made."""
     shape = table.mesh
+    assert not isinstance(shape, model.GivenMesh)
     if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
         tets = structured_tets(shape.size, grading, sites, planes)
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if size := too_large(tets, table.element):
-        key = "h" if grading.h_site == grading.h else "h_site"
+        key = "h" if shape.h_site is None else "h_site"
         raise refused(f"tissue.mesh.{key}", getattr(grading, key), "mesh-large", h=grading.h, size=size)
 
 
@@ -394,7 +407,8 @@ def holes_on_surface(table: model.Tissue, holes: Holes, given: skfem.MeshTet | N
     """
     mesh = mesh_of(table, ()) if given is None else given
     found = landed(mesh, holes)
-    if given is None and getattr(table.mesh, "h_site", None) is not None:
+    size = getattr(table.mesh, "h", None)
+    if given is None and size is not None and grading_of(table, found).h_site < size:
         mesh = mesh_of(table, found)
         found = landed(mesh, holes)
     check_smooth(mesh, found)

@@ -17,6 +17,7 @@ from studies.scenario import Piercing, Scenario, ScenarioError, load, parse
 from studies.scenario.scenario import check_apart
 from studies.scenario.toml import dump
 from studies.simulation import prepare
+from studies.simulation.assembly import assemble
 from studies.simulation.meshing import with_places
 from studies.simulation.sharing import Shared
 from tests.bounds import IDENTITY
@@ -213,3 +214,26 @@ def test_holes_that_land_on_one_another_are_refused() -> None:
     check_apart([hole.model_copy(update={"at": hole.near}) for hole in asked.piercing])
     with pytest.raises(ScenarioError, match=r"near gives \[-0.0035, 0.001, 0.0\] m on the surface, and it is 0.0015 m"):
         with_places(asked, Shared())
+
+
+@NEEDS_GMSH
+def test_equal_holes_of_a_tube_are_equal() -> None:
+    """Facets near a hole are as small as its footprint: holes lie on the wall, and their compliances are equal."""
+    wall, footprint, angles = {"kind": "tube", "wall": 2e-3, "radius": RADIUS, "length": LONG, "h": 4e-3}, 0.6e-3, 4
+    turns = np.pi / 180 * (20 + 90 * np.arange(angles))
+    ways = np.stack([np.zeros(angles), -np.sin(turns), np.cos(turns)], axis=1)
+    holes = [
+        ABOVE
+        | {"name": f"at {k}", "near": (RADIUS * way).tolist(), "along": way.tolist(), "s": 2e-3 * (k + 1)}
+        | {"footprint": footprint}
+        for k, way in enumerate(ways)
+    ]
+    tables = tomllib.loads(dump(scenario(wall, *holes)))
+    tables["tissue"] |= {"clamp": ["left", "right"], "inertia": False}
+    tables["solve"] = {"kind": "static"}
+    run = assemble(parse(tables))
+    places = np.array([hole.place for hole in run.holes])
+    below = RADIUS - np.linalg.norm(places[:, 1:], axis=1)
+    assert below.max() <= (1.5 * footprint) ** 2 / (8 * RADIUS)  # of an edge at most half again as long as asked
+    C = np.array([np.diag(run.system.organ.operator(0.0, 0.0).C)[9 * k : 9 * k + 3].sum() for k in range(angles)])
+    assert np.ptp(C) <= 0.02 * C.mean()
