@@ -154,8 +154,8 @@ def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
     radius = max(footprints, default=0.0)
     is_round = isinstance(shape, model.CylinderMesh | model.TubeMesh)
     if shape.h_site is None and is_round and shape.accuracy != "given":
-        growth = float(np.exp(SIZES[table.element][2]))
-        return Grading(shape.h, min([shape.h, *footprints]), growth, radius)
+        least, growth = min([shape.h, *footprints]), float(np.exp(SIZES[table.element][2]))
+        return Grading(shape.h, least, growth, least)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
 
