@@ -55,6 +55,7 @@ from coupling.kernels.iteration import (
 )
 from coupling.step.configuration import GAP_TOLERANCE, Configuration, evaluate_thread
 from coupling.step.sliding import admissible_sigma, driven, ruled, with_own_laws
+from coupling.step.tension import stretches_at
 from coupling.system import State, System
 from thread.errors import ThreadError
 from thread.frames import Frame
@@ -342,6 +343,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
     """Ask the organ again under the forces of an iterate.
 
     Returns the problem and the residual with its answer, and whether the last answer was valid.
+    At rest, the stretch in the law of sliding follows the iterate.
     Raises `StepError` if the organ has no answer.
     """
     if problem.stands:
@@ -352,6 +354,10 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
         if answer is problem.answer:
             return problem, r, True
         problem = replace(problem, answer=answer)
+        if problem.stiffen:
+            system = problem.system.on(r.configuration.thread.spline)
+            stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
+            problem = replace(problem, law=problem.law._replace(stretch=stretch))
         return problem, evaluate(problem, z), False
     except OrganError as error:
         raise failure(problem, r.holds, str(error)) from error

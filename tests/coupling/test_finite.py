@@ -130,7 +130,7 @@ def test_newton_converges_quadratically(name: str) -> None:
         forces = Forces(r.f_y[:2].ravel(), np.zeros(made.size))
         point = answer.point
         if answers and answer is answers[-1]:  # it stood: the organ is where it takes it, not where it was linearised
-            point, _ = made.go(answer.motion, point, answer.moved(forces), forces)
+            point, _ = made.go(answer.motion, point, answer.moved(forces.f_y, np.zeros(0)), forces)
         answers.append(answer)
         seen.append(max(size(problem, r), made.off_balance(point, forces) / point.scale))
         return correct(problem, z, r)
@@ -145,7 +145,7 @@ def test_going_ahead_of_an_old_tangent_saves_corrections(monkeypatch: pytest.Mon
     """Consistency check: with a factor that is kept for good the same motion takes fewer corrections where each goes as
     far ahead as the two before say, than where it goes no further than by the tangent."""
     ahead = taken(*scene("P1 dynamic normal", keep=10**9), 0.25 * DT, 6)
-    monkeypatch.setattr(FiniteAnswer, "after", lambda self, last, forces: self)
+    monkeypatch.setattr(FiniteAnswer, "after", lambda self, last: self)
     plain = taken(*scene("P1 dynamic normal", keep=10**9), 0.25 * DT, 6)
     assert close(ahead[-1].new.organ.U, plain[-1].new.organ.U) and close(ahead[-1].new.q, plain[-1].new.q)
     counts = [sum(step.solution.iterations for step in steps[1:]) for steps in (ahead, plain)]
@@ -185,6 +185,31 @@ def test_a_kept_factor_gives_the_same_answer() -> None:
         organ.answer(Equilibrium(), [state]) for organ in (made, steps(name)[-1].solution.problem.system.organ)
     )
     assert np.array_equal(one.C, other.C)  # by what the state remembers alone: a run that goes on is the same
+
+
+@pytest.mark.parametrize("name", ["P1 quasi-static fibre", "P2 quasi-static normal"])
+def test_columns_of_an_earlier_tangent_give_the_same_answer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: tangents that use columns of an earlier one, and tangents that each have their own."""
+    computed: list[int] = []
+    compliance = finite.compliance
+
+    def counted(*given: Any) -> Any:
+        computed.append(1)
+        return compliance(*given)
+
+    monkeypatch.setattr(finite, "compliance", counted)
+    lent = taken(*scene(name, keep=1), DT, STEPS)
+    few = len(computed)
+    monkeypatch.setattr(tissue.FiniteOrgan, "lent", lambda *given: None)
+    own = taken(*scene(name, keep=1), DT, STEPS)
+    assert any(step.new.organ.columns is not None for step in lent) and few < len(computed) - few
+    for one, other in zip(lent, own, strict=True):
+        assert close(one.new.organ.U, other.new.organ.U) and close(one.new.lam, other.new.lam)
+    made: Any = scene(name)[0].organ
+    state = next(step.new.organ for step in lent[::-1] if step.new.organ.columns is not None)
+    again, before = (organ.answer(Equilibrium(), [state]) for organ in (made, lent[-1].solution.problem.system.organ))
+    assert again.columns is not None
+    assert np.array_equal(again.C, before.C)  # the state alone determines the columns: a resumed run is the same
 
 
 @pytest.mark.parametrize(

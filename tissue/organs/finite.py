@@ -10,6 +10,9 @@ and S = f_y·∂²y/∂z². The answer is
 
     dz = (1 − C_z S)⁻¹ (C_z Jᵀ f_y − Z A_k⁻¹ r_k),   y = y_k + J dz,   dU = A_k⁻¹ (Zᵀ (Jᵀ f_y + S dz) − r_k).
 
+The forces of the iterate are subtracted from r_k and from f_y and p. C_z and C_cy then act only on
+their changes, and the converged answer does not depend on them.
+
 Forces p on the gaps g = g0 + G U of touching lips add Gᵀ p to the forces. Their compliances are
 C_cc = G Ã⁻¹ Gᵀ and C_cy = G Ã⁻¹ Zᵀ Jᵀ with Ã = A − Zᵀ S Z. The pairing and its directions are
 determined at the start of a step, in the deformed shape.
@@ -18,7 +21,8 @@ The coupled Newton iteration calls `again` after each correction. The organ then
 The move is shortened if a cell would be inverted, or if the residual would increase and the move
 would lead too far uphill in the organ's potential under these forces. The answer has converged when
 its own residual there is within RESIDUAL of the forces of the cells. A factor is reused while few
-corrections are left with it; the converged answer does not depend on the factor.
+corrections are left with it; the converged answer does not depend on the factor. In the statics of
+an organ, so are C_z and C_cy of an earlier factor: their columns are more expensive than a factor.
 """
 
 from collections import deque
@@ -62,9 +66,10 @@ from tissue.solvers.factor import factorize_indefinite
 
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the organ's residual
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
-BENT = 1e-12  # of the numbers of a frame: accepted difference between y(z) and its linearisation
+BENT = 1e-12  # of a frame's numbers and of the organ's span: accepted difference between y(z) and its linearisation
 KEEP = 8  # corrections, a third of those allowed in a step in time
 CHEAP = 10_000  # unknowns; a new factor with its columns is as expensive as about KEEP corrections
+TOGETHER = 4  # columns of the sites in the time of a correction: CHOLMOD solves for as many at once
 SHORTEST = 2.0**-12  # smallest part of a correction that is tried
 ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
 SHORTER = 0.25  # of a correction that led too far: its shortest next part
@@ -137,30 +142,22 @@ class Tangent:
     definite: bool = True
     H: Array | None = None
     _gaps: Recent[Columns] = field(default_factory=lambda: Recent(1), repr=False)
-    _by_sites: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
-    _ways: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
+    _corrections: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
 
     @cached_property
-    def _columns(self) -> tuple[Array, Array]:
-        """W and C_z, computed when first needed; without site forces they are not needed."""
-        return compliance(self.factor, self.Z)
+    def columns(self) -> "SiteColumns":
+        """Its own columns, computed when first needed; without site forces they are not needed.
 
-    @property
-    def W(self) -> Array:
-        """A⁻¹ Zᵀ, shape `(N, k)`. Raises `OrganError`."""
-        return self._columns[0]
-
-    @property
-    def C_z(self) -> Array:
-        """Z A⁻¹ Zᵀ, shape `(k, k)`. Raises `OrganError`."""
-        return self._columns[1]
-
-    def way_without_forces(self, r: Array) -> Array:
-        """Return −A⁻¹ r, shape `(N,)` [m].
-
-        It is cached for the last residual r `(N,)` [N]. Raises `OrganError`.
+        Raises `OrganError`.
         """
-        return self._ways.of((r,), lambda: -self.factor.solve(r))
+        return SiteColumns(self.U, *compliance(self.factor, self.Z))
+
+    def correction(self, answer: "FiniteAnswer") -> Array:
+        """Return A⁻¹ times the residual of an answer under its forces, shape `(N,)` [m].
+
+        It is cached for the last point and forces. Raises `OrganError`.
+        """
+        return self._corrections.of((answer.point, answer.f_y, answer.p), lambda: self.factor.solve(answer.residual))
 
     def gaps_by_forces(self, pairing: Pairing, some: Indices) -> Array:
         """Return the columns of `some` pairs `(j,)` of G A⁻¹ Gᵀ, shape `(k, j)` [m/N].
@@ -169,12 +166,30 @@ class Tangent:
         """
         return self._gaps.of((pairing.G,), lambda: gap_compliance(self.factor, pairing.G)).of(some)
 
-    def gaps_by_sites(self, sums: csr_matrix, lip_rows: csr_matrix) -> Array:
-        """Return G A⁻¹ Zᵀ, shape `(k, number of z)`, for a pairing with G = `sums` `lip_rows`.
 
-        It is cached for the last `sums`. Raises `OrganError`.
+@dataclass(frozen=True)
+class SiteColumns:
+    """The motion by forces on the sites, of the tangent A at the displacement `U`.
+
+    `W` `(N, k)` is A⁻¹ Zᵀ, and `C_z` `(k, k)` is Z A⁻¹ Zᵀ.
+    """
+
+    U: Array
+    W: Array
+    C_z: Array
+    _gaps: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
+
+    def gaps(self, sums: csr_matrix, lip_rows: csr_matrix) -> Array:
+        """Return G W, shape `(k, number of z)`, for a pairing with G = `sums` `lip_rows`.
+
+        It is cached for the last `sums`.
         """
-        return self._by_sites.of((sums,), lambda: np.asarray(sums @ touching(lip_rows, self.W)))
+        return self._gaps.of((sums,), lambda: np.asarray(sums @ touching(lip_rows, self.W)))
+
+    @property
+    def worth(self) -> float:
+        """The number of corrections that take as long as these columns."""
+        return len(self.C_z) / TOGETHER
 
 
 def unsolved(error: FactorError) -> OrganError:
@@ -253,34 +268,43 @@ class Forces:
 
 @dataclass(frozen=True)
 class FiniteAnswer:
-    """The answer linearised at a `point` under forces `f_y` (9p,).
+    """The answer linearised at a `point` under forces `f_y` (9p,) and `p` (k,).
 
-    The `tangent` was computed at this point or at an earlier one. `pairing` is the pairing of the
-    lips. `ahead` (N,) [m] is an extrapolation beyond the correction with this tangent; None without
-    extrapolation.
+    The `tangent` was computed at this point or at an earlier one. `columns` are those of an earlier
+    tangent; None for its own. `pairing` is the pairing of the lips. `ahead` (N,) [m] is an
+    extrapolation beyond the correction with this tangent; None without extrapolation.
     """
 
     organ: "FiniteOrgan"
     motion: Motion
     point: Point
     tangent: Tangent
+    columns: SiteColumns | None
     f_y: Array
+    p: Array
     pairing: Pairing
     ahead: Array | None = None
     linear: ClassVar = False  # `again` can return an answer with another tangent
+
+    @property
+    def by_sites(self) -> SiteColumns:
+        """The columns of the sites."""
+        return self.columns or self.tangent.columns
 
     @cached_property
     def g_free(self) -> Array:
         """Gaps without site and contact forces, shape `(k,)` [m]."""
         if not self.organ.touches:
             return EMPTY
-        g = self.pairing.g0 + self.pairing.G @ (self.point.U + self._U_r)
-        return np.asarray(g + self._GW_turning @ (self.organ.map.Z @ self._U_r))
+        g = self.pairing.g0 + self.pairing.G @ (self.point.U + self._correction) - self.C_cy @ self.f_y
+        acts = np.flatnonzero(self.p)
+        g = g - self.gaps_by_forces(acts) @ self.p[acts]
+        return np.asarray(g + self._GW_turning @ (self.organ.map.Z @ self._correction))
 
     @property
     def _GW(self) -> Array:
         """G A⁻¹ Zᵀ, shape `(k, number of z)`."""
-        return self.tangent.gaps_by_sites(self.pairing.sums, self.organ.lip_rows)
+        return self.by_sites.gaps(self.pairing.sums, self.organ.lip_rows)
 
     @cached_property
     def _GW_turning(self) -> Array:
@@ -308,10 +332,16 @@ class FiniteAnswer:
         return NO_POINTS if self.pairing.points is None else self.pairing.points
 
     @cached_property
-    def _U_r(self) -> Array:
-        """−A⁻¹ r plus the extrapolation `ahead`, shape `(N,)` [m]."""
-        U_r = self.tangent.way_without_forces(self.point.r)
-        return U_r if self.ahead is None else U_r + self.ahead
+    def _correction(self) -> Array:
+        """A⁻¹ times the residual under `f_y` and `p`, plus the extrapolation `ahead`, shape `(N,)` [m]."""
+
+        way = self.tangent.correction(self)
+        return way if self.ahead is None else way + self.ahead
+
+    @property
+    def residual(self) -> Array:
+        """The residual under `f_y` and `p`, shape `(N,)` [N]."""
+        return self.organ.residual(self.point, self._forces(self.f_y, self.p))
 
     @cached_property
     def J(self) -> csr_matrix:
@@ -328,37 +358,42 @@ class FiniteAnswer:
         if not self._S.nnz:
             return identity(self._S.shape[0], format="csr")
         try:
-            return np.asarray(np.linalg.inv(np.eye(self._S.shape[0]) - self.tangent.C_z @ self._S))
+            return np.asarray(np.linalg.inv(np.eye(self._S.shape[0]) - self.by_sites.C_z @ self._S))
         except np.linalg.LinAlgError as error:
             raise OrganError("the fibre frames turn with the tissue without limit") from error
 
     @cached_property
     def C(self) -> Array:
         """Site compliance, shape `(9p, 9p)`."""
-        C = self.J @ self._bent @ self.tangent.C_z @ self.J.T
+        C = self.J @ self._bent @ self.by_sites.C_z @ self.J.T
         return np.asarray(0.5 * (C + C.T))
 
     @cached_property
     def y_free(self) -> Array:
-        """Linearised site variables without site forces, shape `(9p,)`."""
-        return np.asarray(self.organ.map.y(self.point.z) + self.J @ (self._bent @ (self.organ.map.Z @ self._U_r)))
+        """Linearised site variables without site and contact forces, shape `(9p,)`."""
+        y = self.organ.map.y(self.point.z) + self.J @ (self._bent @ (self.organ.map.Z @ self._correction))
+        return np.asarray(y - self.C @ self.f_y - self.p @ self.C_cy)
 
-    def moved(self, forces: Forces) -> Array:
-        """Return U_k + dU under forces, shape `(N,)` [m]."""
-        g, U_p = self.J.T @ forces.f_y, self._U_r
-        if forces.push.any():
-            U_p = U_p + self.tangent.factor.solve(forces.push)
+    def moved(self, f_y: Array, p: Array) -> Array:
+        """Return U_k + dU under the forces `f_y` and `p`, shape `(N,)` [m]."""
+        g, U_p, push = self.J.T @ (f_y - self.f_y), self._correction, p - self.p
+        if push.any():
+            U_p = U_p + self.tangent.factor.solve(self.pairing.G.T @ push)
         if self._S.nnz:
-            g = g + self._S @ (self._bent @ (self.tangent.C_z @ g + self.organ.map.Z @ U_p))
-        return np.asarray(self.point.U + (self.tangent.W @ g if g.any() else 0.0) + U_p)
+            g = g + self._S @ (self._bent @ (self.by_sites.C_z @ g + self.organ.map.Z @ U_p))
+        if not g.any():
+            return self.point.U + U_p
+        by_sites = (
+            self.tangent.columns.W @ g if self.columns is None else self.tangent.factor.solve(self.organ.map.Z_T @ g)
+        )
+        return np.asarray(self.point.U + U_p + by_sites)
 
     def _forces(self, f_y: Array, p: Array) -> Forces:
         return Forces(f_y, self.pairing.G.T @ p if p.size else np.zeros(self.organ.size))
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
         """Return the state at the end of the step."""
-        U = self.moved(self._forces(f_y, p))
-        return self.organ.state_at(self.motion, U, f_y, p, self.pairing, self.tangent)
+        return self.organ.state_at(self, self.moved(f_y, p), f_y, p)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
         """Return the answer linearised at a new point under these forces.
@@ -366,22 +401,28 @@ class FiniteAnswer:
         It is itself if the organ's equations have converged under these forces. Raises `OrganError`
         if there is no new point or no tangent.
         """
-        organ, forces = self.organ, self._forces(f_y, p)
-        point, share = organ.go(self.motion, self.point, self.moved(forces), forces)
+        organ, forces, tangent, columns = self.organ, self._forces(f_y, p), self.tangent, self.columns
+        before = organ.off_balance(self.point, forces)
+        point, share = organ.go(self.motion, self.point, self.moved(f_y, p), forces)
         if share < 1.0:  # far from a solution: one correction without the columns of the sites
-            way = organ.tangent(self.motion, point.U, point.F).factor.solve(organ.residual(point, forces))
+            tangent, before = organ.tangent(self.motion, point.U, point.F), organ.off_balance(point, forces)
+            way = tangent.factor.solve(organ.residual(point, forces))
             point = organ.go(self.motion, point, point.U + way, forces)[0]
-        before, after = (organ.off_balance(at, forces) for at in (self.point, point))
-        tolerance = organ.tolerance(self.motion, point)
-        if share == 1.0 and after <= tolerance and self._fits(point, f_y, p):
+        after, tolerance = organ.off_balance(point, forces), organ.tolerance(self.motion, point)
+        missed, change = self._missed(point, f_y, p)
+        if share == 1.0 and after <= tolerance and missed <= BENT:
             return self
-        kept = corrections_left(before, after, tolerance) < organ.keep
-        tangent = self.tangent if kept else organ.tangent(self.motion, point.U, point.F)
-        answer = FiniteAnswer(organ, self.motion, point, tangent, f_y, self.pairing)
-        extrapolated = kept and share == 1.0 and not forces.push.any()
-        return answer.after(self, forces) if extrapolated else answer
+        if corrections_left(before, after, tolerance) >= organ.keep:
+            tangent = organ.tangent(self.motion, point.U, point.F)
+        if tangent is not self.tangent:
+            columns = organ.lent(self.motion, self.by_sites) if f_y.any() else None
+        if columns is not None and share == 1.0 and corrections_left(change, missed, BENT) >= columns.worth:
+            columns = None
+        answer = FiniteAnswer(organ, self.motion, point, tangent, columns, f_y, p, self.pairing)
+        extrapolated = tangent is self.tangent and share == 1.0 and not forces.push.any()
+        return answer.after(self) if extrapolated else answer
 
-    def after(self, last: "FiniteAnswer", forces: Forces) -> "FiniteAnswer":
+    def after(self, last: "FiniteAnswer") -> "FiniteAnswer":
         """Return the answer with an extrapolation from the last two corrections.
 
         Both corrections have the same tangent, and no additional solve is needed. With an old
@@ -390,18 +431,23 @@ class FiniteAnswer:
         iterations).
         """
         way = self.point.U - last.point.U
-        left = self.moved(forces) - self.point.U
+        left = self.moved(self.f_y, self.p) - self.point.U
         change = left - (way if last.ahead is None else way - last.ahead)
         part = float(left @ change) / max(float(change @ change), np.finfo(float).tiny)
         return replace(self, ahead=-part * (way + change))
 
-    def _fits(self, point: Point, f_y: Array, p: Array) -> bool:
-        """Return whether the site variables agree with their linearisation."""
-        if not any(self.organ.map.cut):
-            return True
-        y = self.y_free + self.C @ f_y + p @ self.C_cy
-        off = np.abs(self.organ.map.y(point.z) - y).reshape(-1, 3, 3)
-        return bool(off[:, 1:].max() <= BENT)
+    def _missed(self, point: Point, f_y: Array, p: Array) -> tuple[float, float]:
+        """Return the error of the linearised site variables at a point, and their change.
+
+        Both are the largest in the numbers of a frame, and in displacements over the organ's span.
+        """
+        if self.columns is None and not any(self.organ.map.cut):
+            return 0.0, 0.0
+        y, then = self.organ.map.y(point.z), self.organ.map.y(self.point.z)
+        errors = y - (self.y_free + self.C @ f_y + p @ self.C_cy), y - then
+        scale = np.repeat([self.organ.span, 1.0], [3, 6])
+        missed, change = (float(np.max(np.abs(error.reshape(-1, 9)) / scale, initial=0.0)) for error in errors)
+        return missed, change
 
     @property
     def equation(self) -> Equation:
@@ -575,6 +621,29 @@ class FiniteOrgan(MeshedOrgan):
         values = motion.a, motion.d, met, b"" if shares is None else shares.tobytes()
         return self._tangents.of((U, H), made, values)
 
+    def lent(self, motion: Motion, columns: SiteColumns) -> SiteColumns | None:
+        """Return columns of an earlier tangent for a new one; None if it needs its own."""
+        return self._lent.of((columns.U,), lambda: columns) if self._lends(motion) else None
+
+    def _lends(self, motion: Motion) -> bool:
+        """Return whether tangents can use columns of an earlier one.
+
+        The tangents of a step in time, of relaxation and of following pressures depend on more than
+        the displacement, and close to a limit point of a branch they change without limit.
+        """
+        own = motion.a or motion.led or motion.course is not None or self.surface.follows
+        return bool(self.keep and not own)
+
+    @cached_property
+    def span(self) -> float:
+        """Diagonal of the organ's bounding box [m]."""
+        return float(np.linalg.norm(np.ptp(self.elasticity.points, axis=0)))
+
+    @cached_property
+    def _lent(self) -> Recent[SiteColumns]:
+        """The columns that other tangents use, by displacement."""
+        return Recent()
+
     @cached_property
     def _tangents(self) -> Recent[Tangent]:
         """The last tangents, as many as fit into memory."""
@@ -667,12 +736,13 @@ class FiniteOrgan(MeshedOrgan):
         point, no_forces = self.point(still, U), Forces(none, np.zeros(self.size))
         if self.off_balance(point, no_forces) <= self._round_off:
             return state
-        answer = FiniteAnswer(self, still, point, self.tangent(still, U, point.F), none, self.pairing(None))
+        tangent = self.tangent(still, U, point.F)
+        answer = FiniteAnswer(self, still, point, tangent, None, none, no_push, self.pairing(None))
         for _ in range(MOST_CORRECTIONS):
             after = answer.again(none, no_push)
             if after is answer:
                 last = answer.tangent
-                return replace(state, U=answer.moved(no_forces), linearised=last.U, linearised_H=last.H)
+                return replace(state, U=answer.moved(none, no_push), linearised=last.U, linearised_H=last.H)
             answer = after
         raise OrganError(f"no convergence in {MOST_CORRECTIONS} Newton iterations")
 
@@ -685,12 +755,27 @@ class FiniteOrgan(MeshedOrgan):
         the tangent that was last used for this state.
         """
         motion, state = self.motion(scheme, past, self.shares_at(time, share)), past[0]
-        point = self.point(motion, state.U)
+        point, columns = self.point(motion, state.U), None
         if self.keep and state.linearised is not None:
+            if (at := state.columns) is not None and self._lends(motion):
+                columns = self._lent.of((at,), lambda: self.tangent(motion, at).columns)
             tangent = self.tangent(self._with_stress(motion, state.linearised_H), state.linearised)
         else:
             tangent = self.tangent(motion, state.U, point.F)
-        return FiniteAnswer(self, motion, point, tangent, state.f_y, self.paired_after(past, scheme))
+        return self._answer(motion, point, tangent, columns, state, self.paired_after(past, scheme))
+
+    def _answer(
+        self,
+        motion: Motion,
+        point: Point,
+        tangent: Tangent,
+        columns: SiteColumns | None,
+        state: OrganState,
+        pairing: Pairing,
+    ) -> FiniteAnswer:
+        """Return the answer linearised under the forces of a state, without the forces of other pairs."""
+        p = state.p if state.p.size == len(pairing.g0) else np.zeros(len(pairing.g0))
+        return FiniteAnswer(self, motion, point, tangent, columns, state.f_y, p, pairing)
 
     def _with_stress(self, motion: Motion, H: Array | None) -> Motion:
         """Return the motion with the constant stress `H` of an earlier step; None without relaxation."""
@@ -711,14 +796,8 @@ class FiniteOrgan(MeshedOrgan):
         course = self.course(state, 0.0)
         motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True, course=course)
         point = self.point(motion, state.U)
-        return FiniteAnswer(
-            self,
-            motion,
-            point,
-            self.tangent(motion, state.U, point.F),
-            state.f_y,
-            self.paired_anew(state.U, state.ahead),
-        )
+        pairing = self.paired_anew(state.U, state.ahead)
+        return self._answer(motion, point, self.tangent(motion, state.U, point.F), None, state, pairing)
 
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
         """Return an answer at rest at the same displacement under another `share` of the loads.
@@ -728,7 +807,8 @@ class FiniteOrgan(MeshedOrgan):
         """
         shares = self.shares_at(time, share)
         motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
-        return replace(answer, motion=motion, point=self.point(motion, answer.point.U, answer.point.F))
+        point = self.point(motion, answer.point.U, answer.point.F)
+        return replace(answer, motion=motion, point=point, columns=None)
 
     def holds(self, answer: FiniteAnswer) -> bool:
         """Return whether the equilibrium of an answer is stable under dead forces.
@@ -767,17 +847,17 @@ class FiniteOrgan(MeshedOrgan):
             force = self.law.forces(F, density)[0][self.elasticity.free]
         return force if determinant(F).min() > 0.0 and np.isfinite(force).all() else None
 
-    def state_at(
-        self, motion: Motion, U: Array, f_y: Array, p: Array, pairing: Pairing, tangent: Tangent
-    ) -> OrganState:
-        """Return the state at the end of a step."""
+    def state_at(self, answer: FiniteAnswer, U: Array, f_y: Array, p: Array) -> OrganState:
+        """Return the state at the end of a step, from its last answer."""
+        motion, pairing, tangent = answer.motion, answer.pairing, answer.tangent
         if motion.a and not motion.creeps:
             V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
         else:
             V = A = np.zeros(self.size)
         rest = p, pairing.facing, motion.shares, tangent.U
         stress = self.relaxed(motion.course, U)
-        return OrganState(U, V, A, f_y, *rest, relaxing=stress, points=pairing.points, linearised_H=tangent.H)
+        state = OrganState(U, V, A, f_y, *rest, relaxing=stress, points=pairing.points, linearised_H=tangent.H)
+        return state if answer.columns is None else replace(state, columns=answer.columns.U)
 
     def relaxed(self, course: Course | None, U: Array) -> Array | None:
         """Return the relaxing stresses at the end of a step, shape `(b, 3, 3, q, c)` [Pa].
@@ -819,7 +899,8 @@ class FiniteOrgan(MeshedOrgan):
         """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, J = self.tangent(motion, state.U), self.map.slope(np.asarray(self.map.Z @ state.U))
-        operator = Operator(self, tangent.A, tangent.factor, tangent.W @ J.T, J @ tangent.C_z @ J.T)
+        W, C_z = compliance(tangent.factor, self.map.Z)
+        operator = Operator(self, tangent.A, tangent.factor, W @ J.T, J @ C_z @ J.T)
         return self.displaced(operator, state, y, f_y, csr_matrix(J @ self.map.Z))
 
     def _stored(self, U: Array) -> tuple[float, Array]:

@@ -75,6 +75,8 @@ class OrganState:
       computed; the next step reuses this tangent. None for a linear organ.
     - `linearised_H` `(3, 3, q, c)` [Pa]: the constant stress of this tangent (`tissue.relaxation`);
       None without relaxation.
+    - `columns` `(N,)` [m]: the displacement at which the columns of the sites were computed; None
+      if the tangent has its own.
     - `MU` [kg m], `MV` [N s], `KU` [N]: the products M U, M V and K U `(N,)`; None if they are
       not stored.
     - `relaxing`: the relaxing stresses `(b, 3, 3, q, c)` [Pa] (`tissue.relaxation`), or in a linear
@@ -102,6 +104,7 @@ class OrganState:
     ahead: Array | None = None
     tally: float = 0.0
     linearised_H: Array | None = None
+    columns: Array | None = None
 
 
 @dataclass(frozen=True)
