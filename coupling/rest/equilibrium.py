@@ -98,13 +98,14 @@ REPORTED = 100  # corrections between two messages: a usual load step takes fewe
 DOWN = 2  # rounds downhill before a round of Newton's method
 REFITS = 4  # additional equilibria, at most, until the packets of travelling knots fit
 LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
-BALANCED = 1e-6  # of the larger of two dead loads: loads with a smaller difference are equal
+BALANCED = 1e-6  # of the larger of two dead loads, or of the largest force: loads with a smaller difference are equal
 LIGHT = 0.01  # of the loads: 1 to 80 load steps then agree to 1e-3 (2-0, turns of 150°, arms of 15 to 120 mm)
 DEEPEST = 4  # repeated halvings of a load step
 SNAPS = 2  # halvings before tissue creeps to the state to which it snaps
 FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # drag of a creeping organ, over its stiffest node; below its softest mode at last
 EASIER, HARDER = 4.0, 10.0  # the drag is divided by the first after a success, and multiplied by the second otherwise
 CREEPS = 60  # equilibria of a creeping organ, at most
+FAR = 1e3  # times the extent of a scene: nothing that could hold a thread is so far away
 LIES = 4  # times that a thread is tied to the place that it has reached, at most
 LYING = 1e-10  # of the stiffest span: tie of a thread that turns or slides freely, such as a piece that is cut off
 
@@ -253,13 +254,14 @@ def further(
     the organ's answer there.
 
     The load step began at `first`, and the corrections at `old`. Raises the error itself if the
-    corrections were not used up, `LeavingError` if the thread has run out of a hole, and
-    `TogetherError` if holes have met.
+    corrections were not used up, `LeavingError` if the thread has run out of a hole, a `StepError` if it has flown
+    away, and `TogetherError` if holes have met.
     """
     if not isinstance(error, UnfinishedError):
         raise error
     new = put_where(old, error.reached)
     refuse_leaving(system, first, new)
+    refuse_flown(first, new)
     refuse_together(system, new)
     return fitted(system, new, solved=False)[1], error.reached.problem.answer
 
@@ -319,11 +321,20 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
         raise LeavingError(old.time, new.time - old.time, f"the thread runs out at {', '.join(places)}", gone=gone)
 
 
+def refuse_flown(old: State[Body], new: State[Body]) -> None:
+    """Raise `StepError` if the thread has flown away, where round-off hides the loads on it."""
+    scene = np.ptp(old.q[:, :3], axis=0).max() + np.abs(old.q[:, :3]).max()
+    if np.abs(new.q[:, :3]).max() > FAR * scene:
+        cause = "the thread flies away: nothing balances its loads; hold an end, or use a smaller load"
+        raise StepError(old.time, new.time - old.time, cause)
+
+
 def let_lie(solution: Solution[Body]) -> Solution[Body]:
     """Solve again with a free thread tied to its new place.
 
     A free thread can move without a change of energy (`lying_tie`). The tie is a tenth of the last one, and the
-    solution is repeated until the tie bears no force. Each time the error is multiplied by the
+    solution is repeated until the tie bears no force. A force that stays is that of loads without
+    balance. Each time the error is multiplied by the
     ratio of the tie to the thread's stiffness (the proximal point algorithm: Rockafellar, SIAM J.
     Control Optim. 14, 1976). Raises `StepError`.
     """
@@ -338,6 +349,9 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
         way = np.abs(problem.system.thread.momentum(again.iterate.q - z.q)[:, :3]).sum()
         if problem.mass_factor * way <= rounded_force(problem):
             break
+    if (force := float(problem.mass_factor * way)) > BALANCED * solution.residual.force_scale:
+        cause = f"nothing balances {force:.2g} N of the loads on the thread or on a piece of it"
+        raise StepError(problem.time - problem.dt, problem.dt, f"{cause}, which moves away; hold an end, or tie it")
     last = corrected(replace(solution, iterations=0))  # the remaining force does work: a piece may have moved far
     return replace(last, iterations=solution.iterations + last.iterations)
 
@@ -531,7 +545,9 @@ def lightly_loaded(system: System[Body], state: State[Body], share: float, durat
     try:
         step, gone = accepted(system, settle(system, state, LIGHT, duration), 0)
     except (CouplingError, FactorError) as error:
-        log.info("no equilibrium under light loads, and friction may keep bends of the laid thread: %s", error)
+        log.info(
+            "no equilibrium under light loads; if there is friction, it may keep bends of the laid thread: %s", error
+        )
         return []
     return [] if gone.any() or step.snapped else [step]
 

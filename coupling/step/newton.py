@@ -270,7 +270,7 @@ class UnfinishedError(StepError):
 
 
 def evaluate(problem: Problem[Body], z: Iterate) -> Residual:
-    """Evaluate all residuals of a step."""
+    """Evaluate all residuals of a step. Raises `StepError` as `touched` does."""
     thread, inertia, ridden = problem.system.thread, np.zeros_like(z.q), None
     if thread.travels:
         inertia, ridden = ride(thread.placed(z.s), problem.ride, problem.fields_read, problem.mass_factor, z.q, z.N)
@@ -312,12 +312,16 @@ def touched(
 
     The configuration contains the driving forces of the friction at the holds. `f_y` (m, 9) are the
     forces on the sites. The forces of the points are None if no point may bear. The third result
-    has their forces on the control points, shape `(n, 3)` [N].
+    has their forces on the control points, shape `(n, 3)` [N]. Raises `StepError` if no forces of
+    the points obey Coulomb's law.
     """
     strands = problem.strands
     if strands is None:
         return now, None, np.zeros((problem.system.thread.n, 3))
-    touch = strands.touch(z.q, z.s, f_y.ravel())
+    try:
+        touch = strands.touch(z.q, z.s, f_y.ravel())
+    except OrganError as error:
+        raise StepError(problem.time - problem.dt, problem.dt, str(error)) from error
     if strands.friction and touch.P.any() and now.at.ridden is not None:
         by_s = now.at.ridden.by_s - strands.drive(touch.P, z.s)
         now = replace(now, at=replace(now.at, drive=-by_s, ridden=now.at.ridden._replace(by_s=by_s)))
