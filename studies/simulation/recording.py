@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 import tissue
 from coupling.joins.contact import ContactObservation, observe_contact
-from coupling.joins.strands import AWAY, abscissae, held_aside, places_of
+from coupling.joins.strands import AWAY, LABEL, abscissae, held_aside, places_of
 from coupling.reports.observation import PiercingObservation, span_ratio, spans_between
 from coupling.run.march import solution_at
 from coupling.step.stability import is_squeezed, would_stay
@@ -42,7 +43,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
         stays=partial(would_stay_after, now),
-        outside=partial(strands_record, system, state),
+        outside=partial(strands_record, now),
         seconds=seconds,
         fallen=now.fallen,
         events=tuple(now.events),
@@ -70,8 +71,9 @@ def would_stay_after(now: OrganRun) -> bool:
     )
 
 
-def strands_record(system: System, state: State) -> records.Record | None:
+def strands_record(now: OrganRun) -> records.Record | None:
     """Return the strands outside the organ, None if there are none."""
+    system, state = now.system, now.state
     organ: Any = system.organ
     s = np.zeros(0) if system.contact is None else abscissae(system, state, SAMPLES)
     if not s.size:
@@ -82,15 +84,39 @@ def strands_record(system: System, state: State) -> records.Record | None:
     deep = -tissue.skin_of(body).faced(displacement, places, np.zeros((len(s), 0)))[:, AWAY]
     points, P = organ.touching_points(state.organ) if system.bears else (places[:0], s[:0])
     across, along = P[: len(points)], P[len(points) :].reshape(-1, 2)
+    friction, bears = np.linalg.norm(along, axis=1) if along.size else np.zeros(across.size), np.flatnonzero(across)
     deepest = int(np.argmax(deep))
     return records.StrandsRecord(
-        pressed=int(np.count_nonzero(across)),
+        pressed=bears.size,
         force=float(across.sum()),
-        friction=float(np.linalg.norm(along, axis=1).sum()),
+        friction=float(friction.sum()),
         held=held_aside(system, state),
+        off_friction=off_friction(now, points[bears, LABEL], friction[bears]) if bears.size else 0.0,
         depth=float(deep[deepest]),
         s=float(s[deepest]),
     )
+
+
+def off_friction(now: OrganRun, at: Array, friction: Array) -> float:
+    """Return the largest change of tension over bearing points of a strand beyond their friction [N].
+
+    The points have abscissae `at` (j,) [m] and `friction` (j,) [N]. At rest T + EI κ²/2 + ρA g·P
+    changes only by forces along the thread. Parts of a strand without bearing points are compared by
+    their median, if they are at least a span long.
+    """
+    if now.state.v.any():
+        return 0.0
+    thread, drawn = now.system.thread, thread_record(now)
+    along = drawn.tension + 0.5 * thread.EI * drawn.curvature**2
+    along += thread.section.rhoA * (drawn.points @ now.system.gravity)
+    order = np.argsort(at)
+    at, friction = at[order], np.append(0.0, np.cumsum(friction[order]))
+    strand, part = np.searchsorted(np.sort(now.state.s[now.state.present]), drawn.s), np.searchsorted(at, drawn.s)
+    keys, own, counts = np.unique(np.column_stack([strand, part]), axis=0, return_inverse=True, return_counts=True)
+    long = np.flatnonzero(counts >= SAMPLES).tolist()
+    found = [(*keys[k].tolist(), float(np.median(along[own == k]))) for k in long]
+    both = [(one, other) for one, other in combinations(found, 2) if one[0] == other[0]]
+    return max([abs(H - H0) - float(friction[k] - friction[k0]) for (_, k0, H0), (_, k, H) in both] + [0.0])
 
 
 def own_holes(holes: Sequence[PiercingObservation]) -> tuple[PiercingObservation, ...]:

@@ -157,6 +157,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     abscissae = [hole.s for hole in step.piercings]
     yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
     yield from held_in_grooves(step.strands)
+    yield from beyond_friction(step.strands, extremes.tension)
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
     yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
@@ -588,6 +589,17 @@ def held_in_grooves(strands: records.Record | None) -> list[Remark]:
         return []
     share = strands.held / max(strands.force, np.finfo(float).tiny)
     return judged(share > bounds.HELD, "strand-held", "thread", held=strands.held, share=share)
+
+
+def beyond_friction(strands: records.Record | None, tension: float) -> list[Remark]:
+    """Return a remark if the contact of a strand changes its tension more than its friction can.
+
+    The largest tension of the thread is `tension` [N].
+    """
+    if strands is None or not tension:
+        return []
+    force, share = strands.off_friction, strands.off_friction / tension
+    return judged(share > bounds.OFF_FRICTION, "strand-friction", "thread", force=force, share=share)
 
 
 def sunk(

@@ -11,7 +11,7 @@ import pytest
 import skfem
 
 import tissue
-from coupling.errors import OutError
+from coupling.errors import OutError, StepError
 from coupling.joins.strands import AWAY, FIRM, abscissae, forces_of, places_of
 from coupling.rest.equilibrium import load_steps
 from coupling.rest.laying import start
@@ -127,6 +127,7 @@ def test_a_strand_round_a_bar_of_tissue_is_a_capstan(friction: float) -> None:
     strands = step_record(run).strands
     assert strands is not None and strands.pressed > 5
     assert strands.friction == pytest.approx(friction * strands.force, rel=1e-6)  # it slips everywhere
+    assert strands.off_friction < CAPSTAN * 0.2
     assert strands.depth < 0.0
 
 
@@ -337,4 +338,36 @@ def test_a_strand_that_sinks_out_of_its_place_is_refused_in_words() -> None:
     simulation = prepare(parsed(capstan(0.0, 5e-3).replace("1.0e6", "6.0e4")))
     run = simulation.beginning().load(0.25, simulation.scenario.solve.duration)
     with pytest.raises(OutError, match=r"a strand finds no place on the surface: it is 0.* mm from where its forces"):
+        run.load(0.5, simulation.scenario.solve.duration)
+
+
+EDGE = """
+[tissue]
+youngs_modulus = 1e5
+poisson_ratio = 0.45
+density = 1000.0
+clamp = ["bottom"]
+mesh = { kind = "block", size = [0.02, 0.016, 0.01], h = 2e-3, accuracy = "given" }
+[thread]
+suture = "3-0 nylon"
+path = [[-0.02, 0, -0.002], [-0.0105, 0, 0.0003], [0.0105, 0, 0.0003], [0.02, 0, -0.002]]
+contact = true
+start = { kind = "pulled", force = [-0.1, 0, -0.05] }
+end = { kind = "pulled", force = [0.1, 0, -0.05] }
+[solve]
+kind = "static"
+load_steps = 4
+"""
+
+
+def test_a_strand_that_slips_off_its_edges_flies_away_in_words() -> None:
+    # Independent: without the block, nothing balances both pulls downwards. The remark before that is by statics too:
+    # T + EI κ²/2 of a strand without friction is the same on both sides of an edge.
+    simulation = prepare(parsed(EDGE))
+    run = simulation.beginning().load(0.25, simulation.scenario.solve.duration)
+    strands = step_record(run).strands
+    tension = np.hypot(0.1, 0.05) * 0.25
+    assert strands is not None and strands.friction == 0.0
+    assert 2.0 * CAPSTAN * tension < strands.off_friction < tension
+    with pytest.raises(StepError, match="the thread flies away: nothing balances its loads"):
         run.load(0.5, simulation.scenario.solve.duration)

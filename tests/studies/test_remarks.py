@@ -67,6 +67,7 @@ def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, nu
 
 TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, speed=0.05)
 TRACT: Any = SimpleNamespace(tract="a-b", turn=0.2, tension=0.3, spacing=1e-3)
+STRANDS: Any = StrandsRecord(pressed=1, force=1.0, friction=0.0, held=0.0, off_friction=0.0, depth=0.0, s=0.01)
 
 # For each code the bound, and the judgement of a value; the sign says on which side of the bound it is said.
 JUDGED: dict[str, tuple[float, int, Judge]] = {
@@ -127,14 +128,17 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "strand-held": (
         bounds.HELD,
         1,
-        lambda x: judging.held_in_grooves(StrandsRecord(pressed=1, force=1.0, friction=0.0, held=x, depth=0.0, s=0.01)),
+        lambda x: judging.held_in_grooves(replace(STRANDS, held=x)),
+    ),
+    "strand-friction": (
+        bounds.OFF_FRICTION * 2.0,
+        1,
+        lambda x: judging.beyond_friction(replace(STRANDS, off_friction=x), 2.0),
     ),
     "in-tissue": (
         bounds.IN_TISSUE * 3e-4,
         1,
-        lambda x: judging.sunk(
-            StrandsRecord(pressed=0, force=0.0, friction=0.0, held=0.0, depth=x, s=0.01), [], [], 3e-4, False
-        ),
+        lambda x: judging.sunk(replace(STRANDS, depth=x), [], [], 3e-4, False),
     ),
     "no-tract": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (bounds.STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
