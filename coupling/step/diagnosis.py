@@ -74,12 +74,13 @@ def refuse_together(system: System[Body], state: State[Body]) -> None:
 
 def drawn_together(system: System[Body], state: State[Body]) -> list[str]:
     """Return sentences on neighbouring piercings with less than a diameter of thread between them."""
-    names, s = hold_names(system), state.s
+    names, s, organ = hold_names(system), state.s, system.organ
+    others = [] if getattr(organ, "turns", False) else ["tissue at finite strain (tissue.material)"]
+    others += [] if getattr(organ, "pairs", 0) else ["[[contact]] between the lips of a wound"]
     along = [k for k in holds_along_thread(system, state) if k < len(system.piercings)]
     return [
         f"the thread between {names[i]} and {names[j]} is drawn to nothing, {abs(s[j] - s[i]):.2g} m of it are left: "
-        "they have come to one place, which neither linear tissue nor lips without contact resist; pull less, use "
-        "firmer tissue or tissue at finite strain (tissue.material), or [[contact]] between the lips of a wound"
+        f"they have come to one place; pull less, or use {' or '.join(['firmer tissue', *others])}"
         for i, j in pairwise(along)
         if abs(s[j] - s[i]) < system.thread.section.diameter
     ]
@@ -234,7 +235,8 @@ def refuse_drawn_out(system: System[Body], old: State[Body], new: State[Body]) -
         low, high = ends[piece[k] : piece[k] + 2]
         cause = (
             f"the thread is drawn out of piercing {system.piercings[k].name!r} (s = {new.s[k]:.6g} m, and its piece "
-            f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more thread"
+            f"goes from {low:.6g} to {high:.6g} m); draw less, or lay out more thread; in a dynamic run, "
+            'solve.start = "rest" lets the bends of a laid path straighten before the hand draws'
         )
         raise ConstraintError(new.time, cause)
 

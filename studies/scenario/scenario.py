@@ -4,6 +4,7 @@ The models of this package define the file; `keys.toml` has the meaning of each 
 brackets. All units are SI units, except in a mesh file. ``schema`` gives the JSON schema.
 """
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import combinations, pairwise
@@ -276,7 +277,8 @@ def check_apart(holes: Sequence[Piercing]) -> None:
 def check_given(scenario: object) -> None:
     """Refuse an argument from Python that is not a scenario, for example a file name."""
     if not isinstance(scenario, Scenario):
-        raise ScenarioError(f"{scenario!r} is refused: it is no scenario; load a file or a scene, or parse tables")
+        shown = reprlib.repr(scenario)
+        raise ScenarioError(f"{shown} is refused: it is no scenario; load a file or a scene, or parse tables")
 
 
 def check_order(placed: Sequence[tuple[Piercing, float]], length: float | None = None) -> None:
