@@ -5,7 +5,7 @@ time, machine or order of the runs: the same cases give the same bytes.
 """
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -78,6 +78,10 @@ class SweepTable:
             if name in (column.name, column.heading):
                 return column
         raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of the columns, as a mapping does."""
+        return iter(self.names)
 
     @property
     def names(self) -> list[str]:

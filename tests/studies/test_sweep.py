@@ -245,6 +245,7 @@ def test_failures_are_rows(tmp_path: Path) -> None:
     slip, pulls = table["piercings.ring.slip"], table["thread.damping"]
     assert [value is None for value in slip.values] == [value == -1.0 for value in pulls.values]
     assert repr(table).startswith("SweepTable(6 cases, 2 not completed")
+    assert list(table) == table.names and "exit_status" in table and "magic" not in table
     with pytest.raises(ScenarioError, match=r"thread\.dampin = 1\.0 is refused: there is no such key"):
         sweep(RING, {"thread.dampin": [1.0]}, tmp_path / "none")
     with pytest.raises(ScenarioError, match=r"piercing has no entry rung"):

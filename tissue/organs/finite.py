@@ -334,7 +334,6 @@ class FiniteAnswer:
     @cached_property
     def _correction(self) -> Array:
         """A⁻¹ times the residual under `f_y` and `p`, plus the extrapolation `ahead`, shape `(N,)` [m]."""
-
         way = self.tangent.correction(self)
         return way if self.ahead is None else way + self.ahead
 
