@@ -209,13 +209,12 @@ def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body
 def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:
     """Refuse a mesh whose organ needs more than the available memory, before the mesh is made."""
     shape = table.mesh
-    assert not isinstance(shape, model.GivenMesh)
     if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
         tets = structured_tets(shape.size, grading, sites, planes)
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if size := too_large(tets, table.element):
-        key = "h" if shape.h_site is None else "h_site"
+        key = "h" if grading.h_site == grading.h else "h_site"
         raise refused(f"tissue.mesh.{key}", getattr(grading, key), "mesh-large", h=grading.h, size=size)
 
 
