@@ -59,6 +59,7 @@ from coupling.step.newton import (
     correct,
     force_tolerance,
     rounded_force,
+    stretched,
 )
 from coupling.step.packets import fitted
 from coupling.step.sliding import law_of
@@ -254,8 +255,8 @@ def further(
     the organ's answer there.
 
     The load step began at `first`, and the corrections at `old`. Raises the error itself if the
-    corrections were not used up, `LeavingError` if the thread has run out of a hole, a `StepError` if it has flown
-    away, and `TogetherError` if holes have met.
+    corrections were not used up, `LeavingError` if the thread has run out of a hole, a `StepError`
+    if it has flown away, and `TogetherError` if holes have met.
     """
     if not isinstance(error, UnfinishedError):
         raise error
@@ -274,13 +275,12 @@ def settle_stretch(
     """
     for _ in range(TENSIONS):
         problem, z = solution.problem, solution.iterate
-        system = problem.system.on(solution.residual.configuration.thread.spline)
-        stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
-        change = np.max(np.abs(stretch / problem.law.stretch - 1.0), initial=0.0)
+        changed = stretched(problem, z, solution.residual)
+        change = np.max(np.abs(changed.law.stretch / problem.law.stretch - 1.0), initial=0.0)
         ideal = not (problem.law.rough.any() or problem.law.injected.any())
         if ideal or change <= AT_REST:
             break
-        again = solve_again(replace(problem, law=problem.law._replace(stretch=stretch)), z)
+        again = solve_again(changed, z)
         solution = replace(again, iterations=solution.iterations + again.iterations)
     return solution
 

@@ -358,13 +358,17 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
         if answer is problem.answer:
             return problem, r, True
         problem = replace(problem, answer=answer)
-        if problem.stiffen:
-            system = problem.system.on(r.configuration.thread.spline)
-            stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
-            problem = replace(problem, law=problem.law._replace(stretch=stretch))
+        problem = stretched(problem, z, r) if problem.stiffen else problem
         return problem, evaluate(problem, z), False
     except OrganError as error:
         raise failure(problem, r.holds, str(error)) from error
+
+
+def stretched(problem: Problem[Body], z: Iterate, r: Residual) -> Problem[Body]:
+    """Return the problem with the stretch 1 + T/EA of an iterate in its law of sliding."""
+    system = problem.system.on(r.configuration.thread.spline)
+    stretch = stretches_at(system, z.s, z.N, problem.rows[:, 0])
+    return replace(problem, law=problem.law._replace(stretch=stretch))
 
 
 def force_tolerance(problem: Problem[Body], r: Residual) -> float:

@@ -898,8 +898,7 @@ class FiniteOrgan(MeshedOrgan):
         """
         motion = self.motion(scheme, [state] * len(scheme.coefficients), state.shares)
         tangent, J = self.tangent(motion, state.U), self.map.slope(np.asarray(self.map.Z @ state.U))
-        W, C_z = compliance(tangent.factor, self.map.Z)
-        operator = Operator(self, tangent.A, tangent.factor, W @ J.T, J @ C_z @ J.T)
+        operator = Operator(self, tangent.A, tangent.factor, tangent.columns.W @ J.T, J @ tangent.columns.C_z @ J.T)
         return self.displaced(operator, state, y, f_y, csr_matrix(J @ self.map.Z))
 
     def _stored(self, U: Array) -> tuple[float, Array]:
