@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from studies.manual import with_blocks
 from studies.output import remarks
 from studies.output.records import APART, LIST, Extremes, Record, StepRecord
-from studies.scenario import Piercing, PulledEnd, Thread
+from studies.scenario import Scenario
 
 Row = TypeVar("Row")
 Value = float | int | str | Sequence[float] | NDArray[np.float64] | None
@@ -117,7 +117,7 @@ SOLVED = columns_of(
 MAX_STRAIN = next(column for column in SOLVED if column.name == "max_strain")
 THREAD = (MAX_STRAIN, *columns_of("spans"))
 STRANDS = columns_of("strands")
-(GROWS,) = columns_of("growth", grows_within=lambda end: end.ramp)
+(GROWS,) = columns_of("growth", grows_within=lambda growth: growth)
 PAIR, *CONTACT = columns_of("contact")
 STITCH_NAME, STITCH_PAIR, *STITCH = columns_of("stitch")
 GAP_PROFILE = columns_of("gap_profile")
@@ -221,13 +221,15 @@ TABLES: tuple[Layout[Any], ...] = (PIERCINGS, EVENTS, LOADS, TRACTS, ENERGIES, S
 # -- the summary -----------------------------------------------------------------------------------------------------
 
 
-def state_summary(step: StepRecord, holes: Iterable[Piercing] = (), thread: Thread | None = None) -> dict[str, Any]:
+def state_summary(step: StepRecord, scenario: Scenario | None = None) -> dict[str, Any]:
     """Return energy, thread, piercings, contact and ties of a step for ``summary.json``.
 
-    The scenario's `holes` give the distances moved to the surface, and its `thread` the ramps.
+    The `scenario` gives the distances of holes moved to the surface, and how loads grow.
     """
+    holes, growth = (scenario.piercing, scenario.growth) if scenario else ((), {})
     moved = {hole.name: values((MOVED,), hole) for hole in holes if hole.moved is not None}
-    ends = {end: _end_summary(end, step) | _growth_summary(getattr(thread, end, None)) for end in ENDS}
+    grown = {key.removeprefix("thread."): values((GROWS,), time) for key, time in growth.items()}
+    ends = {end: _end_summary(end, step) | grown.get(end, {}) for end in ENDS}
     strands = {} if step.strands is None else {"contact": values(STRANDS, step.strands)}
     always = {
         "energy": values(ENERGY, step.energy),
@@ -298,11 +300,6 @@ SUMMARY: dict[tuple[str, ...], Sequence[Column[Any]]] = {  # by the place in ``s
 def _end_summary(end: str, step: StepRecord) -> dict[str, Value]:
     """Return the reaction at an end of the thread from a step, and the torque if there is one."""
     return {name: value for name, value in values(ENDS[end], step).items() if value is not None}
-
-
-def _growth_summary(end: object) -> dict[str, Value]:
-    """Return the ramp of a pulled end from its table in the scenario; empty for another end."""
-    return values((GROWS,), end) if isinstance(end, PulledEnd) else {}
 
 
 # -- the quantities of the summary, by their dotted names -------------------------------------------------------------

@@ -101,7 +101,7 @@ class Tally:
             parts["krylov"] = {"vectors": step.krylov.vectors, "residual": self._extremes.residual}
         if "rounds" in self.refinement:
             parts["mesh"] = {"rounds": self.refinement["rounds"]}
-        state = state_summary(step, self.scenario.piercing, self.scenario.thread) if step else {}
+        state = state_summary(step, self.scenario) if step else {}
         sources = {"compliance_error": "errors", "bounds": "bounds"}
         for name, hole in state.get("piercings", {}).items():
             known = {key: self.refinement.get(of, {}).get(name) for key, of in sources.items()}

@@ -98,25 +98,24 @@ class Timed(ScenarioTable):
             raise ValueError(f".course.0 = {as_toml(rows[0])} is refused: a run begins at 0 s; begin there")
 
     def rows(self, end: float, ramp: float = 0.0) -> tuple[Turn, ...] | None:
-        """Return rows of time [s] and factor [-] of the load until `end` [s].
+        """Return rows of time [s] and factor [-] of the load in a run until `end` [s].
 
-        They are None if the whole load acts at all times. Without a course the load grows over
-        `ramp` [s].
+        They are None if the whole load acts from 0 s to the end, however it is written: in statics
+        such a load grows with the load steps. Without a course the load grows over `ramp` [s].
         """
-        end = min(end, self.until or inf)
         if self.course is None:
             own: list[Turn] = [(0.0, 0.0), (ramp, 1.0)] if ramp else [(0.0, 1.0)]
         elif isinstance(self.course, tuple):
             own = list(self.course)
         else:
-            own = self.course.rows(max(end - self.from_, 0.0))
-        if own == [(0.0, 1.0)] and not self.from_ and self.until is None:
-            return None
+            own = self.course.rows(max(min(end, self.until or inf) - self.from_, 0.0))
         begin = self.from_ * (1.0 - JUMP)
         rows = [(begin + time, factor) for time, factor in own]
         if self.from_:
             rows = [(rows[0][0] * (1.0 - JUMP), 0.0), *rows]
-        return tuple(rows if self.until is None else ended(rows, self.until))
+        if self.until is not None:
+            rows = ended(rows, self.until)
+        return None if is_whole(rows, end) else tuple(rows)
 
     def last_change(self, duration: float, ramp: float) -> tuple[str, float]:
         """Return the key and the time [s] of the last change of the load, except its end at `until`.
@@ -161,6 +160,12 @@ class Timed(ScenarioTable):
             if share > MISSED:
                 return float(first), float(share)
         return None
+
+
+def is_whole(rows: list[Turn], end: float) -> bool:
+    """Return whether the factor is 1 at all times from 0 to `end` [s]."""
+    times, factors = np.array(rows).T
+    return bool((np.interp([0.0, *times[times < end], end], times, factors) == 1.0).all())
 
 
 def ended(rows: list[Turn], until: float) -> list[Turn]:

@@ -126,6 +126,16 @@ class Scenario(ScenarioTable):
         return {key: end for key, end in ends.items() if isinstance(end, PulledEnd)} | organ
 
     @property
+    def growth(self) -> dict[str, float]:
+        """Times [s] in which the loads without a course grow from zero, by their keys; 0 s is at once.
+
+        In statics a load that acts whole at all times grows with the load steps.
+        """
+        end, static = self.solve.duration, self.solve.kind == "static"
+        ramps = {key: (load, load.ramp or 0.0) for key, load in self.loads.items()}
+        return {key: end if static and load.rows(end, ramp) is None else ramp for key, (load, ramp) in ramps.items()}
+
+    @property
     def floats(self) -> bool:
         """Whether a body of the organ can be held only by contact and stitches."""
         if self.tissue is None or not self.touching:

@@ -48,10 +48,6 @@ class Solve(ScenarioTable):
         """Number of steps, or of load steps."""
         return self.load_steps if self.kind == "static" else ceil(self.duration / self.dt - WHOLE)
 
-    def ramp_of(self, ramp: float | None) -> float:
-        """Return the time [s] in which a load without a course grows; 0 in statics, where load steps apply it."""
-        return 0.0 if self.kind == "static" else ramp or 0.0
-
     def step_by(self, time: float) -> int:
         """Return the number of the first step that ends at or after a time [s]."""
         return ceil(time / self.step - WHOLE)

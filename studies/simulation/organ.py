@@ -122,7 +122,7 @@ def loads_of(scenario: Scenario) -> tuple[tissue.SurfaceLoad, ...]:
 
 def course_of(solve: Solve, table: Load | PulledEnd) -> tuple[Turn, ...] | None:
     """Return the course of a load; None if the whole load acts at all times."""
-    return table.rows(solve.duration, solve.ramp_of(table.ramp))
+    return table.rows(solve.duration, table.ramp or 0.0)
 
 
 def gaps_of(scenario: Scenario, body: tissue.Elasticity) -> tissue.Gaps | None:

@@ -71,6 +71,7 @@ AT_REST = ["solve.kind=static"]
 PULLED = [
     "solve.load_steps=1",
     "thread.start.force=[-0.125, 0, 0.083]",
+    "thread.start.ramp=0",
     'thread.end={ kind = "pulled", force = [0.125, 0, 0.083] }',
 ]
 SCENES = {

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from studies.command import command
+from studies.output.columns import state_summary
 from studies.output.remarks import bounds
 from studies.scenario import ScenarioError, dump, parse
 from studies.scenario.course import Timed
@@ -52,6 +53,7 @@ def test_a_load_strains_the_organ_under_a_thread_in_statics() -> None:
     """Independent check: a free thread bears nothing, and the hole moves with uniform strain, σ_x = 200 Pa and
     σ_z = −50 Pa; the loads' resultants and shares are in the records."""
     table = changed()
+    table["tissue"]["load"][1]["ramp"] = 0.0
     table["solve"] = {"kind": "static", "load_steps": 4}
     table["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 1e-9]}
     records = [record for record, _ in prepare(parse(table)).advance()]
@@ -113,6 +115,39 @@ def test_loads_at_rest_follow_their_courses(material: str) -> None:
     assert np.abs(moved - factors[:, None] * moved[2]).max() <= allowed * np.abs(moved).max()
     held = np.array([record.piercings[0].force for record in records])
     assert -held[:, 2] == pytest.approx(1e-9 * factors, rel=1e-3, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("keys", "rows", "grows"),
+    [
+        ({}, [[0, 0], [1, 1]], 1.0),
+        ({"ramp": 0.0}, [[0, 0], [1, 1]], 1.0),
+        ({"course": [[0, 1]]}, [[0, 0], [1, 1]], 1.0),
+        ({"course": [[0, 1], [1, 1]]}, [[0, 0], [1, 1]], 1.0),
+        ({"course": [[0, 1], [2, 1], [3, 0]], "until": 1.5}, [[0, 0], [1, 1]], 1.0),
+        ({"until": 2.0}, [[0, 0], [1, 1]], 1.0),
+        ({"ramp": 0.5}, [[0, 0], [0.5, 1]], 0.5),
+        ({"ramp": 2.0}, [[0, 0], [2, 1]], 2.0),
+        ({"from": 0.25, "ramp": 0.5}, [[0.25, 0], [0.75, 1]], 0.5),
+        ({"from": 0.2}, [[0.2, 0], [0.2 + 1e-6, 1]], 0.0),
+        ({"course": [[0, 1], [1, 0.5]]}, [[0, 1], [1, 0.5]], 0.0),
+    ],
+)
+def test_a_load_at_rest_is_one_function_of_time_however_written(
+    keys: dict[str, Any], rows: list[list[float]], grows: float
+) -> None:
+    """Independent check: what is whole throughout grows with the load steps, a ramp and every other course are
+    followed, on the organ and on the thread; the summary says how the thread's load grows."""
+    table = changed(load=[{"boundary": "right", "traction": [20.0, 0, 0], **keys}])
+    table["solve"] = {"kind": "static", "load_steps": 4}
+    table["thread"]["end"] = {"kind": "pulled", "force": [0, 0, 1e-9], **keys}
+    simulation = prepare(parse(table))
+    steps = [record for record, _ in simulation.advance() if record.time > 0.0]
+    factors = np.interp([step.time for step in steps], *np.transpose(rows))
+    assert [step.loads[0].share for step in steps] == pytest.approx(factors, abs=1e-8)  # of `from`, 1e-9 earlier
+    pulls = [-step.piercings[0].force[2] for step in steps]
+    assert pulls == pytest.approx(1e-9 * factors, rel=1e-3, abs=1e-14)
+    assert state_summary(steps[-1], simulation.scenario)["thread"]["end"]["grows_within"] == grows
 
 
 @pytest.mark.parametrize(
