@@ -161,8 +161,8 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
     yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
+    yield from locked_off(scenario.tie, extremes.locked, dynamic)
     if dynamic:
-        yield from locked_off(scenario.tie, extremes.locked)
         yield from swinging(extremes.swing)
         yield from chattering(names, extremes.chattered)
 
@@ -371,13 +371,14 @@ def kept_knots(ties: Sequence[Tie], off_law: Mapping[str, float], tension: float
         yield from judged(force > bounds.OFF_LAW * tension, "knot-kept", tie.name, holes=tie.between, force=force)
 
 
-def locked_off(ties: Sequence[Tie], forces: Array) -> Iterator[Remark]:
+def locked_off(ties: Sequence[Tie], forces: Array, dynamic: bool) -> Iterator[Remark]:
     """Yield remarks on ties locked below or above their force.
 
-    `forces` (t,) [N] are NaN for a tie that was not locked.
+    `forces` (t,) [N] are NaN for a tie that was not locked. In statics, where hands have no speed,
+    only a `hold` keeps a tie below its force.
     """
     for tie, force in zip(ties, forces.tolist(), strict=True):
-        yield from judged(force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
+        yield from judged(dynamic and force < bounds.LOCKED * tie.force, "tie-slack", tie.name, tie=tie, force=force)
         yield from judged(force > tie.force / bounds.LOCKED, "tie-tight", tie.name, tie=tie, force=force)
 
 

@@ -119,8 +119,8 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "branch": (1.0, 1, lambda x: judging.along_branch(np.floor(x), 0.0)),
     "limit-point": (bounds.FALLEN, 1, lambda x: judging.along_branch(0.0, x)),
     "not-at-rest": (SETTLED, 1, lambda x: judging.unsettled(energy(x, 1.0), 0.0, 3e-4)),
-    "tie-slack": (bounds.LOCKED * 0.5, -1, lambda x: judging.locked_off([TIE], np.array([x]))),
-    "tie-tight": (0.5 / bounds.LOCKED, 1, lambda x: judging.locked_off([TIE], np.array([x]))),
+    "tie-slack": (bounds.LOCKED * 0.5, -1, lambda x: judging.locked_off([TIE], np.array([x]), True)),
+    "tie-tight": (0.5 / bounds.LOCKED, 1, lambda x: judging.locked_off([TIE], np.array([x]), True)),
     "knot-kept": (bounds.OFF_LAW * 0.5, 1, lambda x: judging.kept_knots([TIE], {"a": x, "b": 0.0}, 0.5)),
     "forces-swing": (bounds.SWUNG, 1, judging.swinging),
     "accuracy": (0.03, 1, lambda x: judging.inaccurate(0.03, {"a": x}, 1000)),
@@ -468,6 +468,24 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
         held[speed] = float(ending[1].locked[0])
         assert ("tie-slack" in {each.code for each in simulation.remarks(ending)}) == (speed < 0.1)
     assert held[0.05] < 0.1 and held[0.5] == pytest.approx(0.5, rel=FIRST_ORDER)
+
+
+@pytest.mark.parametrize(("pull", "codes"), [(0.0, set()), (0.15, {"tie-tight"})])
+def test_a_tie_at_rest_whose_tails_are_taut_is_told(pull: float, codes: set[str]) -> None:
+    """Independent check: where slack strands cross, hands of 0.1 N lock the loop under 0.1 N; tails under 0.18 N pull
+    their strands across the tie by more."""
+    table = tomllib.loads(LOOP.format(speed=0.5))
+    path = [[-20, 0, 20], [5, -1, 10], [-5, 0, -5], [5, 0, -5], [-5, 1, 10], [20, 0, 20]]
+    ends = {"start": [-pull, 0, pull / 1.5], "end": [pull, 0, pull / 1.5]}
+    table["thread"] = {"suture": "6-0 nylon", "path": [[0.001 * x for x in row] for row in path]}
+    table["thread"] |= {end: {"kind": "pulled", "force": force} for end, force in ends.items() if pull}
+    table["tie"][0] |= {"force": 0.1, "from": 0.0, "until": 0.5}
+    table["solve"] = {"kind": "static"}
+    simulation = prepare(parse(table))
+    ending = ended(simulation)
+    (force,) = ending[1].locked
+    assert force > 0.18 if pull else force == pytest.approx(0.1, rel=FIRST_ORDER)
+    assert {each.code for each in simulation.remarks(ending)} & {"tie-tight", "tie-slack"} == codes
 
 
 @pytest.mark.parametrize(("until", "told"), [(None, True), (2.0, True), (0.5, False)])
