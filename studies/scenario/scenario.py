@@ -86,6 +86,9 @@ class Scenario(ScenarioTable):
 
     def _check_tracts(self) -> None:
         check_tracts(self.tract, self.piercing, self.tissue is not None, self.solve.scheme)
+        for k, tract in enumerate(self.tract):
+            given, least = (f"tract.{k}.spacing", tract.spacing), self.thread.thickness
+            self._refuse((tract.spacing or least) < least, "tract.spacing.dense", given, least=least)
 
     def _check_friction(self) -> None:
         for k, tract in enumerate(self.tract):

@@ -137,6 +137,11 @@ class Thread(ScenarioTable):
         return {} if "suture" in data else {"poisson_ratio": 0.4}
 
     @property
+    def thickness(self) -> float:
+        """Diameter of the thread, given or of its suture [m]."""
+        return self.diameter or suture(self.suture or "").diameter
+
+    @property
     def ends(self) -> tuple[End, End]:
         """Start and end."""
         return self.start, self.end

@@ -239,8 +239,8 @@ def changed(**keys: Any) -> dict[str, Any]:
 
 def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
     """Independent check: each refusal names the key and what is wrong."""
-    shallow, fixed = changed(), changed(spacing=1e-4)
-    fixed["thread"]["knots"] = "fixed"
+    shallow, fixed = changed(), changed(spacing=4e-4)
+    fixed["thread"] |= {"knots": "fixed", "control_points": 20}
     shallow["thread"]["path"] = [[-0.011, 0, -0.001], [TIP, 0, -0.001]]
     for hole in shallow["piercing"]:
         hole["at"][2], hole["footprint"], shallow["tract"][0]["radius"] = -0.001, 5e-4, 1.5e-3
@@ -256,6 +256,7 @@ def test_a_tract_that_cannot_be_is_refused_in_words() -> None:
         (changed(between=["in", "exit"]), "there is no piercing 'exit'"),
         (free, "without \\[tissue\\]"),
         (bare, "a tract's balls need a radius"),
+        (changed(spacing=1e-5), "tract.0.spacing = 1e-05 .* diameter of the thread.* at least 0.000"),
         (cut, "cuts the thread between them, at 0.01 m"),
         (fixed, "need at least .* raise it, or use a larger tract.spacing"),
         (shallow, "nowhere deeper in the organ than the radius of 0.0015 m"),
