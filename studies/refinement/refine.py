@@ -112,15 +112,34 @@ def refined(name: str, rungs: Ladder, table: SweepTable) -> Refined:
     )
     sizes = rungs.estimates or [1.0 / factor for factor in rungs.factors]
     pairs = [(size, number) for size, number in zip(sizes, values, strict=True) if not isnan(number)]
-    distinct, judged, why = len({size for size, _ in pairs}), None, ""
-    if distinct < LEAST:
-        of = f"{distinct} distinct" if distinct < len(pairs) else f"{len(pairs)}"
-        why = f"only {of} of {len(values)} levels have the number, but {LEAST} are needed"
-    else:
+    judged, why = None, too_few(sizes, values, rungs.kinds)
+    if not why:
         refined_by, numbers = zip(*pairs, strict=True)
         judged = verdict(refined_by, numbers, rungs.order, estimated=bool(rungs.estimates))
     given = column.name, column.unit, rungs.factors, values, rungs.order
     return Refined(*given, judged, why, rungs.estimates, notes_on(table))
+
+
+def too_few(sizes: Sequence[float], values: Sequence[float], kinds: Sequence[str]) -> str:
+    """Return why a quantity has too few levels for a verdict; empty if it has enough.
+
+    Its `values` are NaN for a failed level. Levels of one size, such as those whose cell counts
+    round to the same mesh, count once.
+    """
+    levels = dict[float, list[int]]()
+    for level, (size, value) in enumerate(zip(sizes, values, strict=True)):
+        if not isnan(value):
+            levels.setdefault(size, []).append(level)
+    if len(levels) >= LEAST:
+        return ""
+    same = [" and ".join(map(str, equal)) for equal in levels.values() if len(equal) > 1]
+    why = (
+        f"only {len(levels)}{' distinct' * bool(same)} of {len(values)} levels have the number, but {LEAST} are needed"
+    )
+    if not same:
+        return why
+    alike = "mesh, because its number of cells did not change" if "h" in kinds else f"size ({KINDS[kinds[0]].words})"
+    return f"{why}: levels {', '.join(same)} have the same {alike}; give a larger --ratio or more --levels"
 
 
 def notes_on(table: SweepTable) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from studies.output.columns import quantities, state_summary
 from studies.output.provenance import ROOT
 from studies.output.remarks import CATALOGUE
 from studies.refinement.ladder import ladder
-from studies.refinement.refine import in_words, markdown, refine, refined
+from studies.refinement.refine import in_words, markdown, refine, refined, too_few
 from studies.report.report import write_report
 from studies.scenario import Scenario, ScenarioError, dump, parse
 from studies.scenario.toml import changed, parsed
@@ -640,6 +640,9 @@ def test_planted_numbers_get_their_verdicts() -> None:
     failed = planted([1.0, 1.1, 1.2, 1.3], [0, 1, 1, 0])
     assert failed.verdict is None
     assert failed.text == "no verdict: only 2 of 4 levels have the number, but 3 are needed"
+    same = too_few([1.0, 1.0, 0.5], [1.0, 1.0, 1.1], ["h"])
+    assert "only 2 distinct of 3 levels" in same and "levels 0 and 1 have the same mesh" in same and "--ratio" in same
+    assert too_few([1.0, 0.7, 0.5, 0.5], [1.0] * 4, ["h"]) == ""
     assert not planted([1.0, 1.0, 1.0, 1.0], [0, 0, 0, 1]).interval[0] < 1.0
     assert "Refined(time [s]: converged" in repr(fine)
 
