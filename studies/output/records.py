@@ -99,7 +99,10 @@ class TractRecord:
 
 @dataclass(frozen=True)
 class StepRecord:
-    """The record of a step; step 0 is the start."""
+    """The record of a step; step 0 is the start.
+
+    Its text omits the functions, which hold the whole system.
+    """
 
     time: float  # [s]
     step: int
@@ -111,10 +114,10 @@ class StepRecord:
     end_reaction: Array  # (3,) [N]
     max_strain: float  # largest axial strain of the thread [-]
     slide_speed: float  # largest speed of the thread in a hole [m/s]
-    spans: Callable[[], float]  # computes `span_ratio`, used only for the last step
-    apart: Callable[[], float]  # computes `spans_between`, used only for the last step
-    stays: Callable[[], bool]  # computes `would_stay`, used only for the last step
-    outside: Callable[[], Record | None]  # computes `strands`, used only for the last step
+    spans: Callable[[], float] = field(repr=False)  # computes `span_ratio`, used only for the last step
+    apart: Callable[[], float] = field(repr=False)  # computes `spans_between`, used only for the last step
+    stays: Callable[[], bool] = field(repr=False)  # computes `would_stay`, used only for the last step
+    outside: Callable[[], Record | None] = field(repr=False)  # computes `strands`, used only for the last step
     seconds: float  # wall-clock time of this step without compilation [s]
     fallen: float | None = None  # decrease of the loads along a branch [s of their clock], None without one
     events: tuple[Event, ...] = ()
@@ -124,9 +127,9 @@ class StepRecord:
     reduction: Record | None = None  # None unless the organ is in a small basis
     krylov: Record | None = None  # None unless the organ is in its Krylov space
     ties: tuple[TieObservation, ...] = ()
-    profile: Callable[[], tuple[Record, ...]] = tuple  # computes the gaps along all rims, only for the last step
+    profile: Callable[[], tuple[Record, ...]] = field(default=tuple, repr=False)  # computes the gaps along all rims
     torques: tuple[float, float] | None = None  # of the holders at start and end about the tangent [N m]; or None
-    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = None  # computes `memory`, at a checkpoint
+    kept: Callable[[], Mapping[str, NDArray[Any]]] | None = field(default=None, repr=False)  # computes `memory`
 
     @property
     def span_ratio(self) -> float:

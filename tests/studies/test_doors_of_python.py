@@ -232,7 +232,10 @@ def test_what_is_offered_stays_what_it_is() -> None:
     for _ in range(2):
         for name in set(suturefem.__all__) - {"__version__"}:
             assert callable(getattr(suturefem, name))
-    assert repr(suturefem.prepare(parse(ORGAN))) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
+    simulation = suturefem.prepare(parse(ORGAN))
+    assert repr(simulation) == "Simulation('a ring', 1 piercings, 150 tissue unknowns, 4 steps)"
+    shown = repr(next(simulation.advance())[0])
+    assert shown.startswith("StepRecord(time=0.0, ") and len(shown) < 5000 and "System(" not in shown
     with pytest.raises(AttributeError, match="no attribute 'fly'"):
         _ = suturefem.fly
 
