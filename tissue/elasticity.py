@@ -352,8 +352,14 @@ def shape_gradients(elasticity: Elasticity, places: Array) -> Array:
 
 
 def cellwise_lambda(material: Material) -> PerCell:
-    """Return the part of λ that acts cell by cell, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa]."""
-    return np.minimum(material.lame_lambda, material.lame_mu * (2.0 * NU_CELLWISE / (1.0 - 2.0 * NU_CELLWISE)))
+    """Return the part of λ that acts cell by cell, at most 2μν/(1 − 2ν) at ν = 0.3 [Pa].
+
+    If tissue relaxes, the bulk modulus of its cells is that for the lasting part of μ; with a larger
+    one, relaxed tissue would lock.
+    """
+    most = 2.0 * NU_CELLWISE / (1.0 - 2.0 * NU_CELLWISE)
+    relaxed = (1.0 - material.lasting) * (most + 2.0 / 3.0)
+    return np.minimum(material.lame_lambda, material.lame_mu * (most - relaxed))
 
 
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:

@@ -13,7 +13,7 @@ PerCell = float | Array  # one number, or one per cell, shape `(cells,)`
 @dataclass(frozen=True)
 class Material:
     """Young's modulus E [Pa], Poisson ratio ν [-] and density ρ [kg/m³], each one number or one per
-    cell, `(cells,)`.
+    cell, `(cells,)`. `lasting` is the part of μ that does not relax [-].
 
     Raises `TissueError` unless E > 0, −1 < ν < 0.5 (ν = 0.5 is incompressible: λ is infinite) and
     ρ > 0.
@@ -22,6 +22,7 @@ class Material:
     youngs_modulus: PerCell
     poisson_ratio: PerCell
     density: PerCell
+    lasting: PerCell = 1.0
 
     def __post_init__(self) -> None:
         _require("youngs_modulus", self.youngs_modulus, 0.0, np.inf, "Pa", "give a positive stiffness")

@@ -375,9 +375,12 @@ def owned(table: model.Tissue, mesh: skfem.MeshTet, key: str) -> tuple[Cells, li
 def material_of(table: model.Tissue, mesh: skfem.MeshTet) -> tissue.Material:
     """Return the organ's material: numbers, or one per cell if regions differ."""
     keys = ("youngs_modulus", "poisson_ratio", "density")
-    if not table.region:
+    if not (table.region or table.relaxes):
         return tissue.Material(*(getattr(table, key) for key in keys))
-    return tissue.Material(*(np.array(every)[owner] for owner, every in (owned(table, mesh, key) for key in keys)))
+    owner, every = owned(table, mesh, "relaxation")
+    lasting = np.array([1.0 - sum(share for share, _ in series) for series in every])[owner]
+    E, nu, rho = (np.array(every)[owner] for owner, every in (owned(table, mesh, key) for key in keys))
+    return tissue.Material(E, nu, rho, lasting)
 
 
 # --- places of holes on the surface, found before the mesh is graded towards them -------------------------

@@ -105,7 +105,7 @@ def coarse(stars: Stars, load: Load, most: float) -> Indices:
 
 def part_of(material: Material, cells: Indices) -> Material:
     """Return the material of `cells` `(c,)`."""
-    each = (material.youngs_modulus, material.poisson_ratio, material.density)
+    each = (material.youngs_modulus, material.poisson_ratio, material.density, material.lasting)
     return Material(*(value if np.ndim(value) == 0 else np.asarray(value)[cells] for value in each))
 
 
