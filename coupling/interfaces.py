@@ -140,22 +140,17 @@ class FrictionLaw(Protocol):
 
 
 @runtime_checkable
-class Creeping(Protocol):
+class Snapping(Protocol):
     """Optional members of a nonlinear organ: a way past loads without a close equilibrium."""
-
-    def creep(self, state: Any, time: float, share: float, pace: float) -> Answer[Any]:
-        """Return the answer of an organ that creeps downhill to its equilibrium under `share` of
-        the loads at `time` [s].
-
-        The organ is dragged back to a `state`: with a `pace` of 1 it hardly moves, and with 0 there
-        is no drag. Raises `tissue.OrganError`.
-        """
 
     def under(self, answer: Answer[Any], time: float, share: float) -> Answer[Any]:
         """Return an `answer` of this organ for another `share` of the loads at `time` [s], at the same place."""
 
     def holds(self, answer: Answer[Any]) -> bool:
         """Return whether the organ is stable under dead forces at the place of its own `answer`."""
+
+    def off_saddle(self, answer: Answer[Any], state: Any) -> Any:
+        """Return an unstable `state` at the place of its `answer`, moved along a motion with negative stiffness."""
 
     def has_jumped(self, answer: Answer[Any], old: Any, new: Any) -> bool:
         """Return whether a `new` state at rest is on another branch than an `old` one, beyond an

@@ -6,7 +6,7 @@ acts on the dilatation averaged at the vertices (Bonet & Burton, Commun. Numer. 
 1998). This is one constraint per vertex. With P2 it is the pressure of the Taylor–Hood element with
 a lumped mass. The rest of λ acts on the dilatation of each cell and resists modes that the average
 does not see (Puso & Solberg, Int. J. Numer. Meth. Engng 67, 2006). At ν ≤ 0.3 both formulations are
-equal.
+equal, unless the tissue relaxes (`cellwise_lambda`).
 
 Matrices of more than some thousand cells are summed by compiled loops (`tissue.assembly`). These
 are about twenty times as fast as scikit-fem's forms and give the same numbers up to round-off.
@@ -241,7 +241,7 @@ def elasticity(
         raise TissueError(f"element = {element!r}: allowed are 'P1' and 'P2'; take 'P1' for speed")
     if dilatation not in DILATATIONS:
         raise TissueError(f"dilatation = {dilatation!r}: allowed are 'auto', 'cell' and 'nodal'; take 'auto'")
-    for name in ("youngs_modulus", "poisson_ratio", "density"):
+    for name in ("youngs_modulus", "poisson_ratio", "density", "lasting"):
         _check_cells(name, getattr(material, name), mesh)
     log.info("assembling the organ: %d cells", mesh.nelements)
     basis = numbering(mesh, element)

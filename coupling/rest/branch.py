@@ -32,7 +32,7 @@ from coupling.errors import (
     TogetherError,
 )
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body, Creeping, Floats
+from coupling.interfaces import Answer, Body, Floats, Snapping
 from coupling.kernels.bordered import PHI, S, SingularError, Y
 from coupling.rest.equilibrium import (
     MOST_CORRECTIONS,
@@ -119,14 +119,18 @@ class Branch(Generic[Body]):
         """Return a problem under another share of the loads, and its iterate with the ends at their
         prescribed places.
         """
-        organ, answer = self.system.organ, problem.answer
-        if isinstance(organ, Creeping) and not answer.linear:
-            answer = organ.under(answer, self.duration, share)
-        else:
+        if problem.answer.linear:
             answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, share)
+        else:
+            answer = self.led(problem.answer, share)
         sets = {name: getattr(problem, name) for name in ("closed", "rubbing", "along")}
         there = replace(self.problem(share, answer), **sets)
         return there, replace(z, q=with_ends(z.q, self.system, there.time))
+
+    def led(self, answer: Answer[Body], share: float) -> Answer[Body]:
+        """Return an answer at the same place under another share of the loads; that of a linear organ is unchanged."""
+        organ = self.system.organ
+        return organ.under(answer, self.duration, share) if isinstance(organ, Snapping) else answer
 
     def ways(self, problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Way, Way]:
         """Return Newton's correction under constant loads, and its derivative by the share of the loads.
@@ -143,7 +147,7 @@ class Branch(Generic[Body]):
     def start(self) -> tuple[Problem[Body], Iterate]:
         """Return the problem of the last equilibrium, and its solution."""
         answer = ask_organ(self.system, Equilibrium(), [self.state], self.duration, self.share)
-        problem = self.problem(self.share, answer)
+        problem = self.problem(self.share, self.led(answer, self.share))
         return problem, where_it_is(problem, self.state)
 
     def outset(self) -> Way:

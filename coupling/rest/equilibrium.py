@@ -5,11 +5,10 @@ its knots are made anew if they no longer fit, and Newton's method is tried. A t
 freely in all its holes, or a piece that is cut off, can move without a change of energy. Such a
 thread stays as close to its place as the equilibrium allows.
 
-A nonlinear organ may have no close equilibrium: it snaps beyond a limit point. If load steps fail
-after repeated halving, the organ creeps downhill to the next equilibrium that is stable. A drag
-towards its last state decreases on the way.
+A nonlinear organ may have no close equilibrium: it snaps beyond a limit point, downhill to the next
+equilibrium that is stable. A load step in which it snaps is halved a few times.
 
-A body of the organ that only thread and contact hold has such a drag too
+A body of the organ that only thread and contact hold has a drag towards its last state
 (`tissue.organs.floating`). The equilibrium is solved again from the last one until the drag is
 zero.
 
@@ -38,8 +37,8 @@ from coupling.errors import (
     UnbalancedError,
 )
 from coupling.integrators import Equilibrium
-from coupling.interfaces import Answer, Body, Creeping, Floats
-from coupling.joins.strands import misplaced, touching_organ
+from coupling.interfaces import Answer, Body, Floats, Snapping
+from coupling.joins.strands import misplaced
 from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
@@ -96,16 +95,13 @@ DRAGGED = 1e-10  # of the forces on a floating body: allowed remaining drag
 ROUNDS = 40  # of corrections, each starting with knots that fit; a thread that runs out of a hole takes 12
 MOST_CORRECTIONS = 4000  # of a load step with all its parts: eight times the number for the scene "pulley"
 REPORTED = 100  # corrections between two messages: a usual load step takes fewer
+AWAY = 8  # rounds of Newton's method from an unstable equilibrium of tissue, at most: a column that buckles takes 2
 DOWN = 2  # rounds downhill before a round of Newton's method
 REFITS = 4  # additional equilibria, at most, until the packets of travelling knots fit
 LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads, or of the largest force: loads with a smaller difference are equal
 LIGHT = 0.01  # of the loads: 1 to 80 load steps then agree to 1e-3 (2-0, turns of 150°, arms of 15 to 120 mm)
 DEEPEST = 4  # repeated halvings of a load step
-SNAPS = 2  # halvings before tissue creeps to the state to which it snaps
-FIRST_PACE, LAST_PACE = 1e-3, 1e-10  # drag of a creeping organ, over its stiffest node; below its softest mode at last
-EASIER, HARDER = 4.0, 10.0  # the drag is divided by the first after a success, and multiplied by the second otherwise
-CREEPS = 60  # equilibria of a creeping organ, at most
 FAR = 1e3  # times the extent of a scene: nothing that could hold a thread is so far away
 LIES = 4  # times that a thread is tied to the place that it has reached, at most
 LYING = 1e-10  # of the stiffest span: tie of a thread that turns or slides freely, such as a piece that is cut off
@@ -187,7 +183,7 @@ def settle(
     Raises `EquilibriumError`.
     """
     began = state if began is None else began
-    return stand_firm(go_downhill(system, state, share, duration, given, began))
+    return snapped(stand_firm(go_downhill(system, state, share, duration, given, began)), share, duration, began)
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -207,6 +203,52 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
     new = equilibrium_state(replace(step.old, frame=problem.frame), solution)
     found = Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
     return found if would_stay(solution, new) else step
+
+
+def snapped(step: Step[Body], share: float, duration: float, began: State[Body]) -> Step[Body]:
+    """Return a step to a stable equilibrium of the tissue.
+
+    The step is unchanged if the tissue is stable, or if no stable equilibrium is found, as of tissue
+    that the thread stabilises. Unstable tissue is moved off its equilibrium, and goes downhill from
+    there (`Snapping.off_saddle`).
+    """
+    system, answer = step.solution.problem.system, step.solution.problem.answer
+    organ = system.organ
+    if not isinstance(organ, Snapping) or organ.holds(answer):
+        return step
+    log.info("the equilibrium at %.4g of the loads is unstable: the tissue goes on downhill", share)
+    try:
+        off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ))
+        there = go_away(system, off, share, duration, began)
+        found = go_downhill(system, there, share, duration, ask_again(system, there, share, duration, began), began)
+    except (CouplingError, FactorError, OrganError) as error:
+        log.info("no other equilibrium is found (%s)", error)
+        return step
+    stable = organ.holds(found.solution.problem.answer)
+    return replace(found, old=step.old, dt=step.dt, snapped=True) if stable else step
+
+
+def go_away(system: System[Body], state: State[Body], share: float, duration: float, began: State[Body]) -> State[Body]:
+    """Return the equilibrium that Newton's method reaches from a state that is not one, in the time of
+    its load step. Raises `StepError`.
+    """
+    answer = ask_again(system, state, share, duration, began)
+    problem = static_problem(system, state, share, duration, answer, state, began)
+    z = where_it_is(problem, state)
+    for _ in range(AWAY):
+        try:
+            return equilibrium_state(state, solve(problem, z))
+        except UnfinishedError as error:
+            problem, z, failed = error.reached.problem, error.reached.iterate, error
+    raise failed
+
+
+def ask_again(
+    system: System[Body], state: State[Body], share: float, duration: float, began: State[Body]
+) -> Answer[Body]:
+    """Return the answer of the organ at a state in a load step that `began` before."""
+    lapse = share * duration - began.time if duration else np.inf
+    return ask_organ(system, Equilibrium(lapse), [state, began], duration, share)
 
 
 def go_downhill(
@@ -484,52 +526,6 @@ def may_slide_as_a_whole(system: System[Body], present: Flags) -> bool:
     return not (holds or held or system.ties or not present.any() or system.thread.spline.cuts.size)
 
 
-def settle_or_snap(system: System[Body], state: State[Body], share: float, duration: float, snap: bool) -> Step[Body]:
-    """Solve for equilibrium as in `settle`, or let a nonlinear organ creep to the next equilibrium.
-
-    The organ creeps if there is no close equilibrium and the tissue may `snap`, or if the
-    equilibrium is unstable. Raises `EquilibriumError`.
-    """
-    organ = system.organ
-    try:
-        step = settle(system, state, share, duration)
-    except EquilibriumError:
-        if not (snap and isinstance(organ, Creeping)):
-            raise
-        log.info("no equilibrium is close at %.4g of the loads: the tissue creeps to the next one", share)
-        return creep(system, organ, state, share, duration)
-    if not isinstance(organ, Creeping) or organ.holds(step.solution.problem.answer):
-        return step
-    log.info("the equilibrium at %.4g of the loads is unstable: the tissue creeps to the next one", share)
-    try:
-        return creep(system, organ, state, share, duration)
-    except EquilibriumError:  # the thread stabilises the tissue, which is unstable alone
-        return step
-
-
-def creep(system: System[Body], organ: Creeping, state: State[Body], share: float, duration: float) -> Step[Body]:
-    """Let the organ creep downhill to an equilibrium, with a drag that decreases. Raises `EquilibriumError`."""
-    now, pace, failed = state, FIRST_PACE, EquilibriumError(state.time, share * duration - state.time, "", "", share)
-    for _ in range(CREEPS):
-        try:
-            given = (
-                organ.creep(touching_organ(system, now, now, at_rest=False), duration, share, pace)
-                if pace > LAST_PACE
-                else None
-            )
-            step = settle(system, now, share, duration, given, state)
-        except OrganError as error:
-            failed, pace = replace(failed, cause=str(error)), HARDER * pace
-            continue
-        except EquilibriumError as error:
-            failed, pace = error, HARDER * pace
-            continue
-        if given is None:
-            return replace(step, old=state, dt=share * duration - state.time, snapped=True)
-        now, pace = step.new, pace / EASIER
-    raise failed
-
-
 def lightly_loaded(system: System[Body], state: State[Body], share: float, duration: float) -> list[Step[Body]]:
     """Return the steps from the laid thread to its equilibrium under the part LIGHT of the loads.
 
@@ -595,7 +591,7 @@ def go_on(
     the thread out.
     """
     try:
-        step = settle_or_snap(system, state, share, duration, depth >= SNAPS)
+        step = settle(system, state, share, duration)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
@@ -635,7 +631,7 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
     Tissue at finite strain jumps if it turns a hole too far in one step, as only another branch
     does, or passes an energy barrier. Raises `StepError` if the loads can be halved.
     """
-    if step.snapped or not isinstance(system.organ, Creeping):
+    if step.snapped or not isinstance(system.organ, Snapping):
         return step
     if depth < DEEPEST:
         refuse_turning(system, step.old, step.new)
@@ -658,7 +654,7 @@ def refuse_folding(step: Step[Body]) -> None:
         raise StepError(step.old.time, step.dt, "the thread folded back on itself within a span")
 
 
-def has_jumped(organ: Creeping, step: Step[Body]) -> bool:
+def has_jumped(organ: Snapping, step: Step[Body]) -> bool:
     """Return whether tissue at finite strain passed an energy barrier in a step."""
     return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
@@ -691,7 +687,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
         len(out) <= DRIFTS and is_dragged(system, out[-1])
     ):
-        given = ask_organ(system, Equilibrium(lapse), [out[-1].new, step.old], duration, share)
+        given = ask_again(system, out[-1].new, share, duration, step.old)
         out.append(settle(system, out[-1].new, share, duration, given, step.old))
     off = misplaced(system, out[-1].new, step.old) if len(out) > PAIRINGS else 0.0  # else it is less than MISPLACED
     if off > system.thread.section.diameter:

@@ -1,17 +1,22 @@
-"""A shallow arch that a load presses through: no equilibrium is near, and the tissue creeps to the next one."""
+"""A shallow arch that a load presses through: no equilibrium is near, and the tissue goes downhill to the next one."""
 
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 import skfem
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
 
 import tissue
 from coupling.integrators import Equilibrium
+from coupling.rest.branch import Branch, follow
+from coupling.rest.equilibrium import snapped
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
-from coupling.system import Piercing, System
+from coupling.system import Piercing, State, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array, Y, Z
 from thread.catalogue import suture
@@ -27,6 +32,7 @@ SPAN, WIDTH, THICK, RISE = 0.04, 4e-3, 0.5e-3, 4e-3  # m
 LONG = 0.03  # of a flap [m]
 LOAD = 16.0  # Pa, beyond what it bears
 HALF = 0.02  # of the thread [m]
+COLUMN = 0.02  # of the elastica's displacements: its cells are as long as thick, and it is pressed together by 0.5 %
 
 
 def crown(x: Array) -> Array:
@@ -92,7 +98,7 @@ def test_the_arch_hangs_where_newton_finds_it_from_below() -> None:
     over[:, 2] = -2.0 * crown(body.points[:, 0])
     U = body.flat(over)[body.free]
     answer = organ.answer(Equilibrium(), [tissue.OrganState(U, 0.0 * U, 0.0 * U, state.f_y)], 1.0)
-    for _ in range(50):
+    for _ in range(100):
         after = answer.again(state.f_y, np.zeros(0))
         if after is answer:
             break
@@ -122,12 +128,12 @@ def test_newton_finds_an_unstable_equilibrium_from_near() -> None:
     motion = organ.answer(Equilibrium(), [stands.state.organ], 1.0).motion
     U = 0.5 * (stands.state.organ.U + through.state.organ.U)
     forces = Forces(np.zeros(organ.y0.size), organ.point(motion, U).r)
-    stiffness, modes = np.linalg.eigh(organ.tangent(motion, U).A.toarray())
+    stiffness, modes = np.linalg.eigh(organ.law.tangent(organ.law.gradient(organ.whole(U))).toarray())
     assert stiffness[0] < 0.0
     errors = []
     for part in (1e-3, 1e-4):
         start = organ.point(motion, U + part * RISE * modes[:, 0] / np.abs(modes[:, 0]).max())
-        way = np.linalg.solve(organ.tangent(motion, start.U).A.toarray(), organ.residual(start, forces))
+        way = np.linalg.solve(organ.law.tangent(start.F).toarray(), organ.residual(start, forces))
         assert organ.residual(start, forces) @ way < 0.0
         point, share = organ.go(motion, start, start.U + way, forces)
         assert share == 1.0
@@ -159,3 +165,50 @@ def test_a_flap_that_bends_far_and_is_drawn_taut_does_not_snap() -> None:
         run = run.load(share, 1.0)
         assert "snaps" not in [event.kind for event in run.events]
     assert run.state.y[0, 2] > 0.95 * LONG and run.state.y[0, 0] < 0.1 * LONG
+
+
+def column(load: float) -> tuple[Any, Run]:
+    """A straight column, 40 × 4 × 3 mm, under a half of a `load` in Euler's loads, and its system."""
+    lines = np.linspace(-0.0015, 0.0015, 2), np.linspace(-0.002, 0.002, 2), np.linspace(-0.04, 0.0, 13)
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.04)})
+    body = tissue.elasticity(mesh, tissue.Material(1e5, 0.0, 1000.0), "P2", ("bottom",))
+    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, "parabolic", None)])
+    organ = tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body))
+    euler = np.pi**2 * 1e5 * (0.004 * 0.003**3 / 12.0) / (4.0 * 0.04**2)
+    thread = Thread(Spline(uniform_knots(HALF, 16)), suture("4-0 polypropylene"))
+    hole = Piercing("hole", slides=False, directed=False)
+    system: Any = System(thread, (Free(), Pulled(-load * euler * Z)), organ, (hole,))
+    path = -gauss_rule(thread.spline, MASS_POINTS).s[..., None] * Z
+    return system, begin(system, start(system, np.array([0.0]), path, 1.0)).load(0.5, 1.0)
+
+
+def softest(organ: tissue.FiniteOrgan, run: State[Any]) -> float:
+    """Smallest eigenvalue of the tangent [N/m]."""
+    F = organ.law.gradient(organ.whole(run.organ.U))
+    return float(np.linalg.eigvalsh(organ.law.tangent(F).toarray()).min())
+
+
+def test_a_column_buckles_under_a_dead_load() -> None:
+    """Independent check: under 1.5 times Euler's load a straight column is an equilibrium that does not hold. It bends
+    across its thin side as far as the elastica of that load, with K(k) = √1.5 π/2: the tip deflects by 2k/K and
+    sinks by 2 − 2E/K of the length."""
+    load = 1.5
+    system, run = column(load)
+    run = run.load(1.0, 1.0)
+    assert softest(system.organ, run.state) > 0.0
+    K, tip = np.sqrt(load) * np.pi / 2.0, run.state.y[0, :3]
+    m = brentq(lambda m: ellipk(m) - K, 0.0, 0.99)
+    assert abs(tip[0]) == pytest.approx(2.0 * np.sqrt(m) / K * 0.04, rel=COLUMN)
+    assert tip[2] == pytest.approx(-(2.0 - 2.0 * ellipe(m) / K) * 0.04, rel=COLUMN)
+    assert abs(tip[1]) < 0.01 * abs(tip[0])
+
+
+def test_a_column_that_is_led_beyond_its_bifurcation_is_left_to_buckle() -> None:
+    """Consistency check: the branch of the straight column leads through equilibria that do not hold. Left alone there,
+    it goes to where load steps lead it, on either side."""
+    system, run = column(1.5)
+    straight = follow(Branch(system, run.state, 1.0, run.state), 1.0)[-1]
+    assert softest(system.organ, straight.new) < 0.0 and abs(straight.new.y[0, 0]) < 1e-3 * 0.04
+    found, buckled = snapped(straight, 1.0, 1.0, run.state), run.load(1.0, 1.0).state
+    assert found.snapped and softest(system.organ, found.new) > 0.0
+    assert abs(found.new.y[0, 0]) == pytest.approx(abs(buckled.y[0, 0]), rel=TWO_SOLVERS)

@@ -200,9 +200,11 @@ def test_an_impulse_and_a_displacement_are_the_linear_organs_at_rest() -> None:
     )
 
 
-def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
-    """Independent check: a column pushed beyond its buckling load has a tangent that is not definite, which is solved
-    by LU to its residual."""
+def test_beyond_a_bifurcation_corrections_lead_downhill_or_along_the_branch() -> None:
+    """Independent check: a column pushed beyond its buckling load has a tangent that is not definite. Its solution for
+    forces along the unstable motion leads uphill; that of the organ is downhill for all forces. An organ that is led
+    along a branch has the solution of the tangent itself, to its residual. The column is moved off along a motion of
+    negative stiffness."""
     lines = np.linspace(-0.002, 0.002, 3), np.linspace(-0.002, 0.002, 3), np.linspace(-0.04, 0.0, 13)
     ends = {"bottom": lambda x: np.isclose(x[2], -0.04)}
     mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(ends)
@@ -211,11 +213,17 @@ def test_beyond_a_bifurcation_the_tangent_is_still_solved() -> None:
     organ = tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body))
     squeezed = np.zeros(body.N)
     squeezed[body.nodes[:, 2]] = -0.1 * (body.points[:, 2] + 0.04)
-    U = squeezed[body.free]
-    tangent = organ.tangent(organ.motion(Equilibrium(), [], None), U)
-    assert np.linalg.eigvalsh(tangent.A.toarray())[0] < 0.0
+    U, motion = squeezed[body.free], organ.motion(Equilibrium(), [], None)
+    tangent, led = organ.tangent(motion, U), organ.tangent(replace(motion, led=True), U)
+    values, motions = np.linalg.eigh(led.A.toarray())
+    assert values[0] < 0.0 and not tangent.definite
+    downhill = np.column_stack([tangent.factor.solve(way) for way in motions.T])
+    assert np.linalg.eigvalsh(motions.T @ downhill).min() > 0.0
     b = np.linspace(-1.0, 1.0, U.size)
-    assert np.abs(tangent.A @ tangent.factor.solve(b) - b).max() <= TWO_SOLVERS
+    assert np.abs(led.A @ led.factor.solve(b) - b).max() <= TWO_SOLVERS
+    state = tissue.OrganState(U, 0.0 * U, 0.0 * U, np.zeros(9))
+    off = organ.off_saddle(organ.answer(Equilibrium(), [state], 1.0), state).U - U
+    assert off @ (led.A @ off) < 0.0
 
 
 def test_a_traction_is_ramped() -> None:

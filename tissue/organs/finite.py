@@ -25,6 +25,7 @@ corrections are left with it; the converged answer does not depend on the factor
 an organ, so are C_z and C_cy of an earlier factor: their columns are more expensive than a factor.
 """
 
+import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -64,6 +65,8 @@ from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
 
+log = logging.getLogger(__name__)
+
 RESIDUAL = 1e-10  # of the largest force of a cell on a node: bound of the organ's residual
 ROUND_OFF = 2e-14  # of the force of a cell at a strain of one: round-off of F = I + ∇U
 BENT = 1e-12  # of a frame's numbers and of the organ's span: accepted difference between y(z) and its linearisation
@@ -74,9 +77,12 @@ SHORTEST = 2.0**-12  # smallest part of a correction that is tried
 ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
 SHORTER = 0.25  # of a correction that led too far: its shortest next part
 KEPT_TANGENTS = 2
+SHIFTS = (1e-4, 1e-2, 0.1, 1.0, 10.0, 100.0)  # of the stiffness at small strain, added to an indefinite tangent
 # Times the displacement predicted by the tangent at the end. A flap that is pulled upright by four
 # times the load moves 2.7 times as far, and an exponential law with a growth of e⁴ 4 times as far.
 FARTHEST = 4.0
+POWERS = 20  # iterations for an unstable motion: an estimate is enough
+OFF = 1e-3  # strain by which unstable tissue is moved off its equilibrium
 PARTS = (0.25, 0.5, 0.75)  # of a path: points at which the path is checked for a barrier
 DROP = 0.1  # of the larger force at the ends of a path: a smaller drop along it is no barrier
 MOST_CORRECTIONS = 50  # for the equilibrium without site forces
@@ -90,7 +96,6 @@ class Motion:
     - `inertia`, `damping` `(N,)` [m]: the fields U_a and U_d.
     - `load` `(N,)` [N]: the dead load.
     - `shares` `(l,)`: the parts of the loads that act; None without loads.
-    - `creeps`: if True, `a` is the factor of a drag towards U_a instead of inertia.
     - `led`: if True, the organ is led along a branch of equilibria, and its potential may increase.
     - `course`: the relaxation of the tissue; None without relaxation.
     """
@@ -101,7 +106,6 @@ class Motion:
     damping: Array
     load: Array
     shares: Array | None
-    creeps: bool = False
     led: bool = False
     course: "Course | None" = None
 
@@ -131,18 +135,23 @@ class Course:
 class Tangent:
     """The factorised tangent A at the displacement `U`.
 
-    `Z` `(k, N)` are the rows of the sites. `definite` is True if A is positive definite. `H` is the
-    constant stress of its course; None without relaxation.
+    `Z` `(k, N)` are the rows of the sites. `definite` is False if the tangent is not positive
+    definite; A is then shifted, unless the organ is led (`FiniteOrgan.tangent`). `H` is the constant
+    stress of its course; None without relaxation.
     """
 
     U: Array
-    A: csr_matrix
-    factor: Solver
+    factor: "TangentSolver"
     Z: csr_matrix
     definite: bool = True
     H: Array | None = None
     _gaps: Recent[Columns] = field(default_factory=lambda: Recent(1), repr=False)
     _corrections: Recent[Array] = field(default_factory=lambda: Recent(1), repr=False)
+
+    @property
+    def A(self) -> csr_matrix:
+        """The factorised matrix, shape `(N, N)` [N/m]."""
+        return self.factor.A
 
     @cached_property
     def columns(self) -> "SiteColumns":
@@ -567,9 +576,9 @@ class FiniteOrgan(MeshedOrgan):
         No cell is inverted at the point. Unless the organ is led, one of two conditions holds. The
         residual is at most that at the start, or the slope of the potential under constant forces
         rises to at most ENOUGH of its size at the start (Matthies & Strang, Int. J. Numer. Meth.
-        Eng. 14, 1979). A way that leads uphill at its start is a direction of negative curvature.
-        It is kept if it reduces the residual, as at an unstable equilibrium that the thread
-        stabilises; otherwise its opposite is taken. Raises `OrganError` if there is no such point.
+        Eng. 14, 1979). A way that leads uphill at its start, as an extrapolation can, is kept if it
+        reduces the residual; otherwise its opposite is taken. Raises `OrganError` if there is no
+        such point.
         """
         way, share, inverted = U - start.U, 1.0, np.inf
         before, down = self.off_balance(start, forces), float(self.residual(start, forces) @ way)
@@ -614,10 +623,10 @@ class FiniteOrgan(MeshedOrgan):
                 A = csr_matrix(A - self.surface.pressing_tangent(shares, self._places(U))[free][:, free])
             if motion.a:
                 A = csr_matrix(A + (motion.a + self.damping * motion.d) * self.M)
-            factor, definite = self._factor(A, motion.creeps)
-            return Tangent(U, A, TangentSolver(factor), self.map.Z, definite, H)
+            factor, definite = self._factor(A, motion.led)
+            return Tangent(U, TangentSolver(factor), self.map.Z, definite, H)
 
-        values = motion.a, motion.d, met, b"" if shares is None else shares.tobytes()
+        values = motion.a, motion.d, met, motion.led, b"" if shares is None else shares.tobytes()
         return self._tangents.of((U, H), made, values)
 
     def lent(self, motion: Motion, columns: SiteColumns) -> SiteColumns | None:
@@ -648,21 +657,30 @@ class FiniteOrgan(MeshedOrgan):
         """The last tangents, as many as fit into memory."""
         return Recent(min(KEPT_TANGENTS, self.choice.room))
 
-    def _factor(self, A: csr_matrix, must: bool) -> tuple[Solver, bool]:
+    def _factor(self, A: csr_matrix, led: bool) -> tuple[Solver, bool]:
         """Return the factorised A, and whether A is positive definite.
 
-        Beyond a bifurcation A is indefinite and is factorised by LU. Raises `OrganError` if A is
-        singular, or indefinite although it `must` be definite.
+        Unless the organ is `led`, the smallest of SHIFTS times the stiffness at small strain is
+        added to an indefinite A with which it is definite, so that corrections lead downhill.
+        Without such a shift A is factorised by LU. Raises `OrganError` if A is singular.
         """
-        try:
-            return solver(A, self.places, self.choice.name, len(self._tangents) > 0, self._pattern), True
-        except FactorError as indefinite:
-            if must:
-                raise unsolved(indefinite) from indefinite
+        more = len(self._tangents) > 0
+        for shift in (0.0,) if led else (0.0, *SHIFTS):
             try:
-                return factorize_indefinite(A, self.places, self._pattern), False
+                shifted = csr_matrix(A + shift * self._stiffness) if shift else A
+                return solver(shifted, self.places, self.choice.name, more, self._pattern), not shift
             except FactorError as error:
-                raise unsolved(error) from error
+                log.debug("with a shift of %g: %s", shift, error)
+        try:
+            return factorize_indefinite(A, self.places, self._pattern), False
+        except FactorError as error:
+            raise unsolved(error) from error
+
+    @cached_property
+    def _stiffness(self) -> csr_matrix:
+        """The stiffness at small strain over the free unknowns, shape `(N, N)` [N/m]."""
+        free = self.elasticity.free
+        return csr_matrix(self.elasticity.K[free][:, free])
 
     # --- the interface of the coupling ------------------------------------------------------------
 
@@ -783,21 +801,6 @@ class FiniteOrgan(MeshedOrgan):
         density = self.law.relaxing(self.relaxation.met(motion.course.dt), H)
         return replace(motion, course=replace(motion.course, H=H, density=density))
 
-    def creep(self, state: OrganState, time: float, share: float, pace: float) -> FiniteAnswer:
-        """Return the answer of an organ that creeps from a state towards its equilibrium.
-
-        `share` of the loads acts at `time` [s]. A drag proportional to mass resists the motion.
-        With a `pace` of 1 the drag is as stiff as the stiffest node, with 0 it vanishes. The
-        potential decreases, so that the organ reaches a stable equilibrium even if it is far away.
-        """
-        shares = self.shares_at(time, share)
-        a = pace * float(self.elasticity.K.diagonal().max()) / self._largest_mass
-        course = self.course(state, 0.0)
-        motion = Motion(a, 0.0, state.U, state.U, self.load_under(shares), shares, creeps=True, course=course)
-        point = self.point(motion, state.U)
-        pairing = self.paired_anew(state.U, state.ahead)
-        return self._answer(motion, point, self.tangent(motion, state.U, point.F), None, state, pairing)
-
     def under(self, answer: FiniteAnswer, time: float, share: float) -> FiniteAnswer:
         """Return an answer at rest at the same displacement under another `share` of the loads.
 
@@ -806,15 +809,30 @@ class FiniteOrgan(MeshedOrgan):
         """
         shares = self.shares_at(time, share)
         motion = replace(answer.motion, load=self.load_under(shares), shares=shares, led=True)
-        point = self.point(motion, answer.point.U, answer.point.F)
-        return replace(answer, motion=motion, point=point, columns=None)
+        point, tangent = self.point(motion, answer.point.U, answer.point.F), answer.tangent
+        if not (tangent.definite or answer.motion.led):
+            tangent = self.tangent(motion, tangent.U)
+        return replace(answer, motion=motion, point=point, tangent=tangent, columns=None)
 
     def holds(self, answer: FiniteAnswer) -> bool:
         """Return whether the equilibrium of an answer is stable under dead forces.
 
         It is stable if its tangent is positive definite.
         """
-        return answer.tangent.definite
+        return answer.tangent.definite or self.tangent(answer.motion, answer.point.U, answer.point.F).definite
+
+    def off_saddle(self, answer: FiniteAnswer, state: OrganState) -> OrganState:
+        """Return an unstable `state` moved along a motion with negative stiffness.
+
+        The motion is found by the power method with the factor of the shifted tangent, whose softest
+        motions are the unstable ones.
+        """
+        factor = self.tangent(replace(answer.motion, led=False), answer.point.U, answer.point.F).factor
+        way = factor.solve(np.random.default_rng(0).standard_normal(self.size))
+        for _ in range(POWERS):
+            way = factor.solve(way / np.linalg.norm(way))
+        strain = np.abs(self.law.gradient(self.whole(way)) - np.eye(3)[:, :, None, None]).max()
+        return replace(state, U=state.U + OFF / strain * way)
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
         """Return whether a `new` state has jumped to another branch than the `old` one.
@@ -827,7 +845,10 @@ class FiniteOrgan(MeshedOrgan):
         """
         way, density = new.U - old.U, answer.motion.density
         last, first = (self._forces_at(state.U, density)[1] for state in (new, old))
-        straight = answer.tangent.factor.solve(last - first)
+        tangent = answer.tangent
+        if not tangent.definite:
+            tangent = self.tangent(replace(answer.motion, led=True), answer.point.U, answer.point.F)
+        straight = tangent.factor.solve(last - first)
         if np.linalg.norm(way) <= FARTHEST * np.linalg.norm(straight):
             return False
         forces = [first, *(self._force_or_none(old.U + part * way, density) for part in PARTS), last]
@@ -849,7 +870,7 @@ class FiniteOrgan(MeshedOrgan):
     def state_at(self, answer: FiniteAnswer, U: Array, f_y: Array, p: Array) -> OrganState:
         """Return the state at the end of a step, from its last answer."""
         motion, pairing, tangent = answer.motion, answer.pairing, answer.tangent
-        if motion.a and not motion.creeps:
+        if motion.a:
             V, A = motion.d * (U - motion.damping), motion.a * (U - motion.inertia)
         else:
             V = A = np.zeros(self.size)
