@@ -216,7 +216,7 @@ def snapped(step: Step[Body], share: float, duration: float, began: State[Body])
     organ = system.organ
     if not isinstance(organ, Snapping) or organ.holds(answer):
         return step
-    log.info("the equilibrium at %.4g of the loads is unstable: the tissue goes on downhill", share)
+    log.info("the equilibrium at %.4g of the loads is unstable: the tissue goes downhill", share)
     try:
         off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ))
         there = go_away(system, off, share, duration, began)

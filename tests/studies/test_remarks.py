@@ -471,7 +471,7 @@ def test_a_tie_that_is_locked_while_its_hands_take_up_slack_is_told() -> None:
 
 
 @pytest.mark.parametrize(("pull", "codes"), [(0.0, set()), (0.15, {"tie-tight"})])
-def test_a_tie_at_rest_whose_tails_are_taut_is_told(pull: float, codes: set[str]) -> None:
+def test_a_tie_at_rest_whose_tails_are_taut_has_a_remark(pull: float, codes: set[str]) -> None:
     """Independent check: where slack strands cross, hands of 0.1 N lock the loop under 0.1 N; tails under 0.18 N pull
     their strands across the tie by more."""
     table = tomllib.loads(LOOP.format(speed=0.5))

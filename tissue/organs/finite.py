@@ -667,7 +667,7 @@ class FiniteOrgan(MeshedOrgan):
         more = len(self._tangents) > 0
         for shift in (0.0,) if led else (0.0, *SHIFTS):
             try:
-                shifted = csr_matrix(A + shift * self._stiffness) if shift else A
+                shifted = csr_matrix(A + shift * self.K) if shift else A
                 return solver(shifted, self.places, self.choice.name, more, self._pattern), not shift
             except FactorError as error:
                 log.debug("with a shift of %g: %s", shift, error)
@@ -675,12 +675,6 @@ class FiniteOrgan(MeshedOrgan):
             return factorize_indefinite(A, self.places, self._pattern), False
         except FactorError as error:
             raise unsolved(error) from error
-
-    @cached_property
-    def _stiffness(self) -> csr_matrix:
-        """The stiffness at small strain over the free unknowns, shape `(N, N)` [N/m]."""
-        free = self.elasticity.free
-        return csr_matrix(self.elasticity.K[free][:, free])
 
     # --- the interface of the coupling ------------------------------------------------------------
 
