@@ -149,8 +149,11 @@ class Snapping(Protocol):
     def holds(self, answer: Answer[Any]) -> bool:
         """Return whether the organ is stable under dead forces at the place of its own `answer`."""
 
-    def off_saddle(self, answer: Answer[Any], state: Any) -> Any:
-        """Return an unstable `state` at the place of its `answer`, moved along a motion with negative stiffness."""
+    def off_saddle(self, answer: Answer[Any], state: Any, sense: float) -> Any:
+        """Return an unstable `state` at the place of its `answer`, moved along a motion with negative stiffness.
+
+        The opposite `sense`, 1 or -1, gives the opposite motion.
+        """
 
     def has_jumped(self, answer: Answer[Any], old: Any, new: Any) -> bool:
         """Return whether a `new` state at rest is on another branch than an `old` one, beyond an

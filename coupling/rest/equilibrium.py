@@ -39,7 +39,7 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Floats, Snapping
 from coupling.joins.strands import misplaced
-from coupling.kernels.bordered import SingularError
+from coupling.kernels.bordered import OF_X, SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
     FARTHEST_TURN,
@@ -208,24 +208,29 @@ def stand_firm(step: Step[Body]) -> Step[Body]:
 def snapped(step: Step[Body], share: float, duration: float, began: State[Body]) -> Step[Body]:
     """Return a step to a stable equilibrium of the tissue.
 
-    The step is unchanged if the tissue is stable, or if no stable equilibrium is found, as of tissue
-    that the thread stabilises. Unstable tissue is moved off its equilibrium, and goes downhill from
-    there (`Snapping.off_saddle`).
+    The step is unchanged if the tissue is stable by itself. Otherwise the tissue is moved off its
+    equilibrium, to one side and then to the other, and goes downhill from there
+    (`Snapping.off_saddle`). If it returns, thread or contact stabilise it, and the step is
+    unchanged. Without a stable equilibrium the step is marked as unstable.
     """
     system, answer = step.solution.problem.system, step.solution.problem.answer
     organ = system.organ
     if not isinstance(organ, Snapping) or organ.holds(answer):
         return step
-    log.info("the equilibrium at %.4g of the loads is unstable: the tissue goes downhill", share)
-    try:
-        off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ))
-        there = go_away(system, off, share, duration, began)
-        found = go_downhill(system, there, share, duration, ask_again(system, there, share, duration, began), began)
-    except (CouplingError, FactorError, OrganError) as error:
-        log.info("no other equilibrium is found (%s)", error)
-        return step
-    stable = organ.holds(found.solution.problem.answer)
-    return replace(found, old=step.old, dt=step.dt, snapped=True) if stable else step
+    log.info("the tissue alone is unstable at %.4g of the loads: it goes downhill", share)
+    for sense in (1.0, -1.0):
+        try:
+            off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ, sense))
+            there = go_away(system, off, share, duration, began)
+            found = go_downhill(system, there, share, duration, ask_again(system, there, share, duration, began), began)
+        except (CouplingError, FactorError, OrganError) as error:
+            log.info("no other equilibrium is found (%s)", error)
+            continue
+        if organ.holds(found.solution.problem.answer):
+            return replace(found, old=step.old, dt=step.dt, snapped=True)
+        if np.abs(found.new.y[:, OF_X] - step.new.y[:, OF_X]).max() <= PAIRED * system.thread.section.diameter:
+            return step
+    return replace(step, unstable=True)
 
 
 def go_away(system: System[Body], state: State[Body], share: float, duration: float, began: State[Body]) -> State[Body]:

@@ -48,6 +48,7 @@ class Step(Generic[Body]):
 
     - `solution`, and the thread's configuration at its `end`.
     - `snapped`: whether the tissue snapped to a distant equilibrium.
+    - `unstable`: whether no stable equilibrium of the tissue was found.
     - `along`: whether a load step was found along its branch (`coupling.rest.branch`).
     - `beyond`: the states of the thread beyond the holes that it left in the step, one for each
       time that the step was repeated.
@@ -59,6 +60,7 @@ class Step(Generic[Body]):
     solution: Solution[Body]
     end: Configuration
     snapped: bool = False
+    unstable: bool = False
     along: bool = False
     beyond: tuple[State[Body], ...] = ()
 

@@ -11,14 +11,16 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 import tissue
+from coupling.errors import CouplingError
 from coupling.integrators import Equilibrium
+from coupling.rest import equilibrium
 from coupling.rest.branch import Branch, follow
 from coupling.rest.equilibrium import snapped
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
 from coupling.system import Piercing, State, System
 from tests.bounds import RESIDUAL, TWO_SOLVERS
-from tests.thread.threads import Array, Y, Z
+from tests.thread.threads import Array, X, Y, Z
 from thread.catalogue import suture
 from thread.ends import Fixed, Free, Pulled
 from thread.knots import uniform_knots
@@ -212,3 +214,36 @@ def test_a_column_that_is_led_beyond_its_bifurcation_is_left_to_buckle() -> None
     found, buckled = snapped(straight, 1.0, 1.0, run.state), run.load(1.0, 1.0).state
     assert found.snapped and softest(system.organ, found.new) > 0.0
     assert abs(found.new.y[0, 0]) == pytest.approx(abs(buckled.y[0, 0]), rel=TWO_SOLVERS)
+
+
+def test_a_column_that_a_thread_guys_is_stable() -> None:
+    """Independent check: fixed at its foot, a column bears Euler's load; with its tip held aside 8.2 times as much
+    (Timoshenko and Gere, Theory of Elastic Stability, 1961, §2.3). A thread across it, fixed at both ends, holds its
+    tip: under 1.5 times the load it stands, though its tissue alone would not, and comes back from both sides."""
+    lines = np.linspace(-0.0015, 0.0015, 2), np.linspace(-0.002, 0.002, 2), np.linspace(-0.04, 0.0, 13)
+    faces = {"bottom": lambda x: np.isclose(x[2], -0.04), "top": lambda x: np.isclose(x[2], 0.0)}
+    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(faces)
+    body = tissue.elasticity(mesh, tissue.Material(1e5, 0.0, 1000.0), "P2", ("bottom",))
+    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, "parabolic", None)])
+    euler = np.pi**2 * 1e5 * (0.004 * 0.003**3 / 12.0) / (4.0 * 0.04**2)
+    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, -1.5 * euler / (0.003 * 0.004)))
+    organ = tissue.FiniteOrgan(body, sites, loads=[load], inertia=False, law=tissue.Hyperelasticity(body))
+    thread = Thread(Spline(uniform_knots(2.0 * HALF, 16)), suture("4-0 polypropylene"))
+    hole = Piercing("hole", slides=False, directed=False)
+    system: Any = System(thread, (Fixed(-HALF * X), Fixed(HALF * X)), organ, (hole,))
+    path = (gauss_rule(thread.spline, MASS_POINTS).s[..., None] - HALF) * X
+    run = begin(system, start(system, np.array([HALF]), path, 1.0)).load(0.5, 1.0).load(1.0, 1.0)
+    assert softest(organ, run.state) < 0.0 and not run.taken[-1].unstable and not run.events
+    assert np.abs(run.state.y[0, :2]).max() < 1e-3 * 0.04
+
+
+def test_a_column_without_a_way_off_is_unstable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Consistency check: if the tissue finds no other equilibrium, the step is marked."""
+    system, run = column(1.5)
+    straight = follow(Branch(system, run.state, 1.0, run.state), 1.0)[-1]
+
+    def fails(*_: object) -> State[Any]:
+        raise CouplingError("no equilibrium")
+
+    monkeypatch.setattr(equilibrium, "go_away", fails)
+    assert snapped(straight, 1.0, 1.0, run.state).unstable

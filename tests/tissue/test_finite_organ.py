@@ -222,8 +222,10 @@ def test_beyond_a_bifurcation_corrections_lead_downhill_or_along_the_branch() ->
     b = np.linspace(-1.0, 1.0, U.size)
     assert np.abs(led.A @ led.factor.solve(b) - b).max() <= TWO_SOLVERS
     state = tissue.OrganState(U, 0.0 * U, 0.0 * U, np.zeros(9))
-    off = organ.off_saddle(organ.answer(Equilibrium(), [state], 1.0), state).U - U
-    assert off @ (led.A @ off) < 0.0
+    off, back = (
+        organ.off_saddle(organ.answer(Equilibrium(), [state], 1.0), state, sense).U - U for sense in (1.0, -1.0)
+    )
+    assert off @ (led.A @ off) < 0.0 and off @ back < 0.0
 
 
 def test_a_traction_is_ramped() -> None:

@@ -815,18 +815,18 @@ class FiniteOrgan(MeshedOrgan):
         """
         return answer.tangent.definite or self.tangent(answer.motion, answer.point.U, answer.point.F).definite
 
-    def off_saddle(self, answer: FiniteAnswer, state: OrganState) -> OrganState:
+    def off_saddle(self, answer: FiniteAnswer, state: OrganState, sense: float) -> OrganState:
         """Return an unstable `state` moved along a motion with negative stiffness.
 
-        The motion is found by the power method with the factor of the shifted tangent, whose softest
-        motions are the unstable ones.
+        The opposite `sense`, 1 or -1, gives the opposite motion. The motion is found by the power
+        method with the factor of the shifted tangent, whose softest motions are the unstable ones.
         """
         factor = self.tangent(replace(answer.motion, led=False), answer.point.U, answer.point.F).factor
         way = factor.solve(np.random.default_rng(0).standard_normal(self.size))
         for _ in range(POWERS):
             way = factor.solve(way / np.linalg.norm(way))
         strain = np.abs(self.law.gradient(self.whole(way)) - np.eye(3)[:, :, None, None]).max()
-        return replace(state, U=state.U + OFF / strain * way)
+        return replace(state, U=state.U + sense * OFF / strain * way)
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
         """Return whether a `new` state has jumped to another branch than the `old` one.
