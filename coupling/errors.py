@@ -30,6 +30,12 @@ class StepError(CouplingError):
         return f"the step from t = {self.time:.6g} s{length} failed: {self.cause}{place}"
 
 
+class FarError(CouplingError):
+    """A load step too long for Newton's method: a correction of the tissue was shortened to less
+    than a quarter, and the halves of the step are mostly cheaper.
+    """
+
+
 class UphillError(StepError):
     """A step that creates energy: its solution is on another branch than the motion (`coupling.run.watch`)."""
 

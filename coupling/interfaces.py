@@ -38,6 +38,10 @@ class Answer(Protocol[Body]):
         """Whether the answer is valid under all forces, so that `again` returns itself."""
 
     @property
+    def far(self) -> bool:
+        """Whether a correction of the organ was shortened to less than a quarter since the start of the step."""
+
+    @property
     def y_free(self) -> Array:
         """Site variables without site and contact forces, shape `(9p,)`."""
 
@@ -154,6 +158,9 @@ class Snapping(Protocol):
 
         The opposite `sense`, 1 or -1, gives the opposite motion.
         """
+
+    def distance(self, one: Any, other: Any) -> float:
+        """Return the largest difference of the displacements of two states [m]."""
 
     def has_jumped(self, answer: Answer[Any], old: Any, new: Any) -> bool:
         """Return whether a `new` state at rest is on another branch than an `old` one, beyond an

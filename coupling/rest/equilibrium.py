@@ -26,8 +26,10 @@ from coupling.calls import ask_before_correction, asked_before_corrections
 from coupling.errors import (
     HOLD_IT,
     OTHER_WAYS,
+    BranchError,
     CouplingError,
     EquilibriumError,
+    FarError,
     InversionError,
     LeavingError,
     OutError,
@@ -39,7 +41,7 @@ from coupling.errors import (
 from coupling.integrators import Equilibrium
 from coupling.interfaces import Answer, Body, Floats, Snapping
 from coupling.joins.strands import misplaced
-from coupling.kernels.bordered import OF_X, SingularError
+from coupling.kernels.bordered import SingularError
 from coupling.step.descent import BOWING
 from coupling.step.diagnosis import (
     FARTHEST_TURN,
@@ -101,7 +103,7 @@ REFITS = 4  # additional equilibria, at most, until the packets of travelling kn
 LONG_END = 10.0  # √(EI/F): in a longer end the tension is the dead load on it, to 1e-8
 BALANCED = 1e-6  # of the larger of two dead loads, or of the largest force: loads with a smaller difference are equal
 LIGHT = 0.01  # of the loads: 1 to 80 load steps then agree to 1e-3 (2-0, turns of 150°, arms of 15 to 120 mm)
-DEEPEST = 4  # repeated halvings of a load step
+DEEPEST = 4  # repeated halvings of a load step; with 6 snaps take twice the time
 FAR = 1e3  # times the extent of a scene: nothing that could hold a thread is so far away
 LIES = 4  # times that a thread is tied to the place that it has reached, at most
 LYING = 1e-10  # of the stiffest span: tie of a thread that turns or slides freely, such as a piece that is cut off
@@ -175,15 +177,17 @@ def settle(
     duration: float,
     given: Answer[Body] | None = None,
     began: State[Body] | None = None,
+    near: bool = False,
 ) -> Step[Body]:
     """Solve for equilibrium at the part `share` of the final loads.
 
-    `given` is the organ's answer; None means that at rest. `began` is the state at the start of the
+    `given` is the organ's answer; None means that at rest, where the stability of the tissue is
+    judged too. `began` is the state at the start of the
     load step if `state` is on its way; None means `state`. Hands act as at the time of `began`.
-    Raises `EquilibriumError`.
+    Raises `EquilibriumError`, and `FarError` if the equilibrium must be `near` and is not.
     """
-    began = state if began is None else began
-    return snapped(stand_firm(go_downhill(system, state, share, duration, given, began)), share, duration, began)
+    step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near))
+    return snapped(step, share, duration, began or state) if given is None else step
 
 
 def stand_firm(step: Step[Body]) -> Step[Body]:
@@ -210,8 +214,9 @@ def snapped(step: Step[Body], share: float, duration: float, began: State[Body])
 
     The step is unchanged if the tissue is stable by itself. Otherwise the tissue is moved off its
     equilibrium, to one side and then to the other, and goes downhill from there
-    (`Snapping.off_saddle`). If it returns, thread or contact stabilise it, and the step is
-    unchanged. Without a stable equilibrium the step is marked as unstable.
+    (`Snapping.off_saddle`). If it does not go further away, thread or contact stabilise it, and the
+    step is unchanged. Otherwise the step is marked as unstable. Raises `SpentError`, and
+    `BranchError` on a branch, if all corrections are used up.
     """
     system, answer = step.solution.problem.system, step.solution.problem.answer
     organ = system.organ
@@ -223,12 +228,14 @@ def snapped(step: Step[Body], share: float, duration: float, began: State[Body])
             off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ, sense))
             there = go_away(system, off, share, duration, began)
             found = go_downhill(system, there, share, duration, ask_again(system, there, share, duration, began), began)
+        except (SpentError, BranchError):
+            raise
         except (CouplingError, FactorError, OrganError) as error:
             log.info("no other equilibrium is found (%s)", error)
             continue
         if organ.holds(found.solution.problem.answer):
             return replace(found, old=step.old, dt=step.dt, snapped=True)
-        if np.abs(found.new.y[:, OF_X] - step.new.y[:, OF_X]).max() <= PAIRED * system.thread.section.diameter:
+        if organ.distance(found.new.organ, step.new.organ) < organ.distance(off.organ, step.new.organ):
             return step
     return replace(step, unstable=True)
 
@@ -263,6 +270,7 @@ def go_downhill(
     duration: float,
     given: Answer[Body] | None,
     began: State[Body],
+    near: bool = False,
 ) -> Step[Body]:
     """Reach equilibrium by rounds of corrections downhill, with every third round by Newton's method.
 
@@ -273,14 +281,16 @@ def go_downhill(
     lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
     answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
     problem = static_problem(system, state, share, duration, answer, state, began, lapse)
-    near = state.time > LIGHT * duration and answer.linear and problem.contact is None and problem.strands is None
-    now, down, refits = state, 0 if near else DOWN, REFITS
+    simple = state.time > LIGHT * duration and answer.linear and problem.contact is None and problem.strands is None
+    now, down, refits = state, 0 if simple else DOWN, REFITS
     failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
     for _ in range(ROUNDS):
         try:
             way = np.sign(now.s - problem.law.s_old)  # the sense of a hold that sticks and has moved
             begin = replace(where_it_is(problem, now), sigma=np.where(now.sigma == 0.0, way, now.sigma))
-            solution = let_lie(settle_stretch(corrected(solve(problem, begin, downhill=int(down > 0))), find))
+            solution = solve(replace(problem, near=near), begin, downhill=int(down > 0))
+            solution = replace(solution, problem=replace(solution.problem, near=False))
+            solution = let_lie(settle_stretch(corrected(solution), find))
             new = equilibrium_state(now, solution)
             fit = fitted(system, new)[1]
             if fit is new or not refits:
@@ -590,18 +600,19 @@ def go_on(
 ) -> Iterator[Step[Body]]:
     """Go on from the part `begun` of the loads to the part `share`, and yield the steps.
 
-    The increment is halved if it fails, if the thread flips through a hole or folds within a span,
-    or if tissue at finite strain has jumped to another branch. Raises `StepError`,
-    `InversionError`, `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
-    the thread out.
+    The increment is halved if it fails, if a correction of the tissue is shortened to less than a
+    quarter (both halves then mostly take less time), if the thread flips through a hole or folds within a span, or
+    if tissue at finite strain has jumped to another branch. Raises `StepError`, `InversionError`,
+    `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn the thread out.
     """
+    halves = depth < DEEPEST and share > begun  # after a cut the loads do not change
     try:
-        step = settle(system, state, share, duration)
+        step = settle(system, state, share, duration, near=halves)
         step, gone = accepted(system, step, depth)
     except LeavingError as error:
         gone = error.gone
-    except (StepError, InversionError, TogetherError) as error:
-        if depth == DEEPEST or share <= begun:  # after a cut the loads do not change
+    except (StepError, InversionError, TogetherError, FarError) as error:
+        if not halves:
             raise without_equilibrium(error, share) from error
         for part in (0.5 * (begun + share), share):
             for step in go_on(system, state, part, duration, begun, depth=depth + 1):
@@ -664,9 +675,9 @@ def has_jumped(organ: Snapping, step: Step[Body]) -> bool:
     return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
-def without_equilibrium(error: StepError | InversionError | TogetherError, share: float) -> CouplingError:
+def without_equilibrium(error: CouplingError, share: float) -> CouplingError:
     """Return the error of a load step, with the `share` of the loads instead of a length in time."""
-    if isinstance(error, InversionError | EquilibriumError | TogetherError):
+    if isinstance(error, EquilibriumError) or not isinstance(error, StepError):
         return error
     return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
 
@@ -693,7 +704,7 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
         len(out) <= DRIFTS and is_dragged(system, out[-1])
     ):
         given = ask_again(system, out[-1].new, share, duration, step.old)
-        out.append(settle(system, out[-1].new, share, duration, given, step.old))
+        out.append(replace(settle(system, out[-1].new, share, duration, given, step.old), unstable=step.unstable))
     off = misplaced(system, out[-1].new, step.old) if len(out) > PAIRINGS else 0.0  # else it is less than MISPLACED
     if off > system.thread.section.diameter:
         cause = f"a strand finds no place on the surface: it is {1e3 * off:.2g} mm from where its forces act"

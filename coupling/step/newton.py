@@ -23,7 +23,7 @@ import numpy as np
 from coupling.answer import all_holds, pad_compliance
 from coupling.arrays import Array, Flags
 from coupling.calls import ask_before_correction
-from coupling.errors import StepError
+from coupling.errors import FarError, StepError
 from coupling.interfaces import Answer, Body
 from coupling.joins.contact import (
     NO_FORCES,
@@ -96,6 +96,7 @@ class Problem(Generic[Body]):
     - `weight`: if knots travel, the active part of the weight, for all or for each control point
       (n,), which is not part of `load`.
     - `stands`: whether the organ's answer is kept under any forces.
+    - `near`: whether the step fails if a correction of the organ is shortened to less than a quarter.
     - `start`: the state at the start of the step if the thread bears on the organ, otherwise None.
     - `along`: makes a correction if the loads are unknown too, and returns it with the problem
       under other loads; None if the loads are given (`coupling.rest.branch`).
@@ -118,6 +119,7 @@ class Problem(Generic[Body]):
     fields: tuple[tuple[Spline, Array], ...] = ()
     weight: float | Array = 1.0
     stands: bool = False
+    near: bool = False
     start: State[Body] | None = None
     along: "Corrector[Body] | None" = None
 
@@ -348,7 +350,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
 
     Returns the problem and the residual with its answer, and whether the last answer was valid.
     At rest, the stretch in the law of sliding follows the iterate.
-    Raises `StepError` if the organ has no answer.
+    Raises `StepError` if the organ has no answer, and `FarError` if the problem must be `near`.
     """
     if problem.stands:
         return problem, r, True
@@ -357,6 +359,8 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
         answer = problem.answer.again(r.f_y[:sites].ravel(), forces_that_close(problem, z, r))
         if answer is problem.answer:
             return problem, r, True
+        if problem.near and answer.far:
+            raise FarError("a correction of the tissue was shortened to less than a quarter")
         problem = replace(problem, answer=answer)
         problem = stretched(problem, z, r) if problem.stiffen else problem
         return problem, evaluate(problem, z), False

@@ -119,6 +119,7 @@ class StepRecord:
     stays: Callable[[], bool] = field(repr=False)  # computes `would_stay`, used only for the last step
     outside: Callable[[], Record | None] = field(repr=False)  # computes `strands`, used only for the last step
     seconds: float  # wall-clock time of this step without compilation [s]
+    unstable: bool = False  # whether tissue that is unstable by itself found no other equilibrium at rest
     fallen: float | None = None  # decrease of the loads along a branch [s of their clock], None without one
     events: tuple[Event, ...] = ()
     contact: tuple[Record, ...] = ()  # of all surfaces that can touch

@@ -43,6 +43,7 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
         spans=partial(span_ratio, system, state),
         apart=partial(spans_between, system, state),
         stays=partial(would_stay_after, now),
+        unstable=any(step.unstable for step in now.taken[-1:]),
         outside=partial(strands_record, now),
         seconds=seconds,
         fallen=now.fallen,
@@ -59,12 +60,10 @@ def step_record(now: OrganRun, seconds: float = 0.0, open_lips: tissue.Gaps | No
 
 
 def would_stay_after(now: OrganRun) -> bool:
-    """Return whether thread and tissue stay at the equilibrium of the last step.
+    """Return whether the thread stays at the equilibrium of the last step.
 
     The result is also true without an equilibrium. In dynamics only a compressed thread is checked.
     """
-    if any(step.unstable for step in now.taken[-1:]):
-        return False
     ended = [(step.solution, step.new) for step in now.taken[-1:]]
     if now.at_once and not ended:
         ended = [(solution_at(now.system, now.state), now.state)]

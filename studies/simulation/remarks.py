@@ -149,6 +149,7 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
     yield from few_spans(step.spans_between)
     if not (dynamic and moves(step.energy)):
         yield from judged(not step.would_stay, "would-not-stay", "solve")
+    yield from judged(step.unstable, "tissue-unstable", "solve")
     yield from along_branch(extremes.branches, extremes.fallen / scenario.solve.duration)
     if dynamic:
         judged_steps = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)

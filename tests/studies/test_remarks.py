@@ -527,6 +527,16 @@ def test_a_straight_thread_that_inertia_holds_is_told() -> None:
         assert ("would-not-stay" in {each.code for each in simulation.remarks(ended(simulation))}) == said
 
 
+def test_tissue_without_a_stable_equilibrium_is_told() -> None:
+    """Consistency check: by the mark of the last step of a run."""
+    simulation = prepare(parse(tomllib.loads(COLUMN.format(length=0.05, force=1e-3))))
+    now = simulation.next(simulation.beginning())
+    for unstable in (False, True):
+        marked = replace(now, taken=(*now.taken[:-1], replace(now.taken[-1], unstable=unstable)))
+        end = simulation.record(marked), nothing_met(0, 0)
+        assert ("tissue-unstable" in {each.code for each in simulation.remarks(end)}) == unstable
+
+
 def test_a_straight_thread_in_steps_made_at_once_is_asked_too() -> None:
     """Independent check: the same of three times Euler's load and of less, where the loops keep no solution to ask."""
     length, dt = 0.05, 2e-3
@@ -606,7 +616,7 @@ def test_the_catalogue_has_every_code_once_and_each_is_judged() -> None:
     assert CATALOGUE.keys() - JUDGED.keys() == {
         "would-not-stay", "slides-freely", "not-held", "bare-point", "off-path", "frames-missing", "no-picture",
         "handed-over", "remedy", "stress-of-e-nu", "rest-unloaded",
-            "chatter", "hole-left", "tie-undone"
+            "chatter", "hole-left", "tie-undone", "tissue-unstable"
     }  # fmt: skip
     with pytest.raises(KeyError):
         remark("no-such-code", "")

@@ -281,7 +281,8 @@ class FiniteAnswer:
 
     The `tangent` was computed at this point or at an earlier one. `columns` are those of an earlier
     tangent; None for its own. `pairing` is the pairing of the lips. `ahead` (N,) [m] is an
-    extrapolation beyond the correction with this tangent; None without extrapolation.
+    extrapolation beyond the correction with this tangent; None without extrapolation. `far` is True
+    if a correction was shortened below SHORTER since the start of the step.
     """
 
     organ: "FiniteOrgan"
@@ -293,6 +294,7 @@ class FiniteAnswer:
     p: Array
     pairing: Pairing
     ahead: Array | None = None
+    far: bool = False
     linear: ClassVar = False  # `again` can return an answer with another tangent
 
     @property
@@ -426,7 +428,8 @@ class FiniteAnswer:
             columns = organ.lent(self.motion, self.by_sites) if f_y.any() else None
         if columns is not None and share == 1.0 and corrections_left(change, missed, BENT) >= columns.worth:
             columns = None
-        answer = FiniteAnswer(organ, self.motion, point, tangent, columns, f_y, p, self.pairing)
+        far = self.far or share < SHORTER
+        answer = FiniteAnswer(organ, self.motion, point, tangent, columns, f_y, p, self.pairing, far=far)
         extrapolated = tangent is self.tangent and share == 1.0 and not forces.push.any()
         return answer.after(self) if extrapolated else answer
 
@@ -811,9 +814,10 @@ class FiniteOrgan(MeshedOrgan):
     def holds(self, answer: FiniteAnswer) -> bool:
         """Return whether the equilibrium of an answer is stable under dead forces.
 
-        It is stable if its tangent is positive definite.
+        It is stable if the tangent there is positive definite. That of the answer can belong to an
+        earlier displacement.
         """
-        return answer.tangent.definite or self.tangent(answer.motion, answer.point.U, answer.point.F).definite
+        return self.tangent(answer.motion, answer.point.U, answer.point.F).definite
 
     def off_saddle(self, answer: FiniteAnswer, state: OrganState, sense: float) -> OrganState:
         """Return an unstable `state` moved along a motion with negative stiffness.
@@ -827,6 +831,10 @@ class FiniteOrgan(MeshedOrgan):
             way = factor.solve(way / np.linalg.norm(way))
         strain = np.abs(self.law.gradient(self.whole(way)) - np.eye(3)[:, :, None, None]).max()
         return replace(state, U=state.U + sense * OFF / strain * way)
+
+    def distance(self, one: OrganState, other: OrganState) -> float:
+        """Return the largest difference of the displacements of two states [m]."""
+        return float(np.abs(one.U - other.U).max())
 
     def has_jumped(self, answer: FiniteAnswer, old: OrganState, new: OrganState) -> bool:
         """Return whether a `new` state has jumped to another branch than the `old` one.

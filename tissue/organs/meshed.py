@@ -215,6 +215,7 @@ class SiteAnswer(Generic[Body]):
     compliance: Callable[[], Array]
     accepted: Callable[[Array, Array], Body]
     linear: ClassVar = True  # in the forces
+    far: ClassVar = False
     g_free: ClassVar = EMPTY  # no gaps
     friction: ClassVar = EMPTY  # no pairs
     points: ClassVar = NO_POINTS
@@ -257,6 +258,7 @@ class LinearAnswer:
     right_hand_side: Callable[[], Array]
     pairing: Pairing
     linear: ClassVar = True  # in the forces
+    far: ClassVar = False
 
     @property
     def C(self) -> Array:

@@ -174,6 +174,7 @@ def cholmod(A: csr_matrix, places: Array | None, pattern: Pattern) -> BackSubsti
     try:
         library.numeric(packed, factor)
     except ArithmeticError as error:
+        unused.append(factor)
         raise FactorError(f"the matrix is not positive definite or singular: pivot {error} is not positive") from error
 
     def back_substitute(b: Array) -> Array:
