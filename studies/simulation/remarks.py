@@ -141,12 +141,10 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         yield from beyond_in_tissue(extremes)
     yield from missed_by_basis(names, extremes)
     yield from torn(names, extremes, strengths)
-    yield from on_surfaces(extremes)
-    yield from overloaded(extremes, strength_of(scenario))
+    yield from beyond_bounds(extremes, strength_of(scenario))
     yield from stiff_in_tracts(scenario, step.tracts)
     yield from assumed_channels(scenario.piercing, step.piercings)
-    yield from coarse_spans(step.span_ratio)
-    yield from few_spans(step.spans_between)
+    yield from coarse_spans(step.span_ratio, step.spans_between)
     if not (dynamic and moves(step.energy)):
         yield from judged(not step.would_stay, "would-not-stay", "solve")
     yield from judged(step.unstable, "tissue-unstable", "solve")
@@ -155,10 +153,9 @@ def met(assembly: Assembly, ending: records.Ending) -> Iterator[Remark]:
         judged_steps = extremes if scenario.solve.start == "path" else replace(extremes, settling=0.0)
         yield from audited(step.energy, judged_steps, rubs(assembly) or not names, has_slid(assembly, step))
         yield from unsettled(step.energy, step.slide_speed * step.time, diameter)
-    abscissae = [hole.s for hole in step.piercings]
-    yield from sunk(step.strands, abscissae, names, diameter, assembly.system.bears)
-    yield from held_in_grooves(step.strands)
-    yield from beyond_friction(step.strands, extremes.tension)
+    if (strands := step.strands) is not None:
+        holes = {hole.name: hole.s for hole in step.piercings}
+        yield from on_strands(strands, holes, diameter, extremes.tension, assembly.system.bears)
     yield from left_holes(scenario.piercing, step)
     yield from undone(scenario, step)
     yield from kept_knots(scenario.tie, dict(zip(names, extremes.off_law.tolist(), strict=True)), extremes.tension)
@@ -243,35 +240,28 @@ def assumed_channels(holes: Sequence[Piercing], observed: Sequence[PiercingObser
         yield remark("channel", name, channel=channel / MILLI, now=now, half=half, twice=twice, key=key)
 
 
-def on_surfaces(extremes: records.Extremes) -> Iterator[Remark]:
-    """Yield remarks on the turn of pressed surfaces and on the overlap of lips without contact."""
-    turn, crossed = extremes.pressed_turn, extremes.crossed
+def beyond_bounds(extremes: records.Extremes, strength: float | None) -> Iterator[Remark]:
+    """Yield remarks on single largest values of a run.
+
+    These are the turn of pressed surfaces, the overlap of lips without contact, the tension of the
+    thread over its `strength` [N], None if unknown, and its strain.
+    """
+    turn, crossed, strain = extremes.pressed_turn, extremes.crossed, extremes.thread_strain
+    tension, breaks = extremes.tension, np.inf if strength is None else strength
     yield from judged(turn > bounds.SMALL_ROTATION, "pressure-turn", "tissue.load", turn=turn)
     yield from judged(crossed > bounds.CROSSED, "lips-cross", "tissue.mesh", crossed=crossed)
-
-
-def overloaded(extremes: records.Extremes, strength: float | None) -> Iterator[Remark]:
-    """Yield remarks on the thread's strength [N], None if unknown, and on its strain."""
-    tension, strain, breaks = extremes.tension, extremes.thread_strain, np.inf if strength is None else strength
     yield from judged(tension > breaks, "thread-strength", "thread", tension=tension, strength=breaks)
     yield from judged(strain > bounds.THREAD_STRAIN, "thread-strain", "thread", strain=strain)
 
 
-def coarse_spans(ratio: float) -> list[Remark]:
-    """Return a remark if spans are too long for the bends at the holes.
+def coarse_spans(ratio: float, number: float | None = None) -> Iterator[Remark]:
+    """Yield remarks if spans are too long for the bends at the holes, or between two holes.
 
-    `ratio` is a step's `span_ratio`.
-    """
-    return judged(ratio > RESOLVED, "spans", "thread.control_points", ratio=ratio, limit=RESOLVED)
-
-
-def few_spans(number: float | None) -> list[Remark]:
-    """Return a remark if the spline cannot bend between two holes.
-
-    `number` is a step's `spans_between`.
+    `ratio` is a step's `span_ratio`, and `number` its `spans_between`.
     """
     few = number is not None and number < BETWEEN
-    return judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
+    yield from judged(ratio > RESOLVED, "spans", "thread.control_points", ratio=ratio, limit=RESOLVED)
+    yield from judged(few, "spans-between", "thread.control_points", number=number, limit=BETWEEN)
 
 
 def along_branch(branches: float, fallen: float) -> Iterator[Remark]:
@@ -585,38 +575,18 @@ def unpierced(strand: str, hole: str, depth: float, diameter: float) -> list[Rem
     return judged(depth > bounds.IN_TISSUE * diameter, "no-hole", hole, strand=strand, depth=depth / MILLI)
 
 
-def held_in_grooves(strands: records.Record | None) -> list[Remark]:
-    """Return a remark if strands on the surface were held aside when the search for their place ended."""
-    if strands is None:
-        return []
-    share = strands.held / max(strands.force, np.finfo(float).tiny)
-    return judged(share > bounds.HELD, "strand-held", "thread", held=strands.held, share=share)
+def on_strands(
+    strands: records.Record, holes: Mapping[str, float], diameter: float, tension: float, bears: bool
+) -> Iterator[Remark]:
+    """Yield remarks on strands outside the organ.
 
-
-def beyond_friction(strands: records.Record | None, tension: float) -> list[Remark]:
-    """Return a remark if the contact of a strand changes its tension more than its friction can.
-
-    The largest tension of the thread is `tension` [N].
+    They can end in the tissue, where the holes of the organ have abscissae `holes` [m] on a thread
+    of `diameter` [m]. They can be held aside when the search for their place ended. Their contact
+    can change their tension more than its friction, relative to the largest `tension` [N].
     """
-    if strands is None or not tension:
-        return []
-    force, share = strands.off_friction, strands.off_friction / tension
-    return judged(share > bounds.OFF_FRICTION, "strand-friction", "thread", force=force, share=share)
-
-
-def sunk(
-    strands: records.Record | None, s: Sequence[float], names: Sequence[str], diameter: float, bears: bool
-) -> list[Remark]:
-    """Return a remark if strands outside the organ end in the tissue.
-
-    The holes of the organ are at `s` (p,) [m].
-    """
-    if strands is None:
-        return []
-    before, behind = (
-        [name for at, name in zip(s, names, strict=True) if (at > strands.s) == later] for later in (False, True)
-    )
-    return judged(
+    before = [name for name, s in holes.items() if not s > strands.s]
+    behind = [name for name, s in holes.items() if s > strands.s]
+    yield from judged(
         strands.depth > bounds.IN_TISSUE * diameter,
         "in-tissue",
         "thread",
@@ -625,6 +595,10 @@ def sunk(
         depth=strands.depth / MILLI,
         remedy="raise thread.control_points" if bears else "set thread.contact = true",
     )
+    share = strands.held / max(strands.force, np.finfo(float).tiny)
+    yield from judged(share > bounds.HELD, "strand-held", "thread", held=strands.held, share=share)
+    off, share = strands.off_friction, strands.off_friction / tension if tension else 0.0
+    yield from judged(share > bounds.OFF_FRICTION, "strand-friction", "thread", force=off, share=share)
 
 
 def without_tract(depths: Mapping[tuple[str, str], float], diameter: float) -> Iterator[Remark]:

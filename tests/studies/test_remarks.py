@@ -99,13 +99,13 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
         lambda x: judging.missed_by_basis(["a"], met(way=np.array([1e-3]), bound=np.array([x]))),
     ),
     "tears": (2e6, 1, lambda x: judging.torn(["a"], met(bearing_pressure=np.array([x])), [2e6])),
-    "lips-cross": (bounds.CROSSED, 1, lambda x: judging.on_surfaces(met(crossed=x))),
-    "pressure-turn": (bounds.SMALL_ROTATION, 1, lambda x: judging.on_surfaces(met(pressed_turn=x))),
-    "thread-strength": (14.122, 1, lambda x: judging.overloaded(met(tension=x), 14.122)),
+    "lips-cross": (bounds.CROSSED, 1, lambda x: judging.beyond_bounds(met(crossed=x), None)),
+    "pressure-turn": (bounds.SMALL_ROTATION, 1, lambda x: judging.beyond_bounds(met(pressed_turn=x), None)),
+    "thread-strength": (14.122, 1, lambda x: judging.beyond_bounds(met(tension=x), 14.122)),
     "kinked": (1e-3 * bounds.KINKED, -1, lambda x: judging.bent_sharply(x, 0.02, 1e-3)),
-    "thread-strain": (bounds.THREAD_STRAIN, 1, lambda x: judging.overloaded(met(thread_strain=x), None)),
+    "thread-strain": (bounds.THREAD_STRAIN, 1, lambda x: judging.beyond_bounds(met(thread_strain=x), None)),
     "spans": (RESOLVED, 1, judging.coarse_spans),
-    "spans-between": (BETWEEN, -1, judging.few_spans),
+    "spans-between": (BETWEEN, -1, lambda x: judging.coarse_spans(0.0, x)),
     "energy-created": (
         bounds.CREATED,
         1,
@@ -128,17 +128,17 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "strand-held": (
         bounds.HELD,
         1,
-        lambda x: judging.held_in_grooves(replace(STRANDS, held=x)),
+        lambda x: judging.on_strands(replace(STRANDS, held=x), {}, 3e-4, 2.0, False),
     ),
     "strand-friction": (
         bounds.OFF_FRICTION * 2.0,
         1,
-        lambda x: judging.beyond_friction(replace(STRANDS, off_friction=x), 2.0),
+        lambda x: judging.on_strands(replace(STRANDS, off_friction=x), {}, 3e-4, 2.0, False),
     ),
     "in-tissue": (
         bounds.IN_TISSUE * 3e-4,
         1,
-        lambda x: judging.sunk(replace(STRANDS, depth=x), [], [], 3e-4, False),
+        lambda x: judging.on_strands(replace(STRANDS, depth=x), {}, 3e-4, 2.0, False),
     ),
     "no-tract": (bounds.IN_TISSUE * 3e-4, 1, lambda x: judging.without_tract({("a", "b"): x}, 3e-4)),
     "tract-stiff": (bounds.STIFF * 0.3, 1, lambda x: judging.stiffer_than_taut([TRACT], [x])),
@@ -598,7 +598,7 @@ def test_what_is_judged_by_two_numbers() -> None:
     assert judging.coarse_cells(hole(), bounds.COARSE["P2"] * 1e-3, "P2") == []
     assert judging.coarse_cells(hole(), 1.0, "P1", refined=True) == []
     assert [each.code for each in judging.coarse_cells(hole(footprint=0.0), 1e-9, "P1")] == ["bare-point"]
-    assert list(judging.overloaded(met(tension=1e9), None)) == []
+    assert list(judging.beyond_bounds(met(tension=1e9), None)) == []
     assert list(judging.near_holes([hole(), hole(name="b")])) == []  # one place at two times
     (near,) = judging.near_holes([hole(), hole(name="b", at=[3e-3, 0, 0]), hole(name="c", at=[4.5e-3, 0, 0])])
     assert (
