@@ -13,7 +13,7 @@ from meshes.checks import volumes
 from meshes.quality import quality, radius_ratios, size_at
 from studies.arrays import MILLI, Array
 from studies.output.files import write_bytes
-from studies.pictures.picture import draw_scene
+from studies.pictures.picture import OF_MESHES, draw_scene
 from studies.scenario import Scenario, ScenarioError
 from studies.simulation.assembly import assemble
 from studies.simulation.meshing import organ_mesh, with_places
@@ -56,12 +56,7 @@ def write_report(scenario: Scenario, path: Path) -> list[str]:
     paraview(mesh, None if fit is None else fit.indicators).write(scratch, file_format="vtu")
     write_bytes(path, scratch.read_bytes())
     scratch.unlink()
-    line, _ = draw_scene(
-        scene_of(mesh, scenario),
-        path.with_suffix(".png"),
-        "studies.pictures.mesh_space",
-        "studies.pictures.mesh_section",
-    )
+    line, _ = draw_scene(scene_of(mesh, scenario), path.with_suffix(".png"), OF_MESHES)
     return [*lines(mesh, scenario), *round_lines(fit), "", f"ParaView   {path}", f"picture    {line}"]
 
 

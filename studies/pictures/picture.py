@@ -20,22 +20,20 @@ from studies.pictures.scene import FILM
 
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")  # off screen: by the driver, by software
 PATIENCE = 120.0  # s for the child, on a busy machine
+Modules = tuple[str, str]  # that draw in space and in a section
+OF_FRAMES = "studies.pictures.space", "studies.pictures.section"
+OF_MESHES = "studies.pictures.mesh_space", "studies.pictures.mesh_section"
 VTK_PLACE = re.compile(r"^.*\b(?:WARN|ERR)\| ", re.MULTILINE)  # time and place at the start of a message
 
 
-def draw_scene(
-    scene: object,
-    path: Path | str,
-    space: str = "studies.pictures.space",
-    section: str = "studies.pictures.section",
-    patience: float = 1.0,
-) -> tuple[str, str]:
-    """Draw a scene into a file by the module `space` if OpenGL works, else by the module `section`.
+def draw_scene(scene: object, path: Path | str, by: Modules = OF_FRAMES, patience: float = 1.0) -> tuple[str, str]:
+    """Draw a scene into a file by the first of two modules if OpenGL works, else by the second.
 
     Returns the line for a person, and the reason of a failure, empty if the picture was drawn.
     Each module runs with the pickled scene and the path of the picture. Its time limit is
     `patience` times the limit of one picture.
     """
+    space, section = by
     causes = []
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "scene.pickle"

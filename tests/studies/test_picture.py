@@ -52,7 +52,7 @@ def test_a_picture_comes_out_and_says_how(tmp_path: Path) -> None:
 
 def test_a_child_that_dies_leaves_the_section_and_its_last_words(tmp_path: Path) -> None:
     """Independent check: without the module for three dimensions there is a section, and the cause is Python's own."""
-    line, failure = draw_scene(SCENE, tmp_path / "picture.png", "studies.no_such", "studies.pictures.section")
+    line, failure = draw_scene(SCENE, tmp_path / "picture.png", ("studies.no_such", "studies.pictures.section"))
     assert is_drawn(tmp_path / "picture.png")
     assert "section (matplotlib)" in line and "libegl1" in line
     assert "No module named studies.no_such" in line
@@ -66,7 +66,7 @@ def test_a_picture_that_cannot_be_drawn_has_its_true_cause(tmp_path: Path) -> No
     cause = chooser.draw_apart("studies.pictures.section", source, tmp_path / "picture.png", {})
     assert cause.startswith("_pickle.UnpicklingError") and "ended with status 1" in cause
     assert not (tmp_path / "picture.png").exists()
-    line, failure = draw_scene(SCENE, tmp_path / "a" / "b.png", "studies.no", "studies.pictures.section")
+    line, failure = draw_scene(SCENE, tmp_path / "a" / "b.png", ("studies.no", "studies.pictures.section"))
     assert "No such file or directory" in failure and failure in line
 
 
@@ -79,7 +79,7 @@ def test_a_file_in_the_working_folder_is_not_run(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.syspath_prepend("")
-    line, _ = draw_scene(SCENE, tmp_path / "picture.png", "studies.no", "studies.pictures.section")
+    line, _ = draw_scene(SCENE, tmp_path / "picture.png", ("studies.no", "studies.pictures.section"))
     assert is_drawn(tmp_path / "picture.png"), line
     assert not (tmp_path / "run").exists()
 
@@ -191,7 +191,7 @@ def test_the_start_is_drawn_with_held_nodes_and_footprints(tmp_path: Path, space
     marked = replace(marked, piercings=tuple(replace(hole, footprint=5e-3) for hole in marked.piercings))
     modules = "studies.pictures.space" if space else "studies.no", "studies.pictures.section"
     for scene, path in ((marked, start), (frame_of(at), plain)):
-        if "section" in draw_scene(([scene], LINEAR, ""), path, *modules)[0] and space:
+        if "section" in draw_scene(([scene], LINEAR, ""), path, modules)[0] and space:
             pytest.skip("OpenGL does not work here")
     counts = []
     for path in (start, plain):
