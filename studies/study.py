@@ -37,9 +37,7 @@ from studies.lists import study_list
 from studies.output.files import comma_separated, read_json, unfinished, write_json, write_text
 from studies.output.lock import locked, refuse_foreign_files, refused
 from studies.output.provenance import provenance
-from studies.scenario.refusal import as_toml, nearest, refusal
-from studies.scenario.scenario import Scenario, parse
-from studies.scenario.toml import changed, read
+from studies.scenario import Scenario, as_toml, changed, nearest, parse, read, refusal
 from studies.workers import Workers, in_order
 
 if TYPE_CHECKING:

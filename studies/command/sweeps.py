@@ -13,8 +13,7 @@ from studies.extras import installation
 from studies.output.files import as_json
 from studies.refinement.ladder import Refined
 from studies.refinement.refine import in_words, refine
-from studies.scenario import ScenarioError
-from studies.scenario.toml import read
+from studies.scenario import ScenarioError, read
 from studies.status import COMPLETED, FAILED, INTERRUPTED, REFUSED, UNSUPPORTED
 from studies.sweeps.sweep import Settings, SweepProgress, Tell, grid, paired, parse_over, read_table, sweep
 from studies.sweeps.table import SweepTable, counted, drawn_columns, plain

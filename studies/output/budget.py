@@ -10,8 +10,7 @@ from timeit import repeat
 
 from studies.arrays import GIGA
 from studies.output.fields import OrganTopology
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import refusal
+from studies.scenario import Scenario, ScenarioError, refusal
 
 # Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and
 # P2. A node takes 25 on structured meshes and up to 49 on others (displacement and stress,

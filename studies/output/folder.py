@@ -34,8 +34,7 @@ from studies.output.remarks import Remark, remark
 from studies.output.series import Series, named_files, step_of
 from studies.output.tables import CsvFile, head_of, rows_until, tables_of, whole_table
 from studies.output.tally import NEVER, Status, Tally
-from studies.scenario import Scenario, ScenarioError, dump
-from studies.scenario.toml import mesh_file, with_mesh_copy
+from studies.scenario import Scenario, ScenarioError, dump, mesh_file, with_mesh_copy
 
 DURATION = "solve.duration"
 SHOWN = 3  # number of names of missing files in a message

@@ -17,8 +17,7 @@ from studies.output.lock import LOCK, refused
 from studies.output.provenance import LOG
 from studies.output.series import frame_files
 from studies.output.tables import tables_of
-from studies.scenario import Scenario
-from studies.scenario.toml import mesh_file
+from studies.scenario import Scenario, mesh_file
 
 MARK = "provenance.json"  # the first file written
 SCENARIO = "scenario.toml"

@@ -26,9 +26,7 @@ from studies.output.fields import OrganTopology
 from studies.output.files import read_json
 from studies.output.manifest import MARK, SCENARIO, holds_run
 from studies.output.series import is_whole, named_files, part_of, step_of
-from studies.scenario import Scenario
-from studies.scenario.refusal import nearest
-from studies.scenario.toml import load
+from studies.scenario import Scenario, load, nearest
 
 if TYPE_CHECKING:
     import pandas as pd

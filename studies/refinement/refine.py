@@ -10,8 +10,7 @@ from typing import Any
 from studies.output.files import write_json, write_text
 from studies.output.remarks import CATALOGUE
 from studies.refinement.ladder import KINDS, LEAST, LEVELS, Ladder, Refined, ladder
-from studies.scenario import ScenarioError
-from studies.scenario.toml import parsed
+from studies.scenario import ScenarioError, parsed
 from studies.study import Table
 from studies.sweeps.sweep import Base, Tell, base_tables, sweep
 from studies.sweeps.table import Column, SweepTable, asked_column

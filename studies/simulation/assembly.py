@@ -15,10 +15,9 @@ from coupling.system import Friction, Piercing, State, System, ThreadContact, tu
 from coupling.ties import Tie
 from studies import scenario as model
 from studies.arrays import Array
-from studies.scenario import Scenario
+from studies.scenario import Scenario, refuse, refused
 from studies.scenario.organ import ACCURACY
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
-from studies.scenario.table import refuse, refused
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.laid import LaidPath, moved_with, over_surface, through_holes
 from studies.simulation.meshing import check_inside, organ_mesh, strength_at, with_places

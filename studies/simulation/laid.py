@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from studies.arrays import Array
-from studies.scenario import Scenario
-from studies.scenario.thread import FreeEnd, PulledEnd
+from studies.scenario import FreeEnd, PulledEnd, Scenario
 from thread.path import RoundedPath
 from tissue.organs.skin import Skin
 

@@ -9,8 +9,7 @@ import tissue
 from coupling.run.run import Run
 from coupling.system import Solved
 from studies.output.checkpoint import ANEW, CHECKPOINT, Arrays, pack, unpack
-from studies.scenario import ScenarioError
-from studies.scenario.refusal import because
+from studies.scenario import ScenarioError, because
 from thread.relaxation import Memory
 from thread.spline import Spline
 

@@ -28,12 +28,10 @@ from meshes.units import metres_per_unit
 from meshes.wound import Wound, wounded_block_gmsh, wounded_block_structured
 from studies import scenario as model
 from studies.arrays import GIGA, Array
-from studies.scenario import Scenario, ScenarioError
+from studies.scenario import Scenario, ScenarioError, as_toml, refuse, refused
 from studies.scenario.organ import SURFACES, Boundary, Region, idle_load, unknown_clamp
 from studies.scenario.piercing import place_refused
-from studies.scenario.refusal import as_toml
 from studies.scenario.scenario import check_apart
-from studies.scenario.table import refuse, refused
 from studies.scenario.values import Vector
 from studies.simulation.sharing import Shared, places_key
 from tissue.refinement.mark import SIZES

@@ -21,10 +21,8 @@ from meshes.budget import BYTES_PER_UNKNOWN
 from meshes.wound import lips
 from studies.arrays import Array
 from studies.output.checkpoint import read_arrays, write_arrays
-from studies.scenario import Scenario, Solve, Tissue, WoundMesh
+from studies.scenario import PulledEnd, Scenario, Solve, Tissue, WoundMesh, refused
 from studies.scenario.organ import LIPS, Load, Reduction
-from studies.scenario.table import refused
-from studies.scenario.thread import PulledEnd
 from studies.scenario.values import Turn
 from studies.simulation.given import Given
 from studies.simulation.meshing import check_loaded, material_of, motions_left, owned, wound_of

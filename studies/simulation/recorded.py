@@ -10,9 +10,7 @@ from studies.output.checkpoint import read_checkpoint
 from studies.output.folder import Recorder, can_resume, check_folder, completed_run
 from studies.output.lock import folder_of, locked
 from studies.output.reading import OpenRun, open_run
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.refusal import because
-from studies.scenario.scenario import check_given
+from studies.scenario import Scenario, ScenarioError, because, check_given
 from studies.simulation.remedies import try_remedies
 from studies.simulation.sharing import Shared
 from studies.simulation.simulation import Moments, OnStep, Simulation, prepare

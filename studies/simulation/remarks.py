@@ -22,8 +22,7 @@ from studies.arrays import MILLI, Array
 from studies.lists import list_of
 from studies.output import records
 from studies.output.remarks import Remark, bounds, judged, remark, say
-from studies.scenario import Contact, FreeEnd, Piercing, PulledEnd, Scenario, Tie, WoundMesh
-from studies.scenario.refusal import dotted_key
+from studies.scenario import Contact, FreeEnd, Piercing, PulledEnd, Scenario, Tie, WoundMesh, dotted_key
 from studies.simulation.assembly import Assembly, section_of
 from studies.simulation.demand import demanding, moduli_at, radii_at
 from studies.simulation.given import Given, shear_moduli

@@ -7,9 +7,7 @@ from typing import Any, Literal
 from coupling.errors import CouplingError, RestError, TogetherError, TurnedHoleError
 from studies.output.records import StepRecord
 from studies.output.remarks import Remark, remark
-from studies.scenario import Scenario
-from studies.scenario.refusal import as_toml
-from studies.scenario.toml import changed, parsed, tables
+from studies.scenario import Scenario, as_toml, changed, parsed, tables
 from studies.simulation.simulation import REFUSALS, Simulation
 from tissue.errors import FactorError
 

@@ -11,8 +11,7 @@ from collections.abc import Callable, Sequence
 from threading import RLock
 from typing import Any, TypeVar
 
-from studies.scenario import Scenario
-from studies.scenario.toml import tables, with_mesh_copy
+from studies.scenario import Scenario, tables, with_mesh_copy
 
 Made = TypeVar("Made")
 

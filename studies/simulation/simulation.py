@@ -33,13 +33,10 @@ from studies.output.fields import OrganTopology
 from studies.output.records import Ending, OrganRecord, Record, Snapshot, StepRecord
 from studies.output.remarks import Remark, bounds
 from studies.output.tally import Tally
-from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh
+from studies.scenario import Scenario, ScenarioError, Solve, WoundMesh, because, check_given, refused
 from studies.scenario.organ import LIPS
-from studies.scenario.refusal import because
-from studies.scenario.scenario import check_given
 from studies.scenario.solve import WHOLE
 from studies.scenario.stitch import with_origin
-from studies.scenario.table import refused
 from studies.simulation.assembly import Assembly, assemble, bounds_of, marks_of, shareable
 from studies.simulation.given import Energy, Given, Stiffness
 from studies.simulation.memory import OrganRun, recall

@@ -19,9 +19,7 @@ from threadpoolctl import ThreadpoolController
 
 from studies.arrays import Array
 from studies.output.records import Snapshot, StepRecord
-from studies.scenario import Scenario
-from studies.scenario.refusal import because
-from studies.scenario.table import refuse, refused
+from studies.scenario import Scenario, because, refuse, refused
 from studies.simulation.memory import OrganRun
 from thread.ends import Clamped, Driven, End, Fixed
 

@@ -9,8 +9,7 @@ import skfem
 
 import tissue
 from studies.arrays import Array
-from studies.scenario import Piercing, Scenario, Thread, Tract
-from studies.scenario.table import refuse, refused
+from studies.scenario import Piercing, Scenario, Thread, Tract, refuse, refused
 from studies.simulation.laid import LaidPath
 from thread.path import RoundedPath
 

@@ -13,8 +13,7 @@ from typing import Any
 from coupling.errors import CouplingError
 from studies.output.provenance import ROOT, installed_version
 from studies.output.records import Record, Snapshot, StepRecord
-from studies.scenario import Scenario
-from studies.scenario.toml import changed, parsed, tables, with_mesh_copy
+from studies.scenario import Scenario, changed, parsed, tables, with_mesh_copy
 from studies.simulation.sharing import Shared, start_key
 from studies.simulation.simulation import REFUSALS, Simulation, prepare
 from studies.status import COMPLETED, FAILED, REFUSED

@@ -18,9 +18,8 @@ from studies.output.files import as_json, read_json, unfinished, write_json
 from studies.output.lock import folder_of, locked, refuse_foreign_files
 from studies.output.manifest import refuse_links
 from studies.output.provenance import provenance
-from studies.scenario import Scenario, ScenarioError
-from studies.scenario.table import plain_values
-from studies.scenario.toml import changed, override_key, parsed, read, tables
+from studies.scenario import Scenario, ScenarioError, changed, parsed, plain_values, read, tables
+from studies.scenario.toml import override_key
 from studies.simulation.sharing import organ_key
 from studies.status import COMPLETED, REFUSED
 from studies.study import value_of

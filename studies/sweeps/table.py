@@ -14,9 +14,8 @@ from typing import Any
 
 from studies.output.columns import headed, quantities
 from studies.output.files import comma_separated, write_bytes, write_text
-from studies.scenario import ScenarioError
+from studies.scenario import ScenarioError, as_toml
 from studies.scenario.reference import unit_of
-from studies.scenario.refusal import as_toml
 
 # A case: the values of its keys, and its result, with `exit_status`, `summary` and, if known, `cells`.
 Case = tuple[Mapping[str, Any], Mapping[str, Any]]
