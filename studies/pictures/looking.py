@@ -62,7 +62,7 @@ def window(folder: Path) -> str:
 
 
 def drawn_into(run: reading.OpenRun, out: Path, time: float | None) -> str:
-    """Draw one frame or all frames into a file; return the line on the picture.
+    """Draw one frame, or at most `MOST_PICTURES` frames, into a file; return the line on the picture.
 
     One frame is the nearest to a time, or the last if the time is None.
     """
@@ -70,16 +70,14 @@ def drawn_into(run: reading.OpenRun, out: Path, time: float | None) -> str:
         raise reading.ResultsError(
             f"--out {out} is refused: name it {out.stem}.png for a picture, {out.stem}.gif for all frames"
         )
-    line, failure = film(run, out) if out.suffix.lower() == FILM else still(run, out, time)
+    is_film = out.suffix.lower() == FILM
+    spaced = reading.evenly_spaced(len(run.frames), MOST_PICTURES).tolist()
+    chosen = [run.frames[number] for number in spaced] if is_film else [nearest(run.frames, time)]
+    scene = [read_frame(frame, run.piercings) for frame in chosen], reading.topology_of(chosen[0]), run.title
+    line, failure = draw_scene(scene, out, patience=10.0 if is_film else 1.0)
     if failure:
         raise reading.ResultsError(line)
     return line
-
-
-def still(run: reading.OpenRun, out: Path, time: float | None) -> tuple[str, str]:
-    """Draw a frame into a PNG file, like `draw_scene`."""
-    frame = nearest(run.frames, time)
-    return draw_scene(([read_frame(frame, run.piercings)], reading.topology_of(frame), run.title), out)
 
 
 def nearest(frames: Sequence[reading.FrameFiles], time: float | None) -> reading.FrameFiles:
@@ -91,13 +89,6 @@ def nearest(frames: Sequence[reading.FrameFiles], time: float | None) -> reading
     if time is not None and not 0.0 <= time <= end * LATEST:
         raise reading.ResultsError(f"--time {time:g} is refused: the run ends at {end:.6g} s; give 0 to {end:.6g}")
     return frames[-1] if time is None else min(frames, key=lambda frame: abs(frame.time - time))
-
-
-def film(run: reading.OpenRun, out: Path) -> tuple[str, str]:
-    """Draw frames into a GIF file, at most `MOST_PICTURES` of them, like `draw_scene`."""
-    chosen = [run.frames[number] for number in reading.evenly_spaced(len(run.frames), MOST_PICTURES).tolist()]
-    frames = [read_frame(frame, run.piercings) for frame in chosen]
-    return draw_scene((frames, reading.topology_of(run.frames[0]), run.title), out, patience=10.0)
 
 
 def read_frame(files: reading.FrameFiles, names: Sequence[str]) -> Frame:

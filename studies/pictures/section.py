@@ -83,20 +83,14 @@ def cut(points: Array, cells: view.Indices, values: Array, y: float) -> tuple[Ar
 
 
 def _section_thread(axes: Axes, frame: Frame, scale: view.Scale) -> Any:
-    """Draw the thread coloured by its tension [N]."""
-    thread, lines = frame.thread, []
-    for points, tension in zip(thread.split(thread.points), thread.split(thread.tension), strict=True):
-        places = points[:, [0, 2]] / MILLI
-        lines.append(
-            LineCollection(
-                list(np.stack([places[:-1], places[1:]], axis=1)),
-                cmap=ListedColormap(view.tension_colours(scale)),
-                linewidth=2.5,
-            )
-        )
-        lines[-1].set(array=tension[:-1], clim=scale.tension, capstyle="round")
-        axes.add_collection(lines[-1])
-    return lines[0]
+    """Draw the thread coloured by its tension [N], without the gaps between its pieces."""
+    thread = frame.thread
+    first = np.setdiff1d(np.arange(len(thread.points) - 1), np.cumsum(thread.pieces, dtype=np.int64) - 1)
+    places = thread.points[:, [0, 2]] / MILLI
+    lines = LineCollection(list(np.stack([places[first], places[first + 1]], axis=1)), linewidth=2.5, capstyle="round")
+    lines.set(array=thread.tension[first], clim=scale.tension, cmap=ListedColormap(view.tension_colours(scale)))
+    axes.add_collection(lines)
+    return lines
 
 
 def _section_piercings(axes: Axes, frame: Frame, scale: view.Scale) -> None:
