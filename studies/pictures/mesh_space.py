@@ -11,7 +11,7 @@ import numpy as np
 import pyvista as pv
 
 from studies.pictures.mesh_report import MeshScene
-from studies.pictures.space import BLANK
+from studies.pictures.space import write_picture
 from studies.pictures.view import MARKER, SIZE, THREAD, read_scene
 
 REGIONS = ("#f0d9c8", "#dc7356", "#8fb7c9", "#c9b458", "#8ea66f", "#9d7fb0")  # the first: no region
@@ -38,10 +38,7 @@ def draw_space(scene: MeshScene, path: Path) -> None:
         plotter.enable_anti_aliasing("ssaa")
     plotter.subplot(0, 0)
     plotter.add_text(scene.title or "mesh", position="upper_left", font_size=14, color="black")
-    image = np.asarray(plotter.screenshot(str(path), return_img=True))
-    plotter.close()
-    if image.std() < BLANK:
-        raise RuntimeError("the renderer drew nothing")
+    write_picture(plotter, path)
 
 
 def _add_cells(plotter: Any, part: Any) -> None:

@@ -12,7 +12,7 @@ import pyvista as pv
 from studies.output.reading import open_run, topology_of
 from studies.pictures.looking import read_frame
 from studies.pictures.picture import WINDOWS
-from studies.pictures.space import CORNER, place_camera, props_of, stage_of
+from studies.pictures.space import add_frame, prepare, stage_of
 from studies.pictures.view import SIZE
 
 
@@ -27,24 +27,21 @@ def show(folder: str) -> None:
         sys.exit(
             f"VTK cannot open a window on the display {os.environ.get('DISPLAY', '')!r}; correct DISPLAY, or give --out"
         )
-    plotter.set_background("white")
-    plotter.add_axes(color="black", line_width=3, viewport=CORNER)
-    shown: list[Any] = []
+    prepare(plotter, stage)
+    shown: list[str] = []
 
     def choose(number: float) -> None:
         """Show a frame instead of the frame before."""
-        while shown:
-            plotter.renderer.RemoveViewProp(shown.pop())
-        shown.extend(props_of(read_frame(run.frames[round(number)], run.piercings), stage))
-        for prop in shown:
-            plotter.renderer.AddViewProp(prop)
+        plotter.remove_actor(shown)
+        plotter.scalar_bars.clear()
+        others = set(plotter.actors)
+        add_frame(plotter, read_frame(run.frames[round(number)], run.piercings), stage)
+        shown[:] = set(plotter.actors) - others
 
     plotter.add_slider_widget(
         choose, [0, len(run.frames) - 1], value=len(run.frames) - 1, title="frame", fmt="%.0f", color="black",
         pointa=(0.62, 0.93), pointb=(0.95, 0.93),
     )  # fmt: skip
-    place_camera(plotter.renderer, stage.camera)
-    plotter.renderer.camera_set = True  # otherwise pyvista moves the camera
     plotter.show()
 
 

@@ -13,7 +13,7 @@ from studies.arrays import Array
 from studies.output.fields import OrganTopology
 from studies.pictures import picture as chooser
 from studies.pictures.picture import draw_scene
-from studies.pictures.scene import frame_of
+from studies.pictures.scene import Organ, frame_of
 from studies.pictures.section import cut, draw_section
 from studies.pictures.view import (
     KILO,
@@ -198,3 +198,17 @@ def test_the_start_is_drawn_with_held_nodes_and_footprints(tmp_path: Path, space
         red, green, blue = np.moveaxis(imread(path)[..., :3], 2, 0)
         counts.append((int((red > green + 0.2).sum()), int((blue > red + 0.2).sum())))
     assert all(with_marks > without for with_marks, without in zip(*counts, strict=True))
+
+
+def test_an_organ_without_sharp_edges_is_drawn(tmp_path: Path) -> None:
+    """Independent check: a ball, whose facets meet at a few degrees, is drawn in space like a block."""
+    pyvista = pytest.importorskip("pyvista")
+    skin = pyvista.Icosphere(radius=0.02, nsub=4)
+    points = np.vstack([skin.points, np.zeros(3)])
+    cells = np.column_stack([skin.regular_faces, np.full(skin.n_cells, skin.n_points)]).astype(np.int64)
+    ball = replace(frame_of(frame(0.1)), organ=Organ(np.zeros_like(points), np.ones(len(points))), piercings=())
+    known, _ = draw_scene(SCENE, tmp_path / "known.png")
+    if "(VTK)" not in known:
+        pytest.skip(known)
+    line, failure = draw_scene(([ball], OrganTopology(points, cells), ""), tmp_path / "picture.png")
+    assert not failure and "(VTK)" in line and is_drawn(tmp_path / "picture.png")
