@@ -80,8 +80,7 @@ def foreseen_in_organ(assembly: Assembly, body: tissue.Elasticity, sizes: Sequen
     yield from moved_holes(scenario.piercing)
     yield from steep_friction(scenario.contact)
     yield from unheld(scenario)
-    for name, sides in distances_from_wound(scenario).items():
-        yield from not_across(name, sides)
+    yield from not_across(scenario)
     yield from along_path(assembly, body)
 
 
@@ -447,26 +446,17 @@ def unheld(scenario: Scenario) -> list[Remark]:
     return judged(free, "not-held", "tissue.clamp")
 
 
-def distances_from_wound(scenario: Scenario) -> dict[str, list[float]]:
-    """Return for each tie the distances of the holes in its loop from the plane of the wound [m].
-
-    They are negative on one side. The result is empty without a wound.
-    """
+def not_across(scenario: Scenario) -> Iterator[Remark]:
+    """Yield remarks on ties whose holes are all on one side of the plane of a wound."""
     shape = scenario.tissue.mesh if scenario.tissue else None
     if not isinstance(shape, WoundMesh):
-        return {}
+        return
     axis, names = wound_of(shape).normal_axis, [hole.name for hole in scenario.piercing]
-    loops = {tie.name: sorted(map(names.index, tie.between)) for tie in scenario.tie}
-    return {
-        name: [hole.place[axis] for hole in scenario.piercing[first : last + 1]]
-        for name, (first, last) in loops.items()
-    }
-
-
-def not_across(name: str, sides: Sequence[float]) -> list[Remark]:
-    """Return a remark on a tie whose holes are all on one side of the wound, at distances `sides` [m]."""
-    away = max(min(sides), -max(sides))
-    return judged(away > 0.0, "not-across", name, away=away / MILLI)
+    for tie in scenario.tie:
+        first, last = sorted(map(names.index, tie.between))
+        sides = [hole.place[axis] for hole in scenario.piercing[first : last + 1]]
+        away = max(min(sides), -max(sides))
+        yield from judged(away > 0.0, "not-across", tie.name, away=away / MILLI)
 
 
 def off_path(assembly: Assembly) -> list[Remark]:

@@ -33,7 +33,7 @@ from studies.output.records import (
 )
 from studies.output.remarks import CATALOGUE, Remark, bounds, remark
 from studies.output.tally import Tally
-from studies.scenario import Contact, Scenario, load, parse
+from studies.scenario import Contact, Scenario, WoundMesh, load, parse
 from studies.scenario.toml import tables
 from studies.simulation import demand, prepare
 from studies.simulation import remarks as judging
@@ -63,6 +63,13 @@ def hole(**keys: Any) -> Any:
 
 def energy(kinetic: float = 0.0, elastic: float = 0.0, friction: float = 0.0, numerical: float = 0.0) -> Energies:
     return Energies(kinetic, elastic, 0.0, 0.0, friction, 0.0, numerical, 0.0)
+
+
+def beside_a_wound(*sides: float) -> Any:
+    """A tie of two holes at these distances from the plane of a slit."""
+    slit = WoundMesh(kind="wound", size=(0.04, 0.03, 0.015), length=0.02, depth=0.005, h=5e-3)
+    holes = [hole(name=name, at=[x, 0, 0]) for name, x in zip("ab", sides, strict=True)]
+    return SimpleNamespace(tissue=SimpleNamespace(mesh=slit), piercing=holes, tie=[TIE])
 
 
 TIE = SimpleNamespace(name="knot", between=("a", "b"), force=0.5, until=0.2, speed=0.05)
@@ -146,7 +153,7 @@ JUDGED: dict[str, tuple[float, int, Judge]] = {
     "tract-bare": (bounds.BARE * 1e-3, 1, lambda x: judging.bare_tract("a-b", x, 0.02, 1e-3)),
     "holes-near": (bounds.NEAR * 2e-3, -1, lambda x: judging.near_holes([hole(), hole(name="b", at=[x, 0, 0])])),
     "contact-rough": (bounds.STEEP, 1, lambda x: judging.steep_friction([Contact(between=("a", "b"), friction=x)])),
-    "not-across": (1e-3, 1, lambda x: judging.not_across("a", [x - 1e-3, 5e-3])),
+    "not-across": (1e-3, 1, lambda x: judging.not_across(beside_a_wound(x - 1e-3, 5e-3))),
     "after-end": (2.0, 1, lambda x: judging.after_end({"cut.0.time": x}, 2.0)),
     "moved": (bounds.MOVED * 1e-3, 1, lambda x: judging.moved_holes([hole(near=[x, 0, 0])])),
     "channel": (

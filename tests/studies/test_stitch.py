@@ -13,7 +13,7 @@ from studies.scenario.stitch import NEAR, Stitch, bites_of, with_origin
 from studies.scenario.toml import changed, read
 from studies.simulation import prepare
 from studies.simulation.assembly import assemble
-from studies.simulation.remarks import distances_from_wound, not_across
+from studies.simulation.remarks import not_across
 from thread.path import rounded_path
 from tissue import TissueError
 
@@ -225,8 +225,7 @@ def test_a_stitch_on_one_side_of_the_wound_has_a_remark(along: str, axis: int, w
     """Independent check: the stitch is moved across the wound, along either axis, until both holes are on one side."""
     table = wound({"at": [way if axis == k else 0.0 for k in range(3)]})
     table["tissue"]["mesh"]["along"] = along
-    (sides,) = distances_from_wound(parse(table)).values()
-    assert [each.code for each in not_across("first", sides)] == ["not-across"] * named
+    assert [(each.code, each.where) for each in not_across(parse(table))] == [("not-across", "first")] * named
 
 
 def test_a_tie_of_another_name_is_no_part_of_a_stitch() -> None:
