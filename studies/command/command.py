@@ -28,7 +28,7 @@ from studies.arrays import MILLI
 from studies.command.lines import complain, print_lines
 from studies.command.parser import read
 from studies.command.progress import LOOP_LOGGERS, STEP_LOGGERS, Progress, duration, stages
-from studies.command.summary import doubt_lines, place_lines, print_summary, remark_lines
+from studies.command.summary import doubt_lines, place_lines, print_summary, remark_lines, say
 from studies.extras import missing
 from studies.output.budget import frame_bytes, peak_memory, row_bytes, seconds_of, size_text
 from studies.output.files import as_json
@@ -240,17 +240,12 @@ def print_schema(options: argparse.Namespace) -> int:
 
 def print_catalogue(options: argparse.Namespace) -> int:
     """``suture catalogue``: print the sutures that a scenario can name."""
-    print(
-        f"{'suture':28} {'d [mm]':>8} {'E [GPa]':>8} {'mass [mg/m]':>12} {'EA [N]':>10} {'EI [N m²]':>11} "
-        f"{'GJ [N m²]':>11} {'knot pull [N]':>14}"
-    )
+    print(say("catalogue"))
     for name in names():
         thread, strength = suture(name), knot_pull(name)
-        print(
-            f"{name:28} {thread.diameter / MILLI:8.4f} {thread.youngs_modulus / 1e9:8.2f} "
-            f"{thread.rhoA * 1e6:12.4g} {thread.EA:10.4g} {thread.EI:11.3e} "
-            f"{thread.GJ:11.3e} {'' if strength is None else f'{strength:.3g}':>14}"
-        )
+        sizes = {"d": thread.diameter / MILLI, "E": thread.youngs_modulus / 1e9, "mass": thread.rhoA * 1e6}
+        pull = "" if strength is None else f"{strength:.3g}"
+        print(say("suture", name=name, thread=thread, pull=pull, **sizes))
     brands = ", ".join(f"{brand} ({of})" for brand, of, _ in BRANDS)
     titles = {"sizes": "usp", "moduli": "textbook", "knot pull, minimum average": "knot_pull"}
     print_lines([f"brands  {brands}", *(f"{title}  {SOURCES[name]}" for title, name in titles.items())])
