@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from skfem import MeshTet
+from skfem import ElementTetP1, MeshTet
+from skfem.quadrature import get_quadrature
 
 import tissue
 from tests.bounds import IDENTITY, LODE, TWO_SOLVERS
@@ -96,6 +97,16 @@ def test_a_uniform_deformation_has_its_determinant(element: str) -> None:
     for J in (tissue.volume_ratio(body, U), tissue.nodal_volume_ratio(body, U)):
         assert np.abs(J / np.linalg.det(F) - 1.0).max() < IDENTITY
     assert tissue.nodal_volume_ratio(body, U).shape == (len(body.points),)
+
+
+def test_the_volume_ratio_of_a_bent_cell_is_that_of_its_volume() -> None:
+    """Independent check: u_k = κ x_k²/2 makes J = Π (1 + κ x_k), whose mean over a cell a rule of degree 8 gives."""
+    body = body_of("P2")
+    J = tissue.volume_ratio(body, body.flat(10.0 * body.points**2))
+    places, weights = get_quadrature(ElementTetP1(), 8)
+    x = body.mesh.mapping().F(places)
+    assert np.ptp(J) > 0.5
+    assert np.abs(J - 6.0 * np.prod(1.0 + 20.0 * x, axis=0) @ weights).max() < IDENTITY
 
 
 @pytest.mark.parametrize(("element", "nu"), [("P1", 0.3), ("P2", 0.3), ("P2", 0.49)])
