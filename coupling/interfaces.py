@@ -77,7 +77,10 @@ class Answer(Protocol[Body]):
         """
 
     def accept(self, f_y: Array, p: Array) -> Body:
-        """Return the organ's state at the end of the step under the forces `f_y` (9p,) and `p` (k,)."""
+        """Return the organ's state at the end of the step under the forces `f_y` (9p,) and `p` (k,).
+
+        Raises `tissue.OrganError` if a cell of a nonlinear organ is inverted there.
+        """
 
     def again(self, f_y: Array, p: Array) -> "Answer[Body]":
         """Return the answer linearised again under the forces `f_y` (9p,) and `p` (k,).

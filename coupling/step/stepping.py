@@ -19,7 +19,7 @@ from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.step.motion import what_it_does
-from coupling.step.newton import Iterate, Problem, Residual, Solution
+from coupling.step.newton import Iterate, Problem, Residual, Solution, failure
 from coupling.step.sliding import law_of
 from coupling.step.solver import find, solve
 from coupling.step.stability import go_aside
@@ -325,9 +325,12 @@ def riding(residual: Residual) -> dict[str, Any]:
 
 
 def accept_organ(solution: Solution[Body]) -> Body:
-    """Return the organ's state at the end of a solved step."""
-    sites = len(solution.problem.system.piercings)
-    return solution.problem.answer.accept(solution.residual.f_y[:sites].ravel(), solution.p)
+    """Return the organ's state at the end of a solved step. Raises `StepError`."""
+    problem, residual = solution.problem, solution.residual
+    try:
+        return problem.answer.accept(residual.f_y[: len(problem.system.piercings)].ravel(), solution.p)
+    except OrganError as error:
+        raise failure(problem, residual.holds, str(error)) from error
 
 
 def end_configuration(new: State[Body], solution: Solution[Body]) -> Configuration:

@@ -64,6 +64,7 @@ from tissue.sites.finite import SiteMap
 from tissue.solvers.choice import Solver, mass_solver, solver
 from tissue.solvers.direct import Pattern
 from tissue.solvers.factor import factorize_indefinite
+from tissue.strain import volume_ratios
 
 log = logging.getLogger(__name__)
 
@@ -402,8 +403,10 @@ class FiniteAnswer:
         return Forces(f_y, self.pairing.G.T @ p if p.size else np.zeros(self.organ.size))
 
     def accept(self, f_y: Array, p: Array = EMPTY) -> OrganState:
-        """Return the state at the end of the step."""
-        return self.organ.state_at(self, self.moved(f_y, p), f_y, p)
+        """Return the state at the end of the step. Raises `OrganError` if a cell is inverted there."""
+        U = self.moved(f_y, p)
+        self.organ.refuse_inverted(U)
+        return self.organ.state_at(self, U, f_y, p)
 
     def again(self, f_y: Array, p: Array) -> "FiniteAnswer":
         """Return the answer linearised at a new point under these forces.
@@ -610,6 +613,20 @@ class FiniteOrgan(MeshedOrgan):
             if inverted < SHORTEST / SHORTER
             else "the tissue finds no equilibrium: both its residual and its energy increase, as at a snap-through"
         )
+
+    def refuse_inverted(self, U: Array) -> None:
+        """Raise `OrganError` if a cell is inverted at one of its nodes at U.
+
+        A P2 cell can be inverted there although it is not at its quadrature points.
+        """
+        body = self.elasticity
+        J = volume_ratios(body, self.whole(U), np.asarray(body.cell.doflocs)).min(axis=0)
+        if J.min() <= 0.0:
+            x, y, z = 1e3 * self._places(U)[body.cells[J.argmin()]].mean(axis=0)
+            where = (
+                f"the worst of {np.count_nonzero(J <= 0.0)} at ({x:.3g}, {y:.3g}, {z:.3g}) mm, where J = {J.min():.2g}"
+            )
+            raise OrganError(f"the tissue finds no equilibrium: a cell would be inverted ({where})")
 
     def tangent(self, motion: Motion, U: Array, F: Array | None = None) -> Tangent:
         """Return the factorised tangent at U.
