@@ -18,14 +18,14 @@ KINDS = "skfem.MeshTet, meshio.Mesh or pyvista.UnstructuredGrid of linear tetrah
 def given_mesh(mesh: Any) -> skfem.MeshTet:
     """Return a checked mesh from an object of another library.
 
-    The mesh has the boundaries of the object and the boundary "surface". Tetrahedra can have either
-    orientation. Names of boundaries and subdomains are only taken from meshes of scikit-fem. Raises
-    `MeshError` for an invalid mesh.
+    The mesh has the boundaries of the object and the boundary "surface". It may be several bodies.
+    Tetrahedra can have either orientation. Names of boundaries and subdomains are only taken from
+    meshes of scikit-fem. Raises `MeshError` for an invalid mesh.
     """
     points, tets = arrays_of(mesh)
     inverted = volumes(points, tets) < 0.0 if tets.size and tets.max() < len(points) else np.zeros(len(tets), bool)
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
-    made = checked_mesh(points, tets)
+    made = checked_mesh(points, tets, parts=None)
     facets = checked_names("boundary", getattr(mesh, "boundaries", None), made.nfacets)
     cells = checked_names("subdomain", getattr(mesh, "subdomains", None), made.nelements)
     named = {"surface": made.boundary_facets()} | facets

@@ -31,12 +31,14 @@ GIVEN = changed(BARE, {"tissue.mesh": {"kind": "given", "accuracy": "given"}, "t
 
 
 def meshes() -> list[Any]:
-    """The block of the scenario as each library has it, pyvista's with its tetrahedra turned."""
+    """The block of the scenario as each library has it, pyvista's with its tetrahedra turned, and with a second one
+    away from it."""
     made = block((0.02, 0.02, 0.01), 5e-3)
     points, tets = made.p.T, made.t.T
     turned = np.column_stack([np.full(len(tets), 4), tets[:, [1, 0, 2, 3]]]).ravel()
     grid = pv.UnstructuredGrid(turned, np.full(len(tets), pv.CellType.TETRA), points)
-    return [made, meshio.Mesh(points, [("tetra", tets)]), grid]
+    two = np.vstack([points, points + [0.05, 0.0, 0.0]]), np.vstack([tets, tets + len(points)])
+    return [made, meshio.Mesh(points, [("tetra", tets)]), grid, meshio.Mesh(two[0], [("tetra", two[1])])]
 
 
 @pytest.mark.parametrize("mesh", meshes(), ids=lambda mesh: type(mesh).__module__.partition(".")[0])
