@@ -401,7 +401,7 @@ def let_lie(solution: Solution[Body]) -> Solution[Body]:
         problem, z, spline = solution.problem, solution.iterate, solution.residual.configuration.thread.spline
         fields = ((spline, z.q[:, :3]),) if problem.fields else ()
         problem = replace(problem, q_ref=z.q, fields=fields, mass_factor=0.1 * problem.mass_factor)
-        again = solve(problem, z)
+        again = find(problem, z)
         solution = replace(again, iterations=solution.iterations + again.iterations)
         way = np.abs(problem.system.thread.momentum(again.iterate.q - z.q)[:, :3]).sum()
         if problem.mass_factor * way <= rounded_force(problem):

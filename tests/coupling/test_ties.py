@@ -149,6 +149,32 @@ def test_a_loop_that_is_cut_at_rest_bears_nothing(share: float) -> None:
     assert max(abs(hole.tension_after) for hole in after.piercings) < BORNE * FORCE
 
 
+def test_a_loop_in_anchored_holes_is_cut_while_hands_draw() -> None:
+    """Independent check: two holes of a loop slide and two are anchored. When the strand between the anchors is cut,
+    the hands let go, and what is left in the holes are bends across the width of the wound, worth EI/R². The thread
+    slides far on the way there, so that Newton's method alone does not find the last equilibrium."""
+    width, kinds = 4e-3, {"r1": "sliding", "l1": "anchored", "r2": "anchored", "l2": "sliding"}
+    corners = zip(kinds, [(1, 1), (-1, 1), (-1, -1), (1, -1)], strict=True)
+    holes = {name: [width * x, width * y, 0.0] for name, (x, y) in corners}
+    under, over = ([[x, y, z] for x, y, _ in holes.values()] for z in (-3e-3, 2e-3))
+    into, out, beyond, back = [4e-3, 4e-3, 1e-3], [4e-3, -4e-3, 1e-3], [-6e-3, 4e-3, 5e-3], [-6e-3, -4e-3, 5e-3]
+    path = [[-5e-3, -2e-3, 5e-3], [0.0, 0.0, 4e-3], into, *under[:2], over[1], beyond, back, over[2], *under[2:], out]
+    data = {
+        "piercing": [
+            {"name": name, "at": at, "kind": kinds[name], "direction": [0, 0, 1]} for name, at in holes.items()
+        ],
+        "tie": [{"name": "k", "between": ["r1", "l2"], "force": 0.2, "until": 0.8, "speed": 0.05}],
+        "thread": {"suture": "4-0 nylon", "control_points": 24, "path": [*path, [0.0, 0.0, 4e-3], [-5e-3, 2e-3, 5e-3]]},
+        "cut": [{"s": 0.03, "time": 0.299}],
+        "solve": {"kind": "static", "duration": 0.3, "load_steps": 1},
+    }
+    *_, (last, _) = prepare(parse(data)).advance()
+    assert [event.kind for event in last.events if event.kind in ("cut", "unties")] == ["cut", "unties"]
+    bend = suture("4-0 nylon").EI / width**2
+    assert bend < 0.05 * 0.2
+    assert max(abs(tension) for hole in last.piercings for tension in (hole.tension_before, hole.tension_after)) < bend
+
+
 def length_around(corners: int, side: float, tension: float) -> float:
     """The unstrained length of a thread under a tension around the corners of a polygon of such sides [m].
 
