@@ -25,6 +25,7 @@ from coupling.arrays import Array, Flags
 from coupling.calls import ask_before_correction, asked_before_corrections
 from coupling.errors import (
     HOLD_IT,
+    OF_TISSUE,
     OTHER_WAYS,
     BranchError,
     CouplingError,
@@ -51,7 +52,7 @@ from coupling.step.diagnosis import (
     refuse_turning,
     turn_of_holes,
 )
-from coupling.step.motion import what_it_does
+from coupling.step.motion import is_tissue_alone, what_it_does
 from coupling.step.newton import (
     Iterate,
     Problem,
@@ -528,6 +529,8 @@ def slides_freely(system: System[Body], present: Flags) -> bool:
 
 def remedy_for(system: System[Body], state: State[Body]) -> str:
     """Return the remedy in the message if no equilibrium is found."""
+    if is_tissue_alone(system):
+        return OF_TISSUE
     return HOLD_IT if may_slide_as_a_whole(system, state.present) else OTHER_WAYS
 
 
@@ -613,7 +616,7 @@ def go_on(
         gone = error.gone
     except (StepError, InversionError, TogetherError, FarError) as error:
         if not halves:
-            raise without_equilibrium(error, share) from error
+            raise without_equilibrium(error, share, remedy_for(system, state)) from error
         for part in (0.5 * (begun + share), share):
             for step in go_on(system, state, part, duration, begun, depth=depth + 1):
                 yield step
@@ -675,11 +678,11 @@ def has_jumped(organ: Snapping, step: Step[Body]) -> bool:
     return organ.has_jumped(step.solution.problem.answer, step.old.organ, step.new.organ)
 
 
-def without_equilibrium(error: CouplingError, share: float) -> CouplingError:
+def without_equilibrium(error: CouplingError, share: float, remedy: str) -> CouplingError:
     """Return the error of a load step, with the `share` of the loads instead of a length in time."""
     if isinstance(error, EquilibriumError) or not isinstance(error, StepError):
         return error
-    return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share)
+    return EquilibriumError(error.time, error.dt, error.cause, error.piercing, share, remedy)
 
 
 def refuse_loose(system: System[Body], state: State[Body], share: float, duration: float) -> None:

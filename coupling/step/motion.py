@@ -3,7 +3,7 @@
 import numpy as np
 
 from coupling.arrays import Array
-from coupling.interfaces import Body
+from coupling.interfaces import Body, Snapping
 from coupling.system import State, System
 
 SLACK = 1e-6  # of EA: a thread under less tension is slack
@@ -14,7 +14,7 @@ def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
     """Return the most important motion of the thread in a state, in words, and its piercing."""
     names, p = [piercing.name for piercing in system.piercings], len(system.piercings)
     if not p:
-        return "the thread moves freely", ""
+        return "the tissue deforms without the thread" if is_tissue_alone(system) else "the thread moves freely", ""
     fastest = int(np.argmax((np.abs(state.s_dot) * (state.present & system.may_slide))[:p]))
     if np.abs(state.s_dot[fastest]) > 1.0:
         return f"the thread snaps through it at {abs(state.s_dot[fastest]):.3g} m/s", names[fastest]
@@ -27,6 +27,11 @@ def what_it_does(system: System[Body], state: State[Body]) -> tuple[str, str]:
         return "the thread is slack", names[fastest]
     loaded = int(np.argmax(np.linalg.norm(state.lam[:p, :3], axis=1)))
     return "the thread slides and bends", names[loaded]
+
+
+def is_tissue_alone(system: System[Body]) -> bool:
+    """Return whether a system has tissue at finite strain on which the thread has no force."""
+    return isinstance(system.organ, Snapping) and not (system.piercings or system.bears)
 
 
 def alignment(system: System[Body], state: State[Body]) -> Array:

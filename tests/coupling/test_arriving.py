@@ -291,7 +291,7 @@ def test_a_load_step_that_comes_over_a_held_end_tells_its_loads() -> None:
     """Independent check: a load step lasts no time of its own, so that its error says under which loads it came to a
     held end, not from when and how long."""
     refused = StepError(0.5, 0.0, "the thread runs out: its start is held", "hole")
-    error = equilibrium.without_equilibrium(refused, 0.5)
+    error = equilibrium.without_equilibrium(refused, 0.5, "hold it")
     assert "no equilibrium was found under 50 % of the loads (the thread runs out" in str(error)
     assert "dt" not in str(error)
 

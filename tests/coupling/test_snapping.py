@@ -19,6 +19,8 @@ from coupling.rest.equilibrium import snapped
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
 from coupling.system import Piercing, State, System
+from studies.scenario import parse
+from studies.simulation import prepare
 from tests.bounds import RESIDUAL, TWO_SOLVERS
 from tests.thread.threads import Array, X, Y, Z
 from thread.catalogue import suture
@@ -90,6 +92,26 @@ def test_an_arch_snaps_through_and_says_so() -> None:
     audit = through.energies
     assert abs(audit.balance_error) <= 1e-7 * audit.external_work
     assert audit.numerical_dissipation > 0.1 * audit.external_work  # what the snap would have set in motion
+
+
+def test_tissue_that_fails_without_the_thread_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Independent check: a suction that corrections cannot bear in one step, on a block that no thread touches, is not
+    put down to the thread and its path."""
+    monkeypatch.setattr(equilibrium, "MOST_CORRECTIONS", 20)
+    block = {"kind": "block", "size": [0.02, 0.02, 0.02], "h": 0.01}
+    tissue_of = {
+        "material": "neo-hookean",
+        "youngs_modulus": 1e5,
+        "poisson_ratio": 0.45,
+        "density": 1e3,
+        "inertia": False,
+    }
+    held = {"mesh": block, "clamp": ["bottom"], "load": [{"boundary": "top", "pressure": -1e6}]}
+    thread = {"suture": "6-0 nylon", "path": [[0.0, 0.0, 0.05], [0.01, 0.0, 0.05]], "start": {"kind": "fixed"}}
+    data = {"tissue": tissue_of | held, "thread": thread, "solve": {"kind": "static", "load_steps": 1}}
+    with pytest.raises(CouplingError, match=r"the tissue deforms without the thread.* finer mesh or smaller") as error:
+        list(prepare(parse(data)).advance())
+    assert "path" not in str(error.value)
 
 
 def test_the_arch_hangs_where_newton_finds_it_from_below() -> None:

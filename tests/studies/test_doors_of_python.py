@@ -37,7 +37,7 @@ def meshes() -> list[Any]:
     points, tets = made.p.T, made.t.T
     turned = np.column_stack([np.full(len(tets), 4), tets[:, [1, 0, 2, 3]]]).ravel()
     grid = pv.UnstructuredGrid(turned, np.full(len(tets), pv.CellType.TETRA), points)
-    two = np.vstack([points, points + [0.05, 0.0, 0.0]]), np.vstack([tets, tets + len(points)])
+    two = np.vstack([points, points + np.array([0.05, 0.0, 0.0])]), np.vstack([tets, tets + len(points)])
     return [made, meshio.Mesh(points, [("tetra", tets)]), grid, meshio.Mesh(two[0], [("tetra", two[1])])]
 
 
