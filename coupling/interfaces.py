@@ -156,10 +156,9 @@ class Snapping(Protocol):
     def holds(self, answer: Answer[Any]) -> bool:
         """Return whether the organ is stable under dead forces at the place of its own `answer`."""
 
-    def off_saddle(self, answer: Answer[Any], state: Any, sense: float) -> Any:
-        """Return an unstable `state` at the place of its `answer`, moved along a motion with negative stiffness.
-
-        The opposite `sense`, 1 or -1, gives the opposite motion.
+    def off_saddle(self, answer: Answer[Any], state: Any) -> tuple[Any, Any]:
+        """Return an unstable `state` at the place of its `answer`, moved to both sides along a motion
+        with negative stiffness.
         """
 
     def distance(self, one: Any, other: Any) -> float:

@@ -217,26 +217,32 @@ def snapped(step: Step[Body], share: float, duration: float, began: State[Body])
     equilibrium, to one side and then to the other, and goes downhill from there
     (`Snapping.off_saddle`). If it does not go further away, thread or contact stabilise it, and the
     step is unchanged. Otherwise the step is marked as unstable. Raises `SpentError`, and
-    `BranchError` on a branch, if all corrections are used up.
+    `BranchError` on a branch, if all corrections are used up, and `StepError` without a tangent.
     """
     system, answer = step.solution.problem.system, step.solution.problem.answer
     organ = system.organ
-    if not isinstance(organ, Snapping) or organ.holds(answer):
+    if not isinstance(organ, Snapping):
         return step
+    try:
+        if organ.holds(answer):
+            return step
+        sides = organ.off_saddle(answer, step.new.organ)
+    except (FactorError, OrganError) as error:
+        raise StepError(step.old.time, step.dt, str(error)) from error
     log.info("the tissue alone is unstable at %.4g of the loads: it goes downhill", share)
-    for sense in (1.0, -1.0):
+    for body in sides:
         try:
-            off = replace(step.new, organ=organ.off_saddle(answer, step.new.organ, sense))
-            there = go_away(system, off, share, duration, began)
+            there = go_away(system, replace(step.new, organ=body), share, duration, began)
             found = go_downhill(system, there, share, duration, ask_again(system, there, share, duration, began), began)
+            stable = organ.holds(found.solution.problem.answer)
         except (SpentError, BranchError):
             raise
         except (CouplingError, FactorError, OrganError) as error:
             log.info("no other equilibrium is found (%s)", error)
             continue
-        if organ.holds(found.solution.problem.answer):
+        if stable:
             return replace(found, old=step.old, dt=step.dt, snapped=True)
-        if organ.distance(found.new.organ, step.new.organ) < organ.distance(off.organ, step.new.organ):
+        if organ.distance(found.new.organ, step.new.organ) < organ.distance(body, step.new.organ):
             return step
     return replace(step, unstable=True)
 

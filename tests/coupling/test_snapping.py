@@ -193,16 +193,22 @@ def test_a_flap_that_bends_far_and_is_drawn_taut_does_not_snap() -> None:
     assert len(runs[1].taken) > 1
 
 
-def column(load: float) -> tuple[Any, Run]:
-    """A straight column, 40 × 4 × 2 mm, under a half of a `load` in Euler's loads, and its system. Its mesh is the same
-    on both sides of the thin middle, to which it buckles."""
+def post(**loads: Any) -> tuple[tissue.FiniteOrgan, float]:
+    """A straight post, 40 × 4 × 2 mm, and Euler's load of it [N]. Its mesh is the same on both sides of its middle,
+    across which it buckles."""
     lines = np.linspace(0.0, 0.001, 2), np.linspace(-0.002, 0.002, 2), np.linspace(-0.04, 0.0, 13)
     half = skfem.MeshTet.init_tensor(*lines)
-    mesh = (half + half.mirrored((1.0, 0.0, 0.0))).with_boundaries({"bottom": lambda x: np.isclose(x[2], -0.04)})
+    faces = {"bottom": lambda x: np.isclose(x[2], -0.04), "top": lambda x: np.isclose(x[2], 0.0)}
+    mesh = (half + half.mirrored((1.0, 0.0, 0.0))).with_boundaries(faces)
     body = tissue.elasticity(mesh, tissue.Material(1e5, 0.0, 1000.0), "P2", ("bottom",))
     sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, "parabolic", None)])
-    organ = tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body))
-    euler = np.pi**2 * 1e5 * (0.004 * 0.002**3 / 12.0) / (4.0 * 0.04**2)
+    organ = tissue.FiniteOrgan(body, sites, inertia=False, law=tissue.Hyperelasticity(body), **loads)
+    return organ, np.pi**2 * 1e5 * (0.004 * 0.002**3 / 12.0) / (4.0 * 0.04**2)
+
+
+def column(load: float) -> tuple[Any, Run]:
+    """A post under a half of a `load` in Euler's loads, and its system."""
+    organ, euler = post()
     thread = Thread(Spline(uniform_knots(HALF, 16)), suture("4-0 polypropylene"))
     hole = Piercing("hole", slides=False, directed=False)
     system: Any = System(thread, (Free(), Pulled(-load * euler * Z)), organ, (hole,))
@@ -255,15 +261,10 @@ def test_a_column_that_is_led_beyond_its_bifurcation_is_left_to_buckle() -> None
 def test_a_column_that_a_thread_guys_is_stable() -> None:
     """Independent check: fixed at its foot, a column bears Euler's load; with its tip held aside 8.2 times as much
     (Timoshenko and Gere, Theory of Elastic Stability, 1961, §2.3). A thread across it, fixed at both ends, holds its
-    tip: under 1.5 times the load it stands, though its tissue alone would not, and comes back from both sides."""
-    lines = np.linspace(-0.0015, 0.0015, 2), np.linspace(-0.002, 0.002, 2), np.linspace(-0.04, 0.0, 13)
-    faces = {"bottom": lambda x: np.isclose(x[2], -0.04), "top": lambda x: np.isclose(x[2], 0.0)}
-    mesh = skfem.MeshTet.init_tensor(*lines).with_boundaries(faces)
-    body = tissue.elasticity(mesh, tissue.Material(1e5, 0.0, 1000.0), "P2", ("bottom",))
-    sites = tissue.build_sites(body, [tissue.Site((0.0, 0.0, 0.0), 1e-3, "parabolic", None)])
-    euler = np.pi**2 * 1e5 * (0.004 * 0.003**3 / 12.0) / (4.0 * 0.04**2)
-    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, -1.5 * euler / (0.003 * 0.004)))
-    organ = tissue.FiniteOrgan(body, sites, loads=[load], inertia=False, law=tissue.Hyperelasticity(body))
+    tip: under 1.5 times the load it stands, though its tissue alone would not, and comes back when it is moved."""
+    euler = post()[1]
+    load = tissue.SurfaceLoad("top", traction=(0.0, 0.0, -1.5 * euler / (0.002 * 0.004)))
+    organ, _ = post(loads=[load])
     thread = Thread(Spline(uniform_knots(2.0 * HALF, 16)), suture("4-0 polypropylene"))
     hole = Piercing("hole", slides=False, directed=False)
     system: Any = System(thread, (Fixed(-HALF * X), Fixed(HALF * X)), organ, (hole,))

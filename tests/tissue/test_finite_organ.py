@@ -227,9 +227,7 @@ def test_beyond_a_bifurcation_corrections_lead_downhill_or_along_the_branch() ->
     b = np.linspace(-1.0, 1.0, U.size)
     assert np.abs(led.A @ led.factor.solve(b) - b).max() <= TWO_SOLVERS
     state = tissue.OrganState(U, 0.0 * U, 0.0 * U, np.zeros(9))
-    off, back = (
-        organ.off_saddle(organ.answer(Equilibrium(), [state], 1.0), state, sense).U - U for sense in (1.0, -1.0)
-    )
+    off, back = (body.U - U for body in organ.off_saddle(organ.answer(Equilibrium(), [state], 1.0), state))
     assert off @ (led.A @ off) < 0.0 and off @ back < 0.0
 
 
@@ -247,7 +245,7 @@ def test_no_cell_of_an_accepted_state_is_inverted() -> None:
         answer = converged(organ.answer(Equilibrium(), [state], 1.0, share), NONE)
         state = answer.accept(NONE)
     assert not organ.holds(answer)
-    answer = converged(organ.answer(Equilibrium(), [organ.off_saddle(answer, state, 1.0)], 1.0), NONE)
+    answer = converged(organ.answer(Equilibrium(), [organ.off_saddle(answer, state)[0]], 1.0), NONE)
     assert determinant(answer.point.F).min() > 0.0
     with pytest.raises(tissue.OrganError, match=r"a cell would be inverted \(the worst of \d at \(.*\) mm"):
         answer.accept(NONE)

@@ -836,18 +836,19 @@ class FiniteOrgan(MeshedOrgan):
         """
         return self.tangent(answer.motion, answer.point.U, answer.point.F).definite
 
-    def off_saddle(self, answer: FiniteAnswer, state: OrganState, sense: float) -> OrganState:
-        """Return an unstable `state` moved along a motion with negative stiffness.
+    def off_saddle(self, answer: FiniteAnswer, state: OrganState) -> tuple[OrganState, OrganState]:
+        """Return an unstable `state` moved to both sides along a motion with negative stiffness.
 
-        The opposite `sense`, 1 or -1, gives the opposite motion. The motion is found by the power
-        method with the factor of the shifted tangent, whose softest motions are the unstable ones.
+        The motion is found by the power method with the factor of the shifted tangent, whose softest
+        motions are the unstable ones.
         """
         factor = self.tangent(replace(answer.motion, led=False), answer.point.U, answer.point.F).factor
         way = factor.solve(np.random.default_rng(0).standard_normal(self.size))
         for _ in range(POWERS):
             way = factor.solve(way / np.linalg.norm(way))
         strain = np.abs(self.law.gradient(self.whole(way)) - np.eye(3)[:, :, None, None]).max()
-        return replace(state, U=state.U + sense * OFF / strain * way)
+        off = OFF / strain * way
+        return replace(state, U=state.U + off), replace(state, U=state.U - off)
 
     def distance(self, one: OrganState, other: OrganState) -> float:
         """Return the largest difference of the displacements of two states [m]."""
