@@ -78,7 +78,7 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
     """Solve a step downhill from `start`.
 
     With a nonlinear organ, the step is solved downhill with the organ's last answer, and then by
-    Newton's method. If Newton's method does not converge, this is repeated with the answer there.
+    Newton's method. If Newton's method does not converge, this is repeated from where it ended.
     `patience` is the allowed number of corrections, in those of a plain solve. Raises `StepError`.
     """
     if problem.answer.linear:
@@ -90,10 +90,13 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
         try:
             solution = newton.solve(problem, z)
             return replace(solution, iterations=made + solution.iterations)
+        except newton.UnfinishedError as error:
+            failed: StepError = error
+            reached = error.reached
         except StepError as error:
-            failed = error
-        problem = newton.follow(problem, z, held.residual)[0]
-    raise newton.unfinished(failed, replace(held, problem=problem, iterations=made))
+            failed, reached = error, replace(held, problem=newton.follow(problem, z, held.residual)[0])
+        problem, z = reached.problem, reached.iterate
+    raise newton.unfinished(failed, replace(reached, iterations=made))
 
 
 @dataclass

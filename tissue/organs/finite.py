@@ -75,6 +75,7 @@ KEEP = 8  # corrections, a third of those allowed in a step in time
 CHEAP = 10_000  # unknowns; a new factor with its columns is as expensive as about KEEP corrections
 TOGETHER = 4  # columns of the sites in the time of a correction: CHOLMOD solves for as many at once
 SHORTEST = 2.0**-12  # smallest part of a correction that is tried
+LONGEST = 2.0**6  # corrections of an indefinite tangent: longest way along one of them
 ENOUGH = 0.8  # of the slope at the start of a correction: largest slope against the motion at its end
 SHORTER = 0.25  # of a correction that led too far: its shortest next part
 KEPT_TANGENTS = 2
@@ -417,6 +418,8 @@ class FiniteAnswer:
         organ, forces, tangent, columns = self.organ, self._forces(f_y, p), self.tangent, self.columns
         before = organ.off_balance(self.point, forces)
         point, share = organ.go(self.motion, self.point, self.moved(f_y, p), forces)
+        if share == 1.0 and not (tangent.definite or self.motion.led):
+            point, share = organ.go_further(self.motion, self.point, point, self._forces(self.f_y, self.p), forces)
         if share < 1.0:  # far from a solution: one correction without the columns of the sites
             tangent, before = organ.tangent(self.motion, point.U, point.F), organ.off_balance(point, forces)
             way = tangent.factor.solve(organ.residual(point, forces))
@@ -613,6 +616,30 @@ class FiniteOrgan(MeshedOrgan):
             if inverted < SHORTEST / SHORTER
             else "the tissue finds no equilibrium: both its residual and its energy increase, as at a snap-through"
         )
+
+    def go_further(self, motion: Motion, start: Point, end: Point, first: Forces, last: Forces) -> tuple[Point, float]:
+        """Return a point on the way from `start` to `end` and beyond, and the length of its way in this one.
+
+        The potential under constant forces falls up to the point. A correction of a shifted tangent
+        is as long as the shift allows, and not as long as the potential falls (Moré & Sorensen,
+        Math. Program. 16, 1979). The way ends at `end` if the forces, `first` at the start and `last`
+        at the end, change much along it: thread or contact then hold the organ.
+        """
+        way, length = end.U - start.U, 1.0
+        down = float(self.residual(start, last) @ way)
+        if abs(down - self.residual(start, first) @ way) > (1.0 - ENOUGH) * down:
+            return end, length
+        while length < LONGEST and self.residual(end, last) @ way > ENOUGH * down:
+            there = start.U + 2.0 * length * way
+            F = self.law.gradient(self.whole(there))
+            if determinant(F).min() <= 0.0:
+                break
+            with np.errstate(over="ignore", invalid="ignore"):
+                point = self.point(motion, there, F)
+                if not self.residual(point, last) @ way >= -ENOUGH * down:
+                    break
+            end, length = point, 2.0 * length
+        return end, length
 
     def refuse_inverted(self, U: Array) -> None:
         """Raise `OrganError` if a cell is inverted at one of its nodes at U.
