@@ -41,6 +41,7 @@ from coupling.rest.equilibrium import (
     load_steps,
     pair_lips,
     settle_stretch,
+    snapped,
     static_problem,
 )
 from coupling.step.newton import Iterate, Problem, Residual, allowed_share, direction, evaluate, moved, solve
@@ -249,6 +250,7 @@ def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
         try:
             for step in walk(branch, share):
                 taken.append(step)
+            taken[-1] = snapped(taken[-1], share, branch.duration, branch.began)
             return [*taken, *pair_lips(branch.system, taken[-1], share, branch.duration)]
         except (StepError, SingularError) as error:
             raise lost(branch, taken, getattr(error, "cause", str(error))) from error

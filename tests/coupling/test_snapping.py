@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 import skfem
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 from scipy.special import ellipe, ellipk
 
 import tissue
 from coupling.errors import CouplingError
 from coupling.integrators import Equilibrium
 from coupling.rest import equilibrium
-from coupling.rest.branch import Branch, follow
+from coupling.rest.branch import Branch, follow, walk
 from coupling.rest.equilibrium import snapped
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
@@ -247,13 +247,51 @@ def test_a_column_buckles_in_small_load_steps_too() -> None:
     assert "snaps" in [event.kind for event in run.events]
 
 
+@pytest.mark.parametrize("share", [1.0 - 1e-6, 1.0 + 1e-6])
+def test_a_cube_under_equal_dead_loads_leaves_its_symmetric_state(share: float) -> None:
+    """Independent check: Rivlin's cube. Under equal dead tractions of 2.1 shear moduli the symmetric state is a saddle,
+    and the minimum is a plate. A load on one pair of faces that differs by 1e-6 leads past the bifurcation on a branch
+    that turns away from the loads."""
+    mu, kappa, T = 1e5 / 2.9, 1e5 / 0.3, 2.1 * 1e5 / 2.9
+    faces = {"left": 0, "front": 1, "bottom": 2, "right": 0, "back": 1, "top": 2}
+    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0.0, 0.01, 3)] * 3).with_boundaries(
+        {
+            name: lambda x, a=axis, at=0.01 * (k > 2): np.isclose(x[a], at)
+            for k, (name, axis) in enumerate(faces.items())
+        }
+    )
+    material, rollers = tissue.Material(1e5, 0.45, 1000.0), ("left", "front", "bottom")
+    body = tissue.elasticity(mesh, material, "P1", (), "cell", rollers)
+    pulls = {"right": T * X, "back": T * Y, "top": share * T * Z}
+    loads = [tissue.SurfaceLoad(name, traction=tuple(pull)) for name, pull in pulls.items()]
+    organ = tissue.FiniteOrgan(
+        body, tissue.build_sites(body, []), loads=loads, inertia=False, law=tissue.Hyperelasticity(body)
+    )
+    thread = Thread(Spline(uniform_knots(HALF, 8)), suture("4-0 polypropylene"))
+    system: Any = System(thread, (Fixed(Z), Fixed(Z + HALF * X)), organ, ())
+    path = Z + gauss_rule(thread.spline, MASS_POINTS).s[..., None] * X
+    run = begin(system, start(system, np.zeros(0), path, 1.0))
+    for part in np.linspace(0.1, 1.0, 10):
+        run = run.load(part, 1.0)
+    moved = organ.elasticity.nodal(organ.displacement(run.state.organ))[np.argmax(mesh.p.sum(axis=0))]
+
+    def potential(logs: Array) -> float:
+        J, stretches = np.exp(logs.sum()), np.exp(logs)
+        distortion = 0.5 * mu * J ** (-2.0 / 3.0) * stretches @ stretches
+        return float(distortion + 0.5 * kappa * (J - 1.0) ** 2 - T * stretches.sum()) / mu
+
+    least = np.exp(minimize(potential, np.log([1.8, 1.8, 0.4]), tol=1e-9).x)
+    assert sorted(1.0 + moved / 0.01) == pytest.approx(sorted(least), rel=1e-4)
+
+
 def test_a_column_that_is_led_beyond_its_bifurcation_is_left_to_buckle() -> None:
     """Consistency check: the branch of the straight column leads through equilibria that do not hold. Left alone there,
     it goes to where load steps lead it, on either side."""
     system, run = column(1.5)
-    straight = follow(Branch(system, run.state, 1.0, run.state), 1.0)[-1]
+    branch = Branch(system, run.state, 1.0, run.state)
+    straight, found = [*walk(branch, 1.0)][-1], follow(branch, 1.0)[-1]
     assert softest(system.organ, straight.new) < 0.0 and abs(straight.new.y[0, 0]) < 1e-3 * 0.04
-    found, buckled = snapped(straight, 1.0, 1.0, run.state), run.load(1.0, 1.0).state
+    buckled = run.load(1.0, 1.0).state
     assert found.snapped and softest(system.organ, found.new) > 0.0
     assert abs(found.new.y[0, 0]) == pytest.approx(abs(buckled.y[0, 0]), rel=TWO_SOLVERS)
 
@@ -277,7 +315,7 @@ def test_a_column_that_a_thread_guys_is_stable() -> None:
 def test_a_column_without_a_way_off_is_unstable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Consistency check: if the tissue finds no other equilibrium, the step is marked."""
     system, run = column(1.5)
-    straight = follow(Branch(system, run.state, 1.0, run.state), 1.0)[-1]
+    straight = [*walk(Branch(system, run.state, 1.0, run.state), 1.0)][-1]
 
     def fails(*_: object) -> State[Any]:
         raise CouplingError("no equilibrium")
