@@ -558,7 +558,7 @@ def lightly_loaded(system: System[Body], state: State[Body], share: float, durat
     part LIGHT of the time, light only if they grow from zero. The list is empty if the first load
     step, to the part `share`, is as small, and for a body that only the thread holds, which light
     loads do not bring to rest. It is empty too if the thread has no such equilibrium in all its
-    holes and ties, without a fold or a snap; it then begins with that load step.
+    holes and ties, without a snap; it then begins with that load step.
     """
     if share <= LIGHT or state.time > 0.0 or isinstance(system.organ, Floats):
         return []
@@ -610,9 +610,9 @@ def go_on(
     """Go on from the part `begun` of the loads to the part `share`, and yield the steps.
 
     The increment is halved if it fails, if a correction of the tissue is shortened to less than a
-    quarter (both halves then mostly take less time), if the thread flips through a hole or folds
-    within a span, or if tissue at finite strain has jumped to another branch. Raises `StepError`,
-    `InversionError`, `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
+    quarter (both halves then mostly take less time), if the thread flips through a hole, or if
+    tissue at finite strain has jumped to another branch. Raises `StepError`, `InversionError`,
+    `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
     the thread out.
     """
     halves = depth < DEEPEST and share > begun  # after a cut the loads do not change
@@ -645,10 +645,7 @@ def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[B
     out.
     """
     gone = refuse_impossible(system, step)
-    if depth < DEEPEST:
-        refuse_folding(step)
-    step = told_to_snap(system, step, depth)
-    return step, gone
+    return told_to_snap(system, step, depth), gone
 
 
 def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Body]:
@@ -667,17 +664,6 @@ def told_to_snap(system: System[Body], step: Step[Body], depth: int) -> Step[Bod
         return step
     turned = turn_of_holes(system, step.old, step.new).max(initial=0.0) > FARTHEST_TURN
     return replace(step, snapped=bool(turned) or has_jumped(system.organ, step))
-
-
-def refuse_folding(step: Step[Body]) -> None:
-    """Raise `StepError` if a load step has folded the thread within a span.
-
-    Its end was then pushed past the next points, and Newton's method converged to this fold.
-    """
-    spline, old, new = step.solution.problem.system.thread.spline, step.old, step.new
-    was = step.solution.problem.system.at(old).thread.spline.folds(old.q[:, :3], old.s[old.present])
-    if spline.folds(new.q[:, :3], new.s[new.present]).any() and not was.any():
-        raise StepError(step.old.time, step.dt, "the thread folded back on itself within a span")
 
 
 def has_jumped(organ: Snapping, step: Step[Body]) -> bool:
