@@ -46,8 +46,8 @@ GapRecord = record_of("GapRecord", "gap_profile")
 # A load on a boundary of the organ at one time.
 LoadRecord = record_of("LoadRecord", "load")
 # The organ at one time: arrays of its nodes `(nodes, …)` and of its cells `(cells, …)`. The lips are None without
-# contact, the stretches for a linear organ. `deformed` measures the strain energy of all cells, `strained` and
-# `rotated` that of cells whose strain or rotation is not small (`tissue.energy_measure`) [J].
+# contact, the stretches for a linear organ. `deformed` is the strain energy of all cells, `strained` and
+# `rotated` that of cells whose strain or rotation is not small, in linear tissue by `tissue.energy_measure` [J].
 OrganRecord = record_of(
     "OrganRecord",
     "organ_arrays",

@@ -348,15 +348,10 @@ class Simulation:
         if isinstance(organ, tissue.RelaxingOrgan):
             stress = stress - organ.relaxed_stress(state)
         strain, rotation, energy, nodal_ratio = tissue.strains(body, U)
-        measure = tissue.energy_measure(body, strain)
         return stress, {
-            "strain": strain,
-            "rotation": rotation,
+            **beyond_small(strain, rotation, tissue.energy_measure(body, strain)),
             "energy_density": energy,
             "nodal_volume_ratio": nodal_ratio,
-            "deformed": measure.sum(),
-            "strained": measure[strain > bounds.SMALL_STRAIN].sum(),
-            "rotated": measure[rotation > bounds.SMALL_ROTATION].sum(),
             "pressed_turn": float(organ.surface.turns(body.nodal(U)).max(initial=0.0)),
         }
 
@@ -365,20 +360,31 @@ def finite_fields(organ: tissue.FiniteOrgan, state: tissue.OrganState) -> tuple[
     """Return the Cauchy stress at the nodes of an organ at finite strain, and other fields.
 
     The fields have their names in the record. The strain is the largest |λ − 1| of the principal
-    stretches λ. The model has no bounds of small strain, so the energies beyond these bounds are
-    zero.
+    stretches λ.
     """
     hyper, U = organ.law, organ.displacement(state)
     stretch, rotation, along = tissue.principal_stretch(hyper, U)
+    energy = tissue.cell_energy(hyper, U, organ.lasting)
     return tissue.cauchy_stress(hyper, U, organ.stressed(state)), {
-        "strain": np.abs(stretch - 1.0).max(axis=1),
-        "rotation": rotation,
-        "energy_density": tissue.cell_energy(hyper, U, organ.lasting),
+        **beyond_small(np.abs(stretch - 1.0).max(axis=1), rotation, energy * hyper.weights.sum(axis=0)),
+        "energy_density": energy,
         "nodal_volume_ratio": tissue.nodal_volume_ratio(hyper.body, U),
-        **dict.fromkeys(("deformed", "strained", "rotated"), 0.0),
         "principal_stretch": stretch,
         "first_stretch": along[:, 0],
         "third_stretch": along[:, 2],
+    }
+
+
+def beyond_small(strain: Array, rotation: Array, energy: Array) -> dict[str, Any]:
+    """Return strain and rotation of cells, and the `energy` of all cells and of those beyond the
+    bounds of small strain and rotation, each `(c,)`, by their names in the record.
+    """
+    return {
+        "strain": strain,
+        "rotation": rotation,
+        "deformed": energy.sum(),
+        "strained": energy[strain > bounds.SMALL_STRAIN].sum(),
+        "rotated": energy[rotation > bounds.SMALL_ROTATION].sum(),
     }
 
 

@@ -3,6 +3,7 @@
 from copy import deepcopy
 from typing import Any
 
+import numpy as np
 import pytest
 
 from studies.scenario import ScenarioError, parse
@@ -103,6 +104,29 @@ def test_it_runs_and_no_energy_is_lost(name: str) -> None:
         events += [each.kind for each in run.events]
     assert abs(run.energies.balance_error) <= AUDIT * run.energies.at_stake
     assert not event or event in events
+
+
+@pytest.mark.parametrize("stretch", [1.1, 1.35])
+def test_all_energy_of_a_uniform_stretch_is_beyond_small_strain_or_none(stretch: float) -> None:
+    """Independent check: a cube of neo-Hookean tissue on rollers, under the traction of this stretch in theory; its
+    strain energy is that of the audit."""
+    mu, kappa = 3e4 / 2.6, 3e4 / 1.2
+    squares = np.array([stretch, stretch**-0.3, stretch**-0.3]) ** 2
+    ratio = float(np.sqrt(squares.prod()))
+    stress = mu * ratio ** (-2 / 3) * (squares - squares.mean()) / ratio + kappa * (ratio - 1.0)
+    traction = np.diag(stress * ratio / np.sqrt(squares))
+    sides = (("left", "right"), ("front", "back"), ("bottom", "top"))
+    loads = [{"boundary": pair[1], "traction": list(force)} for pair, force in zip(sides, traction, strict=True)]
+    table = block({"tissue": {"poisson_ratio": 0.3, "inertia": False, "clamp": [], "load": loads}, "solve": AT_REST})
+    table["tissue"]["roller"] = [pair[0] for pair in sides]
+    path = [[0.0, 0.0, 0.05], [0.01, 0.0, 0.05]]
+    thread = table["thread"] | {"path": path, "start": {"kind": "fixed"}, "end": {"kind": "fixed"}}
+    simulation = prepare(parse(table | {"thread": thread, "piercing": []}))
+    steps = list(simulation.advance())
+    organ = steps[-1][1]().organ
+    assert organ.strain == pytest.approx(stretch - 1.0, rel=1e-6)
+    assert organ.deformed == pytest.approx(steps[-1][0].energy.elastic_tissue, rel=1e-9)
+    assert (organ.strained, organ.rotated) == (organ.deformed if stretch > 1.2 else 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", REFUSED)
