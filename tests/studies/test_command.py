@@ -392,6 +392,33 @@ def test_what_a_run_takes_is_told_within_a_factor_of_two(
     assert 0.5 <= (took + budget.BEGINNING) / told <= 2.0
 
 
+@pytest.mark.parametrize(
+    ("element", "nu", "unknowns", "took"),
+    [  # measured seconds of five load steps of a block, sheared by a tenth of E, and by 0.3 E in the last line
+        ("P1", 0.45, 6936, 2.3),
+        ("P1", 0.49, 6936, 15.7),
+        ("P1", 0.499, 6936, 23.1),
+        ("P2", 0.3, 6168, 1.4),
+        ("P2", 0.49, 6168, 29.5),
+        ("P2", 0.499, 6168, 63.9),
+        ("P2", 0.499, 6168, 149.0),
+    ],
+)
+def test_what_a_run_near_incompressibility_takes_is_told_within_a_factor_of_two(
+    element: str, nu: float, unknowns: int, took: float
+) -> None:
+    """Independent check: as above, with the dilatation averaged at vertices above ν = 0.45."""
+    path = "[[-0.004, 0, 0.05], [0.004, 0, 0.05]]"
+    keys = [f"tissue.element='{element}'", f"tissue.poisson_ratio={nu}", "tissue.material='neo-hookean'"]
+    scene = load(
+        "one_stitch", [*keys, "solve.load_steps=5", "piercing=[]", "tract=[]", "tie=[]", f"thread.path={path}"]
+    )
+    topology: Any = SimpleNamespace(points=range(unknowns // 3))
+    with patch.object(budget, "pace", return_value=1.0):
+        told = budget.seconds_of(scene, topology, unknowns, 0, {"organ": "whole", "newton": "numpy"})
+    assert 0.5 <= (took + budget.BEGINNING) / told <= 2.0
+
+
 def test_durations() -> None:
     assert [duration(value) for value in (3.4, 61, 7322)] == ["3 s", "1 min 01 s", "2 h 02 min"]
 
