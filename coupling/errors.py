@@ -32,7 +32,7 @@ class StepError(CouplingError):
 
 class FarError(CouplingError):
     """A load step too long for Newton's method: a correction of the tissue was shortened to less
-    than a quarter, and the halves of the step are mostly cheaper.
+    than a quarter, or prolonged, and the halves of the step are mostly cheaper.
     """
 
 

@@ -39,7 +39,9 @@ class Answer(Protocol[Body]):
 
     @property
     def far(self) -> bool:
-        """Whether a correction of the organ was shortened to less than a quarter since the start of the step."""
+        """Whether a correction of the organ was shortened to less than a quarter, or prolonged, since the
+        start of the step.
+        """
 
     @property
     def y_free(self) -> Array:

@@ -250,7 +250,7 @@ def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
         try:
             for step in walk(branch, share):
                 taken.append(step)
-            taken[-1] = snapped(taken[-1], share, branch.duration, branch.began)
+            taken[-1] = inside(branch.system, snapped(taken[-1], share, branch.duration, branch.began))
             return [*taken, *pair_lips(branch.system, taken[-1], share, branch.duration)]
         except (StepError, SingularError) as error:
             raise lost(branch, taken, getattr(error, "cause", str(error))) from error
@@ -299,7 +299,12 @@ def near(branch: Branch[Body], step: Step[Body], length: float) -> Step[Body]:
     """
     if branch.way_of(step).length > NEAR * length:
         raise StepError(step.old.time, step.dt, "the equilibrium is on another branch")
-    if refuse_impossible(branch.system, step).any():
+    return inside(branch.system, step)
+
+
+def inside(system: System[Body], step: Step[Body]) -> Step[Body]:
+    """Return a step, if the thread is in all its holes. Raises as `near`."""
+    if refuse_impossible(system, step).any():
         raise StepError(step.old.time, step.dt, "the thread runs out of a hole")
     return step
 

@@ -185,7 +185,8 @@ def settle(
     `given` is the organ's answer; None means that at rest, where the stability of the tissue is
     judged too. `began` is the state at the start of the load step if `state` is on its way; None
     means `state`. Hands act as at the time of `began`. If `near`, corrections of the tissue may not
-    be shortened to less than a quarter. Raises `EquilibriumError`, and `FarError` if one is.
+    be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, and `FarError` if
+    one is.
     """
     step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near))
     return snapped(step, share, duration, began or state) if given is None else step
@@ -241,7 +242,7 @@ def snapped(step: Step[Body], share: float, duration: float, began: State[Body])
             log.info("no other equilibrium is found (%s)", error)
             continue
         if stable:
-            return replace(found, old=step.old, dt=step.dt, snapped=True)
+            return replace(found, old=step.old, dt=step.dt, snapped=True, along=step.along)
         if organ.distance(found.new.organ, step.new.organ) < organ.distance(body, step.new.organ):
             return step
     return replace(step, unstable=True)
@@ -610,9 +611,9 @@ def go_on(
     """Go on from the part `begun` of the loads to the part `share`, and yield the steps.
 
     The increment is halved if it fails, if a correction of the tissue is shortened to less than a
-    quarter (both halves then mostly take less time), if the thread flips through a hole, or if
-    tissue at finite strain has jumped to another branch. Raises `StepError`, `InversionError`,
-    `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
+    quarter or prolonged (both halves then mostly take less time), if the thread flips through a
+    hole, or if tissue at finite strain has jumped to another branch. Raises `StepError`,
+    `InversionError`, `TogetherError` if holes have met, and `ConstraintError` if a hand has drawn
     the thread out.
     """
     halves = depth < DEEPEST and share > begun  # after a cut the loads do not change

@@ -78,7 +78,7 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
     """Solve a step downhill from `start`.
 
     With a nonlinear organ, the step is solved downhill with the organ's last answer, and then by
-    Newton's method. If Newton's method does not converge, this is repeated from where it ended.
+    Newton's method. If Newton's method does not converge, this is repeated with the organ's last answer.
     `patience` is the allowed number of corrections, in those of a plain solve. Raises `StepError`.
     """
     if problem.answer.linear:
@@ -90,13 +90,12 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
         try:
             solution = newton.solve(problem, z)
             return replace(solution, iterations=made + solution.iterations)
-        except newton.UnfinishedError as error:
+        except newton.UnfinishedError as error:  # of its corrections, only those of the organ went downhill
             failed: StepError = error
-            reached = error.reached
+            problem = error.reached.problem
         except StepError as error:
-            failed, reached = error, replace(held, problem=newton.follow(problem, z, held.residual)[0])
-        problem, z = reached.problem, reached.iterate
-    raise newton.unfinished(failed, replace(reached, iterations=made))
+            failed, problem = error, newton.follow(problem, z, held.residual)[0]
+    raise newton.unfinished(failed, replace(held, problem=problem, iterations=made))
 
 
 @dataclass

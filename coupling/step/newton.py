@@ -96,7 +96,7 @@ class Problem(Generic[Body]):
     - `weight`: if knots travel, the active part of the weight, for all or for each control point
       (n,), which is not part of `load`.
     - `stands`: whether the organ's answer is kept under any forces.
-    - `near`: whether the step fails if a correction of the organ is shortened to less than a quarter.
+    - `near`: whether the step fails if a correction of the organ is shortened to less than a quarter, or prolonged.
     - `start`: the state at the start of the step if the thread bears on the organ, otherwise None.
     - `along`: makes a correction if the loads are unknown too, and returns it with the problem
       under other loads; None if the loads are given (`coupling.rest.branch`).
@@ -360,7 +360,7 @@ def follow(problem: Problem[Body], z: Iterate, r: Residual) -> tuple[Problem[Bod
         if answer is problem.answer:
             return problem, r, True
         if problem.near and answer.far:
-            raise FarError("a correction of the tissue was shortened to less than a quarter")
+            raise FarError("a correction of the tissue was shortened to less than a quarter, or prolonged")
         problem = replace(problem, answer=answer)
         problem = stretched(problem, z, r) if problem.stiffen else problem
         return problem, evaluate(problem, z), False

@@ -284,7 +284,7 @@ class FiniteAnswer:
     The `tangent` was computed at this point or at an earlier one. `columns` are those of an earlier
     tangent; None for its own. `pairing` is the pairing of the lips. `ahead` (N,) [m] is an
     extrapolation beyond the correction with this tangent; None without extrapolation. `far` is True
-    if a correction was shortened below SHORTER since the start of the step.
+    if a correction was shortened below SHORTER, or prolonged, since the start of the step.
     """
 
     organ: "FiniteOrgan"
@@ -434,7 +434,7 @@ class FiniteAnswer:
             columns = organ.lent(self.motion, self.by_sites) if f_y.any() else None
         if columns is not None and share == 1.0 and corrections_left(change, missed, BENT) >= columns.worth:
             columns = None
-        far = self.far or share < SHORTER
+        far = self.far or not SHORTER <= share <= 1.0
         answer = FiniteAnswer(organ, self.motion, point, tangent, columns, f_y, p, self.pairing, far=far)
         extrapolated = tangent is self.tangent and share == 1.0 and not forces.push.any()
         return answer.after(self) if extrapolated else answer
@@ -620,7 +620,8 @@ class FiniteOrgan(MeshedOrgan):
     def go_further(self, motion: Motion, start: Point, end: Point, first: Forces, last: Forces) -> tuple[Point, float]:
         """Return a point on the way from `start` to `end` and beyond, and the length of its way in this one.
 
-        The potential under constant forces falls up to the point. A correction of a shifted tangent
+        The potential under constant forces falls at first; its slope at the point is at most ENOUGH
+        of that at the start, in size. A correction of a shifted tangent
         is as long as the shift allows, and not as long as the potential falls (Moré & Sorensen,
         Math. Program. 16, 1979). The way ends at `end` if the forces, `first` at the start and `last`
         at the end, change much along it: thread or contact then hold the organ.
