@@ -101,6 +101,7 @@ class CreatedEnergyError(CouplingError):
 
 OTHER_WAYS = "raise solve.load_steps, lay the path closer to the equilibrium, or use a dynamic run (solve.kind)"
 OF_TISSUE = "raise solve.load_steps, use a finer mesh or smaller loads, or use a dynamic run (solve.kind)"
+OF_LOOSE_BODY = f"clamp the body that only thread and contact hold; or {OTHER_WAYS}"
 HOLD_IT = f"hold an end, add friction or an anchor; or {OTHER_WAYS}"  # for a thread that can slide out of its holes
 
 

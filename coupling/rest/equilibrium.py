@@ -25,6 +25,7 @@ from coupling.arrays import Array, Flags
 from coupling.calls import ask_before_correction, asked_before_corrections
 from coupling.errors import (
     HOLD_IT,
+    OF_LOOSE_BODY,
     OF_TISSUE,
     OTHER_WAYS,
     BranchError,
@@ -327,7 +328,7 @@ def further(
         raise error
     new = put_where(old, error.reached)
     refuse_leaving(system, first, new)
-    refuse_flown(first, new)
+    refuse_flown(system, first, new)
     refuse_together(system, new)
     return fitted(system, new, solved=False)[1], error.reached.problem.answer
 
@@ -386,11 +387,13 @@ def refuse_leaving(system: System[Body], old: State[Body], new: State[Body]) -> 
         raise LeavingError(old.time, new.time - old.time, f"the thread runs out at {', '.join(places)}", gone=gone)
 
 
-def refuse_flown(old: State[Body], new: State[Body]) -> None:
+def refuse_flown(system: System[Body], old: State[Body], new: State[Body]) -> None:
     """Raise `StepError` if the thread has flown away, where round-off hides the loads on it."""
     scene = np.ptp(old.q[:, :3], axis=0).max() + np.abs(old.q[:, :3]).max()
     if np.abs(new.q[:, :3]).max() > FAR * scene:
-        cause = "the thread flies away: nothing balances its loads; hold an end, or use a smaller load"
+        floats = isinstance(system.organ, Floats)
+        which, hold = ("its loads, or those of a body without a clamp", "a body") if floats else ("its loads", "an end")
+        cause = f"the thread flies away: nothing balances {which}; hold {hold}, or use a smaller load"
         raise StepError(old.time, new.time - old.time, cause)
 
 
@@ -538,6 +541,8 @@ def remedy_for(system: System[Body], state: State[Body]) -> str:
     """Return the remedy in the message if no equilibrium is found."""
     if is_tissue_alone(system):
         return OF_TISSUE
+    if isinstance(system.organ, Floats):
+        return OF_LOOSE_BODY
     return HOLD_IT if may_slide_as_a_whole(system, state.present) else OTHER_WAYS
 
 

@@ -5,6 +5,7 @@ import tomllib
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from coupling.errors import ConstraintError, StepError, TogetherError
 from coupling.kernels.constraints import phi
+from coupling.rest.equilibrium import refuse_flown, remedy_for
 from coupling.step import stepping
 from coupling.step.diagnosis import (
     DEPENDENT,
@@ -406,3 +408,15 @@ def test_a_knot_between_two_holes_takes_the_fault_away() -> None:
     between = replace(system, thread=finer)
     assert len(faults(system, state)) == 1
     assert faults(between, replace(state, q=greville(finer.spline)[:, None] * X)) == []
+
+
+@pytest.mark.parametrize(("organ", "held"), [({}, "hold an end"), ({"dragged": abs}, "hold a body")])
+def test_what_flies_away_is_named_with_what_could_hold_it(organ: dict[str, Any], held: str) -> None:
+    """Behaviour: slack strands do not hold a body without a clamp, and the ends of the thread are not at fault."""
+    none = np.zeros(0, dtype=bool)
+    holds = {"rows": np.zeros((0, 5), dtype=bool), "may_slide": none, "by_hand": none}
+    system: Any = SimpleNamespace(organ=SimpleNamespace(**organ), piercings=(1,), ends=(), ties=(1,), **holds)
+    old, new = (SimpleNamespace(q=far * np.eye(4, 3), time=0.0) for far in (1.0, 1e5))
+    with pytest.raises(StepError, match=f"the thread flies away: nothing balances its loads.*; {held}"):
+        refuse_flown(system, old, new)
+    assert ("clamp the body" in remedy_for(system, SimpleNamespace(present=none))) == bool(organ)
