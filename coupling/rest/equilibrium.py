@@ -714,8 +714,17 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
     if is_dragged(system, out[-1]):
         cause = "a body of the organ that no clamp holds drifts on: neither thread nor contact stops it"
         remedy = "clamp it, stitch it, or let a contact stop it"
+        if slides_back(system, out):
+            cause = "surfaces of a body that no clamp holds slide to and fro on one another"
+            remedy = "give the contact friction, clamp the body, or take finer cells"
         raise EquilibriumError(step.old.time, lapse, cause, "", share, remedy)
     return out[1:]
+
+
+def slides_back(system: System[Body], steps: list[Step[Body]]) -> bool:
+    """Return whether surfaces are again where they were two equilibria before, as pairs that alternate."""
+    earlier, before, last = (system.organ.lips(step.new.organ)[2] for step in steps[-3:])
+    return bool(np.abs(last - earlier).max(initial=0.0) < 0.1 * np.abs(last - before).max(initial=0.0))
 
 
 def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> bool:

@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
@@ -20,6 +21,7 @@ from coupling.paper.linear_step import linear_step
 from coupling.paper.staggered import staggered_step
 from coupling.paper.two_pass import two_pass
 from coupling.reports.audit import Energies, audit_step, initial_energies
+from coupling.rest.equilibrium import slides_back
 from coupling.run import begin
 from coupling.run.run import schedule_piercings
 from coupling.step import stepping
@@ -551,3 +553,14 @@ def test_a_body_that_nothing_comes_to_hold_is_said_to_drift(bodies: Path, drawn:
     simulation = prepare(load(bodies, AT_REST + drawn))
     with pytest.raises(EquilibriumError, match=r"that no clamp holds drifts on.*; clamp it"):
         simulation.next(simulation.beginning())
+
+
+def test_surfaces_that_slide_to_and_fro_are_told_from_a_drift() -> None:
+    """Independent check: slides that return are those of pairs that alternate; a drift goes on."""
+    system: Any = SimpleNamespace(organ=SimpleNamespace(lips=lambda slide: (0.0, 0.0, np.array([slide]))))
+
+    def back(*slides: float) -> bool:
+        steps: Any = [SimpleNamespace(new=SimpleNamespace(organ=slide)) for slide in slides]
+        return slides_back(system, steps)
+
+    assert back(7.0, 1.0, 3.0, 1.0) and not back(3.0, 1.0, 2.0, 3.0) and not back(0.0, 0.0, 0.0)

@@ -621,10 +621,10 @@ class FiniteOrgan(MeshedOrgan):
         """Return a point on the way from `start` to `end` and beyond, and the length of its way in this one.
 
         The potential under constant forces falls at first; its slope at the point is at most ENOUGH
-        of that at the start, in size. A correction of a shifted tangent
-        is as long as the shift allows, and not as long as the potential falls (Moré & Sorensen,
-        Math. Program. 16, 1979). The way ends at `end` if the forces, `first` at the start and `last`
-        at the end, change much along it: thread or contact then hold the organ.
+        of that at the start, in size. A correction of a shifted tangent is as long as the shift
+        allows, and not as long as the potential falls (Moré & Sorensen, Math. Program. 16, 1979). The
+        way ends at `end` if the forces, `first` at the start and `last` at the end, change much along
+        it: thread or contact then hold the organ.
         """
         way, length = end.U - start.U, 1.0
         down = float(self.residual(start, last) @ way)
