@@ -222,6 +222,11 @@ class Elasticity:
         return np.asarray(self.M @ self.flat(np.broadcast_to(np.asarray(acceleration, float), self.nodes.shape)))
 
 
+def is_averaged(dilatation: str, poisson_ratio: PerCell) -> bool:
+    """Return whether a `dilatation` of `elasticity` is averaged at the vertices."""
+    return dilatation == "nodal" or (dilatation == "auto" and bool(np.max(poisson_ratio) > NU_LOCKING))
+
+
 def elasticity(
     mesh: MeshTet,
     material: Material,
@@ -247,7 +252,7 @@ def elasticity(
     basis = numbering(mesh, element)
     held = np.zeros(basis.N, dtype=bool)
     held[held_unknowns(basis, clamp, roller)] = True
-    average = dilatation == "nodal" or (dilatation == "auto" and np.max(material.poisson_ratio) > NU_LOCKING)
+    average = is_averaged(dilatation, material.poisson_ratio)
     cellwise = cellwise_lambda(material) if average else material.lame_lambda
     excess = material.lame_lambda - cellwise if average else None
     assembled = assembled_by_loops if is_compiled(basis) else assembled_by_scikit_fem

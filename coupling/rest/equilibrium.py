@@ -722,9 +722,11 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
 
 
 def slides_back(system: System[Body], steps: list[Step[Body]]) -> bool:
-    """Return whether surfaces are again where they were two equilibria before, as pairs that alternate."""
+    """Return whether surfaces are closer to their places two equilibria before than to the last ones, as
+    with pairs that alternate.
+    """
     earlier, before, last = (system.organ.lips(step.new.organ)[2] for step in steps[-3:])
-    return bool(np.abs(last - earlier).max(initial=0.0) < 0.1 * np.abs(last - before).max(initial=0.0))
+    return bool(np.abs(last - earlier).max(initial=0.0) < np.abs(last - before).max(initial=0.0))
 
 
 def has_slid(system: System[Body], step: Step[Body], origin: State[Body]) -> bool:

@@ -78,7 +78,7 @@ def descend(problem: Problem[Body], start: Iterate, patience: int = PATIENCE) ->
     """Solve a step downhill from `start`.
 
     With a nonlinear organ, the step is solved downhill with the organ's last answer, and then by
-    Newton's method. If Newton's method does not converge, this is repeated with the organ's last answer.
+    Newton's method. If Newton's method does not converge, this is repeated with the organ's answer that it reached.
     `patience` is the allowed number of corrections, in those of a plain solve. Raises `StepError`.
     """
     if problem.answer.linear:

@@ -555,8 +555,8 @@ def test_a_body_that_nothing_comes_to_hold_is_said_to_drift(bodies: Path, drawn:
         simulation.next(simulation.beginning())
 
 
-def test_surfaces_that_slide_to_and_fro_are_told_from_a_drift() -> None:
-    """Independent check: slides that return are those of pairs that alternate; a drift goes on."""
+def test_surfaces_that_slide_to_and_fro_do_not_drift() -> None:
+    """Independent check: slides that return are those of pairs that alternate; a drift continues."""
     system: Any = SimpleNamespace(organ=SimpleNamespace(lips=lambda slide: (0.0, 0.0, np.array([slide]))))
 
     def back(*slides: float) -> bool:

@@ -19,6 +19,7 @@ from coupling.rest.equilibrium import snapped
 from coupling.rest.laying import start
 from coupling.run.run import Run, begin
 from coupling.system import Piercing, State, System
+from meshes.block import block
 from studies.scenario import parse
 from studies.simulation import prepare
 from tests.bounds import RESIDUAL, TWO_SOLVERS
@@ -252,13 +253,7 @@ def test_a_cube_under_equal_dead_loads_leaves_its_symmetric_state(share: float) 
     """Independent check: Rivlin's cube. Under equal dead tractions of 2.1 shear moduli the symmetric state is a saddle,
     and the minimum is a plate. If the load on one pair of faces differs by 1e-6, the tissue snaps to it too."""
     mu, kappa, T = 1e5 / 2.9, 1e5 / 0.3, 2.1 * 1e5 / 2.9
-    faces = {"left": 0, "front": 1, "bottom": 2, "right": 0, "back": 1, "top": 2}
-    mesh = skfem.MeshTet.init_tensor(*[np.linspace(0.0, 0.01, 3)] * 3).with_boundaries(
-        {
-            name: lambda x, a=axis, at=0.01 * (k > 2): np.isclose(x[a], at)
-            for k, (name, axis) in enumerate(faces.items())
-        }
-    )
+    mesh = block((0.01, 0.01, 0.01), 0.005)
     material, rollers = tissue.Material(1e5, 0.45, 1000.0), ("left", "front", "bottom")
     body = tissue.elasticity(mesh, material, "P1", (), "cell", rollers)
     pulls = {"right": T * X, "back": T * Y, "top": share * T * Z}
