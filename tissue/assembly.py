@@ -1,5 +1,4 @@
-"""Stiffness, mass and dilatation of straight tetrahedra, summed over the cells in one compiled
-pass.
+"""Stiffness and mass of straight tetrahedra, summed over the cells in one compiled pass.
 
 In a cell, ∇φ_i = Σ_c s_ic g_c. The gradients g_0 to g_3 of its barycentric coordinates are constant
 in the cell. Every integral is then a sum of products of the g_c, weighted by means over the
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
-from skfem import Element, ElementTetP1
+from skfem import Element
 from skfem.quadrature import get_quadrature
 
 from tissue.arrays import Array
@@ -28,27 +27,24 @@ NONE = 1e-12  # of a slope in the reference cell with edges of length one: small
 
 @dataclass(frozen=True)
 class ReferenceMeans:
-    """Means over a cell of products of its n shape functions φ, their slopes and the four linear
-    functions ψ.
+    """Means over a cell of products of its n shape functions φ, and of their slopes.
 
     ∇φ_i = Σ_c s_ic g_c. `slopes` `(n, n, 4, 4)` are the means of s_ic s_jd. `shapes` `(n, n)` are
-    the means of φ_i φ_j, and `fluxes` `(4, n, 4)` those of ψ_a s_jc.
+    the means of φ_i φ_j.
     """
 
     slopes: Array
     shapes: Array
-    fluxes: Array
 
 
 def reference_means(element: Element) -> ReferenceMeans:
     """Return the means of a scalar Lagrange element of the tetrahedron."""
     X, W = get_quadrature(element, 2 * element.maxdeg)
-    (phi, slopes), (psi, _) = shapes(element, X.T), shapes(ElementTetP1(), X.T)
+    phi, slopes = shapes(element, X.T)
     slope, mean = np.array([_shortest(each) for each in slopes]), W / W.sum()
     return ReferenceMeans(
         np.einsum("icx,jdx,x->ijcd", slope, slope, mean, optimize=True),
         np.einsum("ix,jx,x->ij", phi, phi, mean),
-        np.einsum("ax,jcx,x->ajc", psi, slope, mean),
     )
 
 
@@ -115,16 +111,6 @@ def stiffness_and_mass(
     _add_rows(*graph, gradients, *sums, means.shapes, lam, mu, weight, K.data, mass)
     _spread(graph.first, mass, M.data)
     return K, M
-
-
-def fluxes(graph: CellGraph, means: ReferenceMeans, gradients: Array, vertices: int, volumes: Array) -> csr_matrix:
-    """Return D_aj = ∫ ψ_a div φ_j dx, `(vertices, 3m)` [m²].
-
-    Cells with a volume of zero in `volumes` are left out.
-    """
-    D = _zeros(graph, vertices, 1, 3)
-    _add_fluxes(*graph, gradients, means.fluxes, volumes, vertices, D.data)
-    return D
 
 
 def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
@@ -277,31 +263,3 @@ def _spread(first: Whole, mass: Array, M: Array) -> None:
             for k in range(first[a], first[a + 1]):
                 M[at] = mass[k]
                 at += 1
-
-
-@compiled
-def _add_fluxes(
-    cells: Whole,
-    begin: Whole,
-    around: Whole,
-    first: Whole,
-    neighbours: Whole,
-    g: Array,
-    means: Array,
-    volumes: Array,
-    vertices: int,
-    D: Array,
-) -> None:
-    """Add up the rows of D, one vertex after the other."""
-    place = np.zeros(len(first) - 1, np.int64)
-    for a in range(vertices):
-        for k in range(first[a], first[a + 1]):
-            place[neighbours[k]] = k
-        for z in range(begin[a], begin[a + 1]):
-            e, i = around[z], 0
-            while cells[e, i] != a:
-                i += 1
-            for j in range(cells.shape[1]):
-                for c in range(4):
-                    for q in range(3):
-                        D[3 * place[cells[e, j]] + q] += volumes[e] * means[i, j, c] * g[e, 3 * c + q]

@@ -3,9 +3,10 @@
 
 W is a density of distortion (`tissue.materials`) plus κ/2 (J − 1)² with the same E and ν as the
 linear organ. At small strain the body equals the linear organ. If the linear organ averages its
-dilatation (`tissue.elasticity`), the part of κ beyond the value at ν = 0.3 acts here on J averaged
-at the vertices: ½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton,
-Commun. Numer. Meth. Engng 14, 1998). This term is an energy, so that the tangent is symmetric.
+dilatation (`tissue.elasticity`), the excess λ̄ of λ acts here on averages of J:
+½ Σ_a θ_a²/S_a with θ_a = ∫ ψ_a (J − 1) dX and S_a = ∫ ψ_a/λ̄ dX (Bonet & Burton, Commun. Numer.
+Meth. Engng 14, 1998). ψ_a is a hat function of a vertex, or one in a cell and zero elsewhere. This
+term is an energy, so that the tangent is symmetric.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags_array
-from skfem import ElementTetP1
 
 from tissue.arrays import Array, Indices
 from tissue.elasticity import Elasticity, cellwise_lambda, shape_gradients
@@ -69,11 +69,12 @@ def pattern(nodes: Indices, kept: Indices) -> Pattern:
 
 
 @compiled
-def stiffness_blocks(slopes: Array, A: Array, block: Indices) -> Array:
-    """Return the sums of K_nm = Σ_q ∂φ_n/∂X_j A_ijkl ∂φ_m/∂X_l over the cells, `(blocks, 3, 3)`.
+def stiffness_blocks(slopes: Array, A: Array, D: Array, stiffness: Array, block: Indices) -> Array:
+    """Return the sums of K_nm = Σ_q ∂φ_n/∂X_j A_ijkl ∂φ_m/∂X_l + k D_n ⊗ D_m over the cells,
+    `(blocks, 3, 3)`.
 
-    `slopes` has shape `(n, 3, q, c)`, and `A` has shape `(3, 3, 3, 3, q, c)`. `block` `(n, n, c)` is
-    the index of each local block.
+    `slopes` has shape `(n, 3, q, c)`, `A` `(3, 3, 3, 3, q, c)`, `D` `(n, 3, c)`, and the
+    `stiffness` k `(c,)`. `block` `(n, n, c)` is the index of each local block.
     """
     nodes, _, points, cells = slopes.shape
     sums, local = np.zeros((block.max() + 1, 3, 3)), np.empty((3, 3, nodes, nodes))
@@ -93,7 +94,7 @@ def stiffness_blocks(slopes: Array, A: Array, block: Indices) -> Array:
             for m in range(nodes):
                 for i in range(3):
                     for k in range(3):
-                        sums[block[n, m, c], i, k] += local[i, k, n, m]
+                        sums[block[n, m, c], i, k] += local[i, k, n, m] + stiffness[c] * D[n, i, c] * D[m, k, c]
     return sums
 
 
@@ -131,12 +132,12 @@ class Hyperelasticity:
     def kappa(self) -> PerCell:
         """Bulk modulus that acts cell by cell [Pa]."""
         material = self.body.material
-        lam = material.lame_lambda if self.body.pressure is None else cellwise_lambda(material)
+        lam = cellwise_lambda(material, self.body.dilatation)
         return lam + 2.0 / 3.0 * material.lame_mu
 
     @cached_property
     def density(self) -> Density:
-        """W without the terms averaged at the vertices."""
+        """W without averaged terms."""
         return self.density_of([self._distortion])
 
     @cached_property
@@ -169,19 +170,21 @@ class Hyperelasticity:
         inverse = cofactor(F) / determinant(F)
         return np.asarray(np.einsum("ki...,kj...->ij...", inverse, self._distortion.stress(F)))
 
-    # --- terms averaged at the vertices -----------------------------------------------------------------------
+    # --- averaged terms ---------------------------------------------------------------------------------------
 
     @cached_property
     def _hats(self) -> Array:
-        """ψ_a dX of the cells' vertices, shape `(4, q, c)` [m³]; zero in cells with λ̄ = 0."""
-        psi, _ = shapes(ElementTetP1(), self.body.rule[0])
+        """ψ_a dX of the averages in which the cells take part, shape `(j, q, c)` [m³]; zero in cells with
+        λ̄ = 0.
+        """
+        psi, _ = shapes(self.body.averages[1], self.body.rule[0])
         return np.asarray(psi[:, :, None] * self.weights * (self._excess > 0.0))
 
     @cached_property
     def _excess(self) -> Array:
-        """λ̄, the part of λ beyond the part that acts cell by cell, shape `(c,)` [Pa]."""
+        """λ̄, the part of λ beyond the part that acts at each point, shape `(c,)` [Pa]."""
         material = self.body.material
-        excess = material.lame_lambda - cellwise_lambda(material)
+        excess = material.lame_lambda - cellwise_lambda(material, self.body.dilatation)
         return np.broadcast_to(np.asarray(excess, dtype=float), self.body.mesh.nelements)
 
     @cached_property
@@ -190,30 +193,28 @@ class Hyperelasticity:
         return np.atleast_1d(np.prod(np.asarray(self.prestretch, dtype=float), axis=0))
 
     @cached_property
-    def _stiffness_of_vertices(self) -> Array:
-        """1/S_a, shape `(vertices,)` [Pa/m³]; zero at a vertex without a cell with λ̄ > 0."""
+    def _stiffness_of_averages(self) -> Array:
+        """1/S_a, shape `(averages,)` [Pa/m³]; zero for an average without a cell with λ̄ > 0."""
         softness = np.divide(1.0, self._excess, out=np.zeros(self._excess.size), where=self._excess > 0.0)
-        S = self._at_vertices(self._hats * (softness / self._before))
+        S = self._sums(self._hats * (softness / self._before))
         return np.divide(1.0, S, out=np.zeros(S.size), where=S > 0.0)
 
-    def _at_vertices(self, local: Array) -> Array:
-        """Return the sums at the vertices of values `(4, q, c)` of the cells' vertices and points,
-        shape `(vertices,)`.
-        """
-        mesh = self.body.mesh
-        return np.asarray(np.bincount(mesh.t.ravel(), local.sum(axis=1).ravel(), mesh.nvertices), dtype=float)
+    def _sums(self, local: Array) -> Array:
+        """Return the sums `(averages,)` of values `(j, q, c)` at the points of the cells."""
+        numbers = self.body.averages[0]
+        return np.asarray(np.bincount(numbers.ravel(), local.sum(axis=1).ravel()), dtype=float)
 
     def _gaps(self, J: Array) -> Array:
-        """Return θ_a, shape `(vertices,)` [m³]."""
-        return self._at_vertices(self._hats * (J - 1.0 / self._before))
+        """Return θ_a, shape `(averages,)` [m³]."""
+        return self._sums(self._hats * (J - 1.0 / self._before))
 
     def pressure(self, J: Array) -> Array:
-        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(vertices,)` [Pa]."""
-        return self._stiffness_of_vertices * self._gaps(J)
+        """Return θ_a/S_a, the averaged part of κ (J − 1), shape `(averages,)` [Pa]."""
+        return self._stiffness_of_averages * self._gaps(J)
 
     def _pressure_at_points(self, J: Array) -> Array:
         """Return Σ_a ψ_a p_a dX, shape `(q, c)` [N m]."""
-        return np.asarray(np.einsum("aqc,ac->qc", self._hats, self.pressure(J)[self.body.mesh.t]))
+        return np.asarray(np.einsum("aqc,ac->qc", self._hats, self.pressure(J)[self.body.averages[0]]))
 
     # --- energy and its derivatives ---------------------------------------------------------------------------
 
@@ -242,7 +243,7 @@ class Hyperelasticity:
             return np.inf
         stored = float(np.sum(self.weights * (density or self.density).energy(F)))
         if self.body.pressure is not None:
-            stored += float(0.5 * self._stiffness_of_vertices @ self._gaps(J) ** 2)
+            stored += float(0.5 * self._stiffness_of_averages @ self._gaps(J) ** 2)
         return stored if np.isfinite(stored) else np.inf
 
     def energy_of_prestretch(self, density: Density | None = None) -> float:
@@ -282,21 +283,26 @@ class Hyperelasticity:
 
     def tangent(self, F: Array, density: Density | None = None) -> csr_matrix:
         """Return ∂²energy/∂U² over the free unknowns, shape `(free, free)` [N/m], symmetric."""
-        A = self.weights * (density or self.density).tangent(F)
-        averaged = self.body.pressure is not None
-        if averaged:
+        A, kind = self.weights * (density or self.density).tangent(F), self.body.dilatation
+        local, stiffness = np.zeros(self._unknowns.shape), np.zeros(A.shape[-1])
+        if kind != "cell":
             A += self._pressure_at_points(determinant(F)) * determinant_tangent(F)
-        K = self._cells.assembled(stiffness_blocks(self.slopes, A, self._cells.block))
-        return csr_matrix(K + self._volume_tangent(F)) if averaged else K
+        if kind == "mean":
+            local, stiffness = self._rates(F)[0], self._stiffness_of_averages
+        K = self._cells.assembled(stiffness_blocks(self.slopes, A, local, stiffness, self._cells.block))
+        return csr_matrix(K + self._volume_tangent(F)) if kind == "nodal" else K
+
+    def _rates(self, F: Array) -> Array:
+        """Return ∂θ_a/∂U of each cell, shape `(j, n, 3, c)` [m²]."""
+        return np.einsum("aqc,ijqc,njqc->anic", self._hats, cofactor(F), self.slopes, optimize=True)
 
     def _volume_tangent(self, F: Array) -> csr_matrix:
         """Return Σ_a D_a D_aᵀ/S_a with D_a = ∂θ_a/∂U over the free unknowns."""
-        carried = np.einsum("ijqc,njqc->niqc", cofactor(F), self.slopes)
-        local = np.einsum("aqc,niqc->anic", self._hats, carried)
-        rows = np.broadcast_to(self.body.mesh.t[:, None, None], local.shape).ravel()
+        local, numbers = self._rates(F), self.body.averages[0]
+        rows = np.broadcast_to(numbers[:, None, None], local.shape).ravel()
         columns = np.broadcast_to(self._unknowns, local.shape).ravel()
-        D = csr_matrix((local.ravel(), (rows, columns)), (self.body.mesh.nvertices, self.body.N))[:, self.body.free]
-        return csr_matrix(D.T @ (diags_array(self._stiffness_of_vertices) @ D))
+        D = csr_matrix((local.ravel(), (rows, columns)), (int(numbers.max()) + 1, self.body.N))[:, self.body.free]
+        return csr_matrix(D.T @ (diags_array(self._stiffness_of_averages) @ D))
 
     @cached_property
     def _cells(self) -> Pattern:

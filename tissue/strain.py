@@ -28,8 +28,8 @@ class Strains(NamedTuple):
 
     - `strain` `(c,)` [-]: the largest principal strain of each cell in magnitude.
     - `rotation` `(c,)` [rad]: its largest rotation |½ curl U|.
-    - `energy_density` `(c,)` [J/m³]: its mean strain energy per volume, λ/2 (div U)² + μ ε : ε. Terms
-      averaged at the vertices add half of pressure times dilatation.
+    - `energy_density` `(c,)` [J/m³]: its mean strain energy per volume, λ/2 (div U)² + μ ε : ε. Averaged
+      terms add half of pressure times dilatation.
     - `nodal_volume_ratio` `(nodes,)` [-]: the result of the function of this name.
     """
 
@@ -154,11 +154,11 @@ def _energy_of(elasticity: Elasticity, U: Array, slope: Array) -> Array:
     dilatation = slope[0, 0] + slope[1, 1] + slope[2, 2]
     squares = sum(np.square(slope[i, i]) for i in range(3))
     squares = squares + 0.5 * sum(np.square(slope[i, j] + slope[j, i]) for i, j in PAIRS)
-    spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
+    spread = cellwise_lambda(material, elasticity.dilatation)
     density = 0.5 * spread * dilatation**2 + material.lame_mu * squares
     if elasticity.pressure is not None:
-        hats, _ = shapes(ElementTetP1(), places)
-        pressure = hats.T @ (elasticity.pressure @ U)[elasticity.mesh.t]
+        numbers, element = elasticity.averages
+        pressure = shapes(element, places)[0].T @ (elasticity.pressure @ U)[numbers]
         density += 0.5 * pressure * dilatation * (material.lame_lambda > spread)
     return np.asarray(weights @ density)
 

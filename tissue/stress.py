@@ -1,7 +1,7 @@
 """Stress at the nodes from a displacement field: computed cell by cell, then averaged by volume.
 
 A pressure averaged at the vertices (`tissue.elasticity`) is used at the vertices. At the middle of
-an edge it is the mean of both vertices.
+an edge it is the mean of both vertices. A pressure averaged over each cell is one of its cell values.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class StressRecovery:
     """Matrices from a displacement field to the stress at the nodes; made by `stress_recovery`.
 
     `slopes` `(6m, m)` gives nodal averages of λ∂/∂x_j and μ∂/∂x_j, j = x, y, z. `pressure` `(m, N)`
-    gives the pressure averaged at the vertices.
+    gives the averaged part of the pressure.
     """
 
     slopes: csr_matrix
@@ -49,7 +49,7 @@ def stress_recovery(elasticity: Elasticity, share: PerCell | None = None) -> Str
     With a `share`, one number or one per cell, only this share of 2μ dev ε is recovered.
     """
     material = elasticity.material
-    spread = material.lame_lambda if elasticity.pressure is None else cellwise_lambda(material)
+    spread = cellwise_lambda(material, elasticity.dilatation)
     pressure, shear = _nodal_pressure(elasticity), material.lame_mu
     if share is not None:
         shear = share * np.asarray(material.lame_mu)
@@ -127,12 +127,14 @@ def principal(stress: Array) -> tuple[Array, Array]:
 
 
 def _nodal_pressure(elasticity: Elasticity) -> csr_matrix:
-    """Return the part of λ div U that is averaged at the vertices, at every node, shape `(m, N)`
-    [Pa/m].
-    """
-    if elasticity.pressure is None:
+    """Return the averaged part of λ div U at every node, shape `(m, N)` [Pa/m]."""
+    pressure = elasticity.pressure
+    if pressure is None:
         return csr_matrix((len(elasticity.nodes), elasticity.N))
+    if elasticity.dilatation == "mean":
+        average = _averages(elasticity)
+        return csr_matrix(average @ vstack([pressure] * (average.shape[1] // len(elasticity.cells))))
     if elasticity.element == "P1":
-        return elasticity.pressure
+        return pressure
     first, second = elasticity.mesh.edges
-    return csr_matrix(vstack([elasticity.pressure, 0.5 * (elasticity.pressure[first] + elasticity.pressure[second])]))
+    return csr_matrix(vstack([pressure, 0.5 * (pressure[first] + pressure[second])]))

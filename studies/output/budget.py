@@ -13,7 +13,7 @@ import numpy as np
 from studies.arrays import GIGA
 from studies.output.fields import OrganTopology
 from studies.scenario import Scenario, ScenarioError, Tissue, refusal
-from tissue.elasticity import is_averaged
+from tissue.elasticity import formulation
 
 # Bytes, measured on runs with 20 to 60 control points, 2 piercings and 4000 to 12 000 nodes, P1 and
 # P2. A node takes 25 on structured meshes and up to 49 on others (displacement and stress,
@@ -95,10 +95,8 @@ def finite_correction(organ: Tissue | None, unknowns: int) -> float:
     if organ is None or organ.material == "linear":
         return 0.0
     nu = max([organ.poisson_ratio, *(part.poisson_ratio or 0.0 for part in organ.region)])
-    averaged = (
-        is_averaged(organ.dilatation, nu) * CORRECTION_NODAL[organ.element] * unknowns**2 / np.cbrt(1.0 - 2.0 * nu)
-    )
-    return float(CORRECTION_FINITE * unknowns + averaged)
+    squared = CORRECTION_NODAL[organ.element] * (formulation(organ.dilatation, organ.element, nu, True) == "nodal")
+    return float(CORRECTION_FINITE * unknowns + squared * unknowns**2 / np.cbrt(1.0 - 2.0 * nu))
 
 
 def pace() -> float:

@@ -301,7 +301,7 @@ class Tissue(MaterialKeys):
     material: Law = "linear"
     relaxation: Series = ()
     element: Literal["P1", "P2"] = "P2"
-    dilatation: Literal["auto", "cell", "nodal"] = "auto"
+    dilatation: Literal["auto", "cell", "mean", "nodal"] = "auto"
     inertia: Flag = True
     solver: Literal["auto", "superlu", "cholmod", "pardiso", "multigrid"] = "auto"
     rayleigh: tuple[NotNegative, NotNegative] = (0.0, 0.0)

@@ -27,6 +27,7 @@ from studies.scenario.values import Turn
 from studies.simulation.given import Given
 from studies.simulation.meshing import check_loaded, material_of, motions_left, owned, wound_of
 from studies.simulation.sharing import Shared, body_key, reduction_key
+from tissue.elasticity import formulation
 from tissue.materials.density import Sum
 from tissue.materials.fibres import Fibres
 from tissue.materials.isotropic import Exponential
@@ -185,7 +186,8 @@ def depths_of(scenario: Scenario, body: tissue.Elasticity | None, store: Shared,
 def body_of(table: Tissue, given: Given, mesh: skfem.MeshTet) -> tissue.Elasticity:
     """Return the discrete elasticity of an organ on a mesh."""
     material = material_of(table, mesh)
-    body = tissue.elasticity(mesh, material, table.element, table.clamp, table.dilatation, table.roller)
+    kind = formulation(table.dilatation, table.element, material.poisson_ratio, table.material != "linear")
+    body = tissue.elasticity(mesh, material, table.element, table.clamp, kind, table.roller)
     return given.stiffened(body)
 
 

@@ -399,15 +399,15 @@ def test_what_a_run_takes_is_told_within_a_factor_of_two(
         ("P1", 0.49, 6936, 15.7),
         ("P1", 0.499, 6936, 23.1),
         ("P2", 0.3, 6168, 1.4),
-        ("P2", 0.49, 6168, 29.5),
-        ("P2", 0.499, 6168, 63.9),
-        ("P2", 0.499, 6168, 149.0),
+        ("P2", 0.49, 6168, 3.9),
+        ("P2", 0.499, 6168, 5.7),
+        ("P2", 0.499, 6168, 10.3),
     ],
 )
 def test_the_time_of_a_run_near_incompressibility_is_predicted_within_a_factor_of_two(
     element: str, nu: float, unknowns: int, took: float
 ) -> None:
-    """Independent check: as above, with the dilatation averaged at vertices above ν = 0.45."""
+    """Independent check: as above, with the dilatation averaged above ν = 0.45."""
     path = "[[-0.004, 0, 0.05], [0.004, 0, 0.05]]"
     keys = [f"tissue.element='{element}'", f"tissue.poisson_ratio={nu}", "tissue.material='neo-hookean'"]
     scene = load(

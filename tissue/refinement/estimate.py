@@ -10,8 +10,8 @@ Numer. Meth. Eng. 24, 1987):
     η_T² = ∫_T (σ* − σ_h) : D⁻¹ (σ* − σ_h) dx,      C_kk − C_kk,h ≈ Σ_T η_T².
 
 σ* has the order of the element. It is averaged only within one material, because stress jumps
-between two materials. The part of the pressure that is already averaged at the vertices
-(`tissue.elasticity`) is the same in σ* and in σ_h.
+between two materials. A pressure that is averaged at the vertices (`tissue.elasticity`) is the same
+in σ* and in σ_h, and is left out of both.
 
 At the edges of a clamp the stress is singular, and σ* misses most of the error. η_T² of the cells
 with a held node is therefore multiplied by SINGULAR.
@@ -164,10 +164,16 @@ class Recovery:
 
     @cached_property
     def material(self) -> tuple[Array, Array]:
-        """The λ and μ used in each cell, `(c,)` each [Pa]."""
+        """The λ and μ of the estimated stress in each cell, `(c,)` each [Pa]."""
         given, count = self.body.material, self.body.mesh.nelements
-        spread = given.lame_lambda if self.body.pressure is None else cellwise_lambda(given)
+        spread = cellwise_lambda(given, "nodal") if self.body.dilatation == "nodal" else given.lame_lambda
         return np.broadcast_to(spread, count), np.broadcast_to(given.lame_mu, count)
+
+    @cached_property
+    def _spread(self) -> Array:
+        """The λ that acts at each point of the cells, `(c,)` [Pa]."""
+        spread = cellwise_lambda(self.body.material, self.body.dilatation)
+        return np.broadcast_to(spread, self.body.mesh.nelements)
 
     @cached_property
     def copies(self) -> tuple[Indices, Indices]:
@@ -250,10 +256,12 @@ class Recovery:
         (_, slopes), own = shapes(self.body.cell, nodes[:4]), W[self.body.nodes[self.body.cells[cells]]]
         inner = np.tensordot(own, slopes, axes=([1], [0]))  # cell, component, column, reference axis, corner
         H = np.einsum("cikla,clj->caijk", inner, self.body.inverse_edges[cells], optimize=True)
-        lam, mu = (m[cells, None, None] for m in self.material)
-        stress = mu[..., None, None] * (H + H.swapaxes(2, 3))
+        stress = self.material[1][cells, None, None, None, None] * (H + H.swapaxes(2, 3))
+        pressure = self._spread[cells, None, None] * np.einsum("caiik->cak", H)
+        if self.body.pressure is not None and self.body.dilatation == "mean":
+            pressure += (self.body.pressure[cells] @ W)[:, None]
         for axis in range(AXES):
-            stress[:, :, axis, axis] += lam * np.einsum("caiik->cak", H)
+            stress[:, :, axis, axis] += pressure
         from_corners = np.column_stack([1.0 - nodes.sum(axis=1), nodes])
         return np.asarray(from_corners @ stress.reshape(len(cells), 4, -1))
 
@@ -352,7 +360,7 @@ class Recovery:
         The values are at `nodes` `(m,)`.
         """
         body = self.body
-        if body.pressure is None:
+        if body.pressure is None or body.dilatation != "nodal":
             return np.zeros((nodes.size, W.shape[1]))
         corner = nodes < body.mesh.nvertices
         ends = np.where(corner, nodes, body.mesh.edges[:, np.where(corner, 0, nodes - body.mesh.nvertices)])
