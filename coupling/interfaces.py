@@ -190,8 +190,11 @@ class Bearing(Protocol):
     def finest(self) -> float:
         """Smallest height of a facet of the surface [m]."""
 
-    def faced(self, state: Any, places: Array, labels: Array) -> Array:
+    def faced(self, state: Any, places: Array, labels: Array, before: Any = None, ratio: float = 0.0) -> Array:
         """Return the facing data of points of the thread in a state, shape `(j, 9 + l)`.
+
+        The surface is moved on by `ratio` times its way since the state `before`; None means that it
+        stays.
 
         The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`. The columns are: facet,
         barycentric coordinates in it, d, which points into the organ and is minus the gradient of

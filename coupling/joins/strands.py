@@ -13,6 +13,11 @@ that slides through its holes also slips on the surface. The forces P = (p, τ) 
 the thread's place and is due to the organ's compliance. For this reason they are not unknowns of a
 step: they are computed at every iterate (`Strands.touch`). `Strands.directed` closes the pressed
 points in a correction, with one additional solution for each.
+
+A step does not change d, and the forces balance at its end. With the d of its start, a thread that
+turns by α = v Δt/R in a step round a radius R would be held back by the share α of its pressing
+forces, which are θ T over an angle θ. In time a step therefore has the d and x of its expected end
+(`Ahead`), whose error is of second order. At rest the load step is repeated with those of its end.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,6 +51,7 @@ SLIGHT = 2e-3  # of the radius: largest penetration at the start that is pushed 
 FIRM = 1e-4  # of the softest point's compliance, added to each point: several points may bear on few nodes
 GROOVE = 3.0  # times the stiffness of a groove: with 1 a strand in a soft cylinder still swings, with 10 it creeps
 HARD = 0.1  # of radius over EA: least added compliance, for held facets, whose gaps round-off would decide
+OTHER_SIDE = 0.5  # cosine of the turn of d in a step beyond which the place ahead is round an edge, or behind a sheet
 NEAR = 0.05  # radii: points with smaller gaps without their forces can be pressed in a correction
 PER_SPAN = 2  # points: one leaves long spans between, and more are redundant for a cubic
 WIDEST, MOST = 0.95, 64  # of the radius: largest offset of points across the thread, a facet apart; their number
@@ -85,28 +91,55 @@ def may_bear(system: System[Body], state: State[Body], s: Array) -> Flags:
     return np.asarray(out)
 
 
-def touching_organ(system: System[Body], state: State[Body], origin: State[Body], at_rest: bool) -> Body:
+@dataclass(frozen=True)
+class Ahead(Generic[Body]):
+    """The expected end of a step in time.
+
+    The thread has control points `q` (n, c) [m]. The organ moves on by `ratio` times its way since
+    its state `before`.
+    """
+
+    q: Array
+    before: Body
+    ratio: float
+
+
+def touching_organ(
+    system: System[Body], state: State[Body], origin: State[Body], at_rest: bool, ahead: Ahead[Body] | None = None
+) -> Body:
     """Return the organ's state before a step of a thread that bears on it.
 
     `origin` is the state at the start of the step in time or of the load step.
     """
     if not (system.bears and isinstance(system.organ, Bearing)):
         return state.organ
-    touched: Body = system.organ.touched(state.organ, bearing_points(system, system.organ, state, origin, at_rest))
+    points = bearing_points(system, system.organ, state, origin, at_rest, ahead)
+    touched: Body = system.organ.touched(state.organ, points)
     return touched
 
 
 def bearing_points(
-    system: System[Body], organ: Bearing, state: State[Body], origin: State[Body], at_rest: bool = False
+    system: System[Body],
+    organ: Bearing,
+    state: State[Body],
+    origin: State[Body],
+    at_rest: bool = False,
+    ahead: Ahead[Body] | None = None,
 ) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 19)`.
+    """Return the facing data of the points of a thread that may bear on the organ in a state, or
+    `ahead` of it, `(j, 19)`.
 
     Points that were closer to the surface than their radius at the `origin` of a step, such as next
     to a hole, get their distance there as radius. Contact then prevents a deeper penetration but
-    lifts no point. With `at_rest` pressed points have a spring (`in_grooves`).
+    lifts no point. With `at_rest` pressed points have a spring (`in_grooves`). A point whose d would
+    turn too far ahead, as behind a thin sheet, keeps the place that it faces now.
     """
-    points = points_facing(system, organ, state)
-    away = points[:, AWAY] if origin is state else faced_again(system, organ, origin, points)[:, AWAY]
+    points = points_facing(system, organ, state, ahead)
+    first = points if origin is state and ahead is None else faced_again(system, organ, origin, points)
+    if ahead is not None:
+        elsewhere = np.vecdot(first[:, ALONG], points[:, ALONG]) < OTHER_SIDE
+        points[elsewhere, :LABEL] = first[elsewhere, :LABEL]
+    away = first[:, AWAY]
     nearer = points[:, REACH] - away > SLIGHT * 0.5 * system.thread.section.diameter
     out = in_grooves(system, organ, state, points) if at_rest else points.copy()
     out[nearer, REACH] = away[nearer]
@@ -160,18 +193,20 @@ def faced_again(system: System[Body], organ: Bearing, state: State[Body], points
     return organ.faced(state.organ, points_at(system, state, points), points[:, LABEL:])
 
 
-def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> Array:
-    """Return the facing data of the points of a thread that may bear on the organ in a state, `(j, 19)`.
+def points_facing(system: System[Body], organ: Bearing, state: State[Body], ahead: Ahead[Body] | None = None) -> Array:
+    """Return the facing data of the points of a thread that may bear on the organ in a state, or
+    `ahead` of it, `(j, 19)`.
 
     There are PER_SPAN points per span, the free ends, and rows of points across the thread if
     facets are finer than the thread.
     """
-    spline = system.at(state).thread.spline
+    spline, q = system.at(state).thread.spline, state.q if ahead is None else ahead.q
+    goes_on = () if ahead is None else (ahead.before, ahead.ratio)
 
     def faced(s: Array, aside: Array, reach: Array, row: Array) -> Array:
         """Return the facing data of points at abscissae `s` with offsets `aside` from the thread's axis."""
         labels = np.column_stack([s, aside, reach, row, np.zeros((len(s), 4))])
-        return organ.faced(state.organ, places_of(spline, state.q, s) + aside, labels)
+        return organ.faced(state.organ, places_of(spline, q, s) + aside, labels, *goes_on)
 
     radius, s = 0.5 * system.thread.section.diameter, abscissae(system, state, PER_SPAN)
     points = faced(s, np.zeros((len(s), 3)), np.full(len(s), radius), np.zeros(len(s)))
@@ -179,7 +214,7 @@ def points_facing(system: System[Body], organ: Bearing, state: State[Body]) -> A
     sides = np.where(points[:, AWAY] < 2.0 * radius, most, 0)
     if not sides.any():
         return points
-    across = across_thread(spline, state.q, points)
+    across = across_thread(spline, q, points)
     own, step = np.transpose([(k, i) for k, n in enumerate(sides.tolist()) for i in range(-n, n + 1)])
     aside = (step * WIDEST * radius / most)[:, None]
     d = points[:, ALONG] / np.linalg.norm(points[:, ALONG], axis=1, keepdims=True)

@@ -12,6 +12,10 @@ A body of the organ that only thread and contact hold has a drag towards its las
 (`tissue.organs.floating`). The equilibrium is solved again from the last one until the drag is
 zero.
 
+An equilibrium that is solved again is the end of the same load step, so that its works are by the
+forces at both ends of the load step. Those of the equilibria between, with the pairs of other
+places, are not part of them.
+
 A thread that runs out of a hole on the way has left the hole: the load step is repeated without it.
 """
 
@@ -284,12 +288,12 @@ def go_downhill(
     """Reach equilibrium by rounds of corrections downhill, with every third round by Newton's method.
 
     Newton's method is faster along a valley. It is the first round beyond the part LIGHT of the loads
-    if the organ is linear and nothing touches it. Friction opposes the way from `state`. Arguments as for
+    if the organ is linear and nothing touches it. Friction opposes the way from `began`. Arguments as for
     `settle`.
     """
-    lapse = 0.0 if given is not None else max(share * duration - state.time, 0.0) if duration else np.inf
+    lapse = max(share * duration - began.time, 0.0) if duration else np.inf
     answer = ask_organ(system, Equilibrium(lapse), [state], duration, share) if given is None else given
-    problem = static_problem(system, state, share, duration, answer, state, began, lapse)
+    problem = static_problem(system, state, share, duration, answer, began, began, lapse)
     simple = state.time > LIGHT * duration and answer.linear and problem.contact is None and problem.strands is None
     now, down, refits = state, 0 if simple else DOWN, REFITS
     failed = EquilibriumError(state.time, share * duration - state.time, "", "", share, remedy_for(system, state))
@@ -310,7 +314,7 @@ def go_downhill(
             if down:
                 now, answer = further(system, state, now, error)
             down = down - 1 if down else DOWN
-        problem = static_problem(system, now, share, duration, answer, state, began, lapse)
+        problem = static_problem(system, now, share, duration, answer, began, began, lapse)
     raise failed
 
 
@@ -640,7 +644,7 @@ def go_on(
         refuse_loose(system, left, share, duration)
         yield from go_on(system, left, share, duration, begun, depth=depth)
         return
-    yield from [step, *pair_lips(system, step, share, duration)]
+    yield pair_lips(system, step, share, duration)
 
 
 def accepted(system: System[Body], step: Step[Body], depth: int) -> tuple[Step[Body], Flags]:
@@ -692,14 +696,15 @@ def refuse_loose(system: System[Body], state: State[Body], share: float, duratio
         raise OutError(state.time, share * duration - state.time, cause, share=share)
 
 
-def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> list[Step[Body]]:
-    """Return the additional equilibria of a load step until its pairs and its floating bodies are at rest.
+def pair_lips(system: System[Body], step: Step[Body], share: float, duration: float) -> Step[Body]:
+    """Return a load step to the equilibrium at which its pairs and its floating bodies are at rest.
 
     A step pairs the lips as at its start. The equilibrium is solved again if the lips slide on the
     way, if their gaps change because an organ at finite strain turns them, or if a body that only
-    thread and contact hold is dragged. With friction the lips rub along the way from the start of
-    the load step. Raises `StepError`, also if a strand is then farther than its diameter from the
-    place of its forces on the surface.
+    thread and contact hold is dragged. The equilibria between are no part of the way: all works and
+    all friction are those of the way from the start of the load step to the last one. Raises
+    `StepError`, also if a strand is then farther than its diameter from the place of its forces on
+    the surface.
     """
     out, lapse = [step], share * duration - step.old.time
     while (len(out) <= PAIRINGS and has_slid(system, out[-1], step.old)) or (
@@ -718,7 +723,10 @@ def pair_lips(system: System[Body], step: Step[Body], share: float, duration: fl
             cause = "surfaces of a body that no clamp holds slide to and fro on one another"
             remedy = "give the contact friction, clamp the body, or take finer cells"
         raise EquilibriumError(step.old.time, lapse, cause, "", share, remedy)
-    return out[1:]
+    made = replace(out[-1].solution, iterations=sum(each.solution.iterations for each in out))
+    return replace(
+        out[-1], old=step.old, dt=step.dt, solution=made, snapped=any(each.snapped for each in out), along=step.along
+    )
 
 
 def slides_back(system: System[Body], steps: list[Step[Body]]) -> bool:

@@ -2,7 +2,9 @@
 
 A step along a curved way also creates a little energy, of either sign: of second order in its size
 by backward Euler, of third order by BDF2. A thread that passes a hole with its knots also creates
-a little energy.
+a little energy. A thread that slides over the organ does so at every change of the facing points: it
+may create a share of the product of its pressing forces and its way, which is part of no other
+turnover if it slides without friction.
 For this reason a step that creates more than CREATED of the available energy, with BDF2 more than
 CREATED_BDF2, is halved and not refused. Half a step creates a quarter of that or less, but a jump
 to another branch does not decrease. Parts of the length dt/16 may create up to a share of the
@@ -33,6 +35,7 @@ from coupling.kernels.steps import watch
 from coupling.kernels.steps.watch import Shares
 from coupling.reports.audit import Energies, audit_step, is_of_bdf2
 from coupling.step.newton import rounded_force
+from coupling.step.packets import points_at_start
 from coupling.step.stepping import Step, scheme_of
 from coupling.system import System
 
@@ -86,7 +89,19 @@ class Watch:
         shares = Shares(created(step), there, SHARE, give)
         energies = (np.array(astuple(each)) for each in (old, new))
         made, lent, bound, loose = watch.ask(shares, rounded_force(problem), memory_of(step), *energies)
+        over = SHARE * sliding_turnover(step)
+        bound, loose = max(bound, over), max(loose, over)
         return made, lent, loose if step.dt <= self.least or self.refitted else bound, loose
+
+
+def sliding_turnover(step: Step[Body]) -> float:
+    """Return the sum of the forces that press points of the thread on the organ, times their ways [J]."""
+    strands, touch = step.solution.problem.strands, step.solution.residual.touch
+    if strands is None or touch is None:
+        return 0.0
+    start = points_at_start(step.solution.problem.system, step.old, step.new)
+    way = strands.places(step.new.q) - strands.places(start)
+    return float(touch.P[: strands.count] @ np.linalg.norm(way, axis=1))
 
 
 def created(step: Step[Body]) -> float:

@@ -14,7 +14,7 @@ from coupling.errors import InversionError, LentError, StepError, UphillError
 from coupling.integrators import BDF2, BackwardEuler, Scheme
 from coupling.interfaces import Answer, Body
 from coupling.joins.contact import first_sets
-from coupling.joins.strands import touching_organ
+from coupling.joins.strands import Ahead, touching_organ
 from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
@@ -26,8 +26,10 @@ from coupling.step.stability import go_aside
 from coupling.step.tension import stretches_at
 from coupling.system import State, System, forgetful, solved_curve
 from coupling.ties import gap_left
+from thread.kernels.travel import Ride
 from thread.placed import Placed
-from thread.riding import carried, put_on
+from thread.riding import carried, put_on, ride_of
+from thread.spline import Spline
 from thread.thread import Thread
 from thread.vectors import cross, dot
 from tissue.errors import OrganError
@@ -130,13 +132,30 @@ def ask_organ(
     """
     try:
         now, *before = past
-        bodies = [
-            touching_organ(system, now, now if scheme.a else past[-1], not scheme.a),
-            *(each.organ for each in before),
-        ]
+        ahead = ahead_of(system, now, scheme.dt) if scheme.a else None
+        first = touching_organ(system, now, now if scheme.a else past[-1], not scheme.a, ahead)
+        bodies = [first, *(each.organ for each in before)]
         return system.organ.answer(scheme, bodies, time, share)
     except OrganError as error:
         raise StepError(past[0].time, scheme.dt, str(error)) from error
+
+
+def ahead_of(system: System[Body], state: State[Body], dt: float) -> Ahead[Body] | None:
+    """Return the expected end of a step of `dt` [s] from a state; None if the state has no memory."""
+    if not system.bears or state.before is None or state.dt_before is None:
+        return None
+    thread = system.at(state).thread
+    q = moved_on(thread.spline, ride_of(thread, system.gravity), state, dt)
+    return Ahead(with_ends(q, system, state.time + dt), state.before.organ, dt / state.dt_before)
+
+
+def moved_on(spline: Spline, how: Ride, state: State[Body], dt: float) -> Array:
+    """Return the control values `dt` [s] after a state at its velocity, shape `(n, c)`.
+
+    Travelling knots move with their holes.
+    """
+    q = state.q + dt * state.v
+    return q + carried(spline, how, state.q, state.s_dot, dt) if isinstance(spline, Placed) else q
 
 
 def dynamic_problem(
@@ -233,9 +252,7 @@ def predict(problem: Problem[Body], state: State[Body]) -> Iterate:
     places without forces, a step at rest in holes that turned far does not return to its own
     solution.)
     """
-    q, spline = state.q + problem.dt * state.v, problem.system.thread.spline
-    if isinstance(spline, Placed):
-        q = q + carried(spline, problem.ride, state.q, state.s_dot, problem.dt)
+    q = moved_on(problem.system.thread.spline, problem.ride, state, problem.dt)
     return replace(
         where_it_is(problem, state),
         q=with_ends(q, problem.system, problem.time),

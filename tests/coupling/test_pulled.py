@@ -263,7 +263,7 @@ def test_a_hand_has_the_thread_to_the_end_of_its_load_step(monkeypatch: pytest.M
     held = load_step(system, state, 0.7, 1.0)[-1]
     slid = iter([0.0, 1.0, 1.0, 1.0])
     monkeypatch.setattr(type(system.organ), "lips", lambda *_: (NOTHING, np.ones(1), np.array([next(slid)])))
-    (again,) = pair_lips(system, held, 0.7, 1.0)
+    again = pair_lips(system, held, 0.7, 1.0)
     assert abs(again.new.s[1] - held.new.s[1]) <= IDENTITY * held.new.s[1]
     assert again.new.lam[1, :3] == pytest.approx(held.new.lam[1, :3], rel=RESIDUAL, abs=RESIDUAL)
 

@@ -31,6 +31,7 @@ from thread.thread import MASS_POINTS, Thread
 
 HERTZ = 0.03  # of the half width of a line contact: nodes of P2 cells are a tenth of it apart
 CAPSTAN = 0.01  # of a tension: the thread turns by up to 0.35 rad between two points, and by the facets' 0.15
+WORKS = "external_work", "friction_dissipation"
 NO_MOVES = np.zeros(1), np.zeros((1, 3))
 SUNK = 0.1  # diameters: between the points a strand lies on facets that turn by 0.1 rad
 R, E, NU, DEEP, NARROW = 1e-3, 1e5, 0.3, 5e-5, 1.5e-4  # m, Pa, -, m, about the half width [m]
@@ -159,6 +160,47 @@ def test_chords_of_a_path_are_laid_on_the_surface() -> None:
     for share in (0.5, 1.0):
         run = run.load(share, simulation.scenario.solve.duration)
     assert -run.state.reaction[0, 2] == pytest.approx(0.2, rel=CAPSTAN)
+
+
+SPEED, WAY = 0.1, 2.5e-4  # m/s, m of a load step: a turn by 0.05 rad
+
+
+def drawn(friction: float, waypoints: str, ramp: float, solve: str) -> Any:
+    """A thread over half of a clamped bar, drawn at one end against a dead load at the other."""
+    text = capstan(friction, 5e-3).replace("length = 0.01", "length = 6e-3").replace("1.0e6", "1.0e8")
+    text = text.replace("path =", "control_points = 40\n        damping = 20.0\n        path =")
+    text = text.replace('"fixed"', f'"driven", waypoints = {waypoints}')
+    text = text.replace("-0.2]", f"-0.2], ramp = {ramp}, mass = 1e-4").replace('kind = "static"', solve)
+    return prepare(parsed(text.replace("load_steps = 4", "")))
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-3])
+def test_a_strand_that_slides_in_time_keeps_its_tension(dt: float) -> None:
+    """Independent check: without friction the pull is the dead load. Forces along the normals at the start of a step,
+    in which the thread turns by α, would pull back with πα of the tension: 6 and 13 %. Of second order are πα²."""
+    ways = f"[[0, 0, -5.1e-3, -0.02], [1, 0, -5.1e-3, {-0.02 - SPEED}]]"
+    simulation = drawn(0.0, ways, 0.0, f'dt = {dt}\n        duration = 0.04\n        start = "rest"')
+    runs = [simulation.beginning()]
+    for _ in range(simulation.steps):
+        runs.append(runs[-1].step(dt))
+    half = [-run.state.reaction[0, 2] for run in runs[len(runs) // 2 :]]
+    assert np.mean(half) == pytest.approx(0.2, rel=CAPSTAN + np.pi * (SPEED * dt / 5e-3) ** 2)
+    assert runs[-1].energies.numerical_dissipation >= runs[0].energies.numerical_dissipation
+
+
+def test_the_works_of_a_strand_that_slides_at_rest_are_those_of_its_forces() -> None:
+    """Independent check: the forces are the same at both ends of a load step, so that the works are exactly their
+    products with the ways, and friction takes T₁ − T₂ times the way of the thread."""
+    ways = f"[[0, 0, -5.1e-3, -0.02], [1, 0, -5.1e-3, -0.02], [5, 0, -5.1e-3, {-0.02 - 4 * WAY}]]"
+    simulation = drawn(0.2, ways, 1.0, 'kind = "static"\n        duration = 5.0\n        load_steps = 5')
+    run = simulation.beginning()
+    for k in range(5):
+        before, run = run, run.load(0.2 * (k + 1), 5.0)
+    pulls = [-each.state.reaction[0, 2] for each in (before, run)]
+    external, friction = (getattr(run.energies, name) - getattr(before.energies, name) for name in WORKS)
+    given = np.mean(pulls) * WAY
+    assert external == pytest.approx(given - 0.2 * (run.state.q[-1, 2] - before.state.q[-1, 2]), abs=1e-6 * given)
+    assert friction == pytest.approx((np.mean(pulls) - 0.2) * WAY, rel=CAPSTAN)
 
 
 STRAND = """

@@ -470,13 +470,19 @@ class MeshedOrgan:
         assert self.skin is not None
         return self.skin.finest
 
-    def faced(self, state: OrganState, places: Array, labels: Array) -> Array:
+    def faced(
+        self, state: OrganState, places: Array, labels: Array, before: OrganState | None = None, ratio: float = 0.0
+    ) -> Array:
         """Return the facing data of outside points, shape `(j, 9 + l)`.
 
-        The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`.
+        The points are at `places` `(j, 3)` [m] and have `labels` `(j, l)`. The surface is moved on by
+        `ratio` times its way since the state `before`; None means that it stays.
         """
         assert self.skin is not None
-        return self.skin.faced(self.nodal(self.field(state)), places, labels)
+        U = self.field(state)
+        return self.skin.faced(
+            self.nodal(U if before is None else U + ratio * (U - self.field(before))), places, labels
+        )
 
     def touched(self, state: OrganState, points: Array) -> OrganState:
         """Return the state before a step with the facing data `points` `(j, 9 + l)`."""
