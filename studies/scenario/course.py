@@ -117,16 +117,17 @@ class Timed(ScenarioTable):
             rows = ended(rows, self.until)
         return None if is_whole(rows, end) else tuple(rows)
 
-    def last_change(self, duration: float, ramp: float) -> tuple[str, float]:
+    def last_change(self, duration: float, ramp: float | None) -> tuple[str, float]:
         """Return the key and the time [s] of the last change of the load, except its end at `until`.
 
         A load after a `duration` [s] has its beginning instead. A load without a course grows over
-        `ramp` [s], and a cycle has no last change.
+        `ramp` [s], at once if it is None, and a cycle has no last change.
         """
         if self.from_ > duration:
             return "from", self.from_
         course = self.course.rows(0.0) if isinstance(self.course, ScenarioTable) else self.course
-        last = self.from_ + (course[-1][0] if course else ramp)
+        changes = [later for (_, before), (later, now) in pairwise(course or ()) if now != before]
+        last = self.from_ + (max(changes, default=0.0) if course else ramp or 0.0)
         return "course" if course else "ramp", min(last, self.until or inf) * (1.0 - JUMP)  # sums have round-off
 
     def short_wave(self, shortest: float) -> tuple[str, float] | None:

@@ -97,8 +97,7 @@ def times_of(scenario: Scenario) -> dict[str, float]:
         for tie in scenario.tie
         for key, time in (("from", tie.from_), ("until", tie.until))
     }
-    solve, loaded = scenario.solve, scenario.loads.items()
-    changes = ((key, load.last_change(solve.duration, load.ramp or 0.0)) for key, load in loaded)
+    changes = ((key, load.last_change(scenario.solve.duration, load.ramp)) for key, load in scenario.loads.items())
     loads = {f"{key}.{name}": time for key, (name, time) in changes}
     return begins | ties | loads | {f"cut.{k}.time": table.time for k, table in enumerate(scenario.cut)}
 

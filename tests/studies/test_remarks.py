@@ -432,6 +432,7 @@ def test_a_tie_that_is_not_locked_before_the_end_is_told(duration: float, late: 
         ({"from": 0.5, "ramp": 1.0}, {"ramp": 1.5}),
         ({"course": [[0, 0], [5, 1]]}, {"course": 5.0}),
         ({"course": [[0, 0], [5, 1]], "until": 1.0}, {}),
+        ({"course": [[0, 0], [0.5, 1], [5, 1]]}, {}),  # constant from 0.5 s on
         ({"course": [[0, 0], [0.5, 1], [1, 0]]}, {}),
         ({"course": {"kind": "cough", "at": 2.0}}, {"course": 2.4}),
         ({"from": 0.7, "course": {"kind": "cough", "at": 0.2, "duration": 0.1}}, {}),  # to 1 s, except round-off
