@@ -130,7 +130,7 @@ class Hyperelasticity:
 
     @cached_property
     def kappa(self) -> PerCell:
-        """Bulk modulus that acts cell by cell [Pa]."""
+        """Bulk modulus that acts at each point [Pa]."""
         material = self.body.material
         lam = cellwise_lambda(material, self.body.dilatation)
         return lam + 2.0 / 3.0 * material.lame_mu
@@ -288,7 +288,7 @@ class Hyperelasticity:
         if kind != "cell":
             A += self._pressure_at_points(determinant(F)) * determinant_tangent(F)
         if kind == "mean":
-            local, stiffness = self._rates(F)[0], self._stiffness_of_averages
+            local, stiffness = np.ascontiguousarray(self._rates(F)[0]), self._stiffness_of_averages
         K = self._cells.assembled(stiffness_blocks(self.slopes, A, local, stiffness, self._cells.block))
         return csr_matrix(K + self._volume_tangent(F)) if kind == "nodal" else K
 

@@ -96,12 +96,12 @@ class Ahead(Generic[Body]):
     """The expected end of a step in time.
 
     The thread has control points `q` (n, c) [m]. The organ moves on by `ratio` times its way since
-    its state `before`.
+    its state `before`; without that state it stays.
     """
 
     q: Array
-    before: Body
-    ratio: float
+    before: Body | None = None
+    ratio: float = 0.0
 
 
 def touching_organ(

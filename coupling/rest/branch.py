@@ -250,7 +250,7 @@ def follow(branch: Branch[Body], share: float) -> list[Step[Body]]:
         try:
             for step in walk(branch, share):
                 taken.append(step)
-            taken[-1] = inside(branch.system, snapped(taken[-1], share, branch.duration, branch.began))
+            taken[-1] = inside(branch.system, snapped(taken[-1], share, branch.duration, taken[-1].old))
             return [*taken[:-1], pair_lips(branch.system, taken[-1], share, branch.duration)]
         except (StepError, SingularError) as error:
             raise lost(branch, taken, getattr(error, "cause", str(error))) from error

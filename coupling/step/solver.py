@@ -23,17 +23,22 @@ from thread.errors import ThreadError
 log = logging.getLogger(__name__)
 
 
-def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, patience: int = 0) -> Solution[Body]:
+def find(
+    problem: Problem[Body],
+    guess: Iterate,
+    begin: Iterate | None = None,
+    patience: int = 0,
+    far: bool = False,
+) -> Solution[Body]:
     """Solve a problem close to a guess, or downhill if Newton's method does not converge from there.
 
     The way downhill starts at `begin`; None means the guess (`coupling.step.descent`). `patience`
     is the allowed number of its corrections, in those of a plain solve; 0 means PATIENCE. Raises
     `StepError`.
 
-    In loops Newton's method is also tried from `begin`. If it fails there too, and the guess is
-    further away than one correction may go, the step is too long for its motion and is left to be
-    halved: in scenes where a thread is thrown, half steps by the loops took a fifth to a tenth of
-    the time of ways downhill.
+    In loops Newton's method is also tried from `begin`. If it fails there too, and the motion of the
+    step is `far`, there is no way downhill: where a thread is thrown, half steps by the loops took
+    down to a fifth of the time of ways downhill.
     """
     try:
         return solve(problem, guess)
@@ -43,7 +48,7 @@ def find(problem: Problem[Body], guess: Iterate, begin: Iterate | None = None, p
         try:
             return solve(problem, begin)
         except StepError:
-            if newton.allowed_share(problem, guess.q - begin.q) < 1.0:
+            if far:
                 raise
     return solve(problem, guess if begin is None else begin, patience or PATIENCE)
 

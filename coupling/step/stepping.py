@@ -19,7 +19,7 @@ from coupling.kernels.constraints import Passage, passage
 from coupling.step.configuration import Configuration, configuration_of
 from coupling.step.diagnosis import diagnose, refuse_crossing, refuse_drawn_out, refuse_held_end
 from coupling.step.motion import what_it_does
-from coupling.step.newton import Iterate, Problem, Residual, Solution, failure
+from coupling.step.newton import Iterate, Problem, Residual, Solution, allowed_share, failure
 from coupling.step.sliding import law_of
 from coupling.step.solver import find, solve
 from coupling.step.stability import go_aside
@@ -141,12 +141,14 @@ def ask_organ(
 
 
 def ahead_of(system: System[Body], state: State[Body], dt: float) -> Ahead[Body] | None:
-    """Return the expected end of a step of `dt` [s] from a state; None if the state has no memory."""
-    if not system.bears or state.before is None or state.dt_before is None:
+    """Return the expected end of a step of `dt` [s] from a state; None if the thread bears on nothing."""
+    if not system.bears:
         return None
-    thread = system.at(state).thread
-    q = moved_on(thread.spline, ride_of(thread, system.gravity), state, dt)
-    return Ahead(with_ends(q, system, state.time + dt), state.before.organ, dt / state.dt_before)
+    thread, before = system.at(state).thread, state.before
+    q = with_ends(moved_on(thread.spline, ride_of(thread, system.gravity), state, dt), system, state.time + dt)
+    if before is None or state.dt_before is None:
+        return Ahead(q)
+    return Ahead(q, before.organ, dt / state.dt_before)
 
 
 def moved_on(spline: Spline, how: Ride, state: State[Body], dt: float) -> Array:
@@ -289,7 +291,8 @@ def try_step(system: System[Body], state: State[Body], dt: float, scheme: Scheme
     """Return one step of `dt` [s] by `scheme`; None means backward Euler. Raises `StepError`, `InversionError`."""
     scheme = scheme or BackwardEuler(dt)
     problem = dynamic_problem(system, state, dt, organ_answer(system, scheme, state), scheme)
-    solution = find(problem, predict(problem, state), where_it_is(problem, state))
+    far = allowed_share(problem, dt * state.v) < 1.0  # further than a correction may go
+    solution = find(problem, predict(problem, state), where_it_is(problem, state), far=far)
     return conclude(state, scheme, go_aside(solution))
 
 

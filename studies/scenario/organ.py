@@ -362,7 +362,8 @@ class Tissue(MaterialKeys):
         self._refuse(reduced and self.relaxes, "reduction.relaxation")
         self._refuse(reduced and not self.inertia, "reduction.inertia")
 
-    def _check_bound(self) -> None:
+    def _check_cells(self) -> None:
+        self._refuse((self.element, self.dilatation) == ("P1", "mean"), "dilatation.mean")
         self._refuse(self.mesh.bound and self.material != "linear", "mesh.bound.finite")
 
     def _check_lips(self) -> None:

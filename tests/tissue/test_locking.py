@@ -88,14 +88,14 @@ def test_a_bonded_layer_does_not_lock(element: str) -> None:
 
 
 def test_means_over_cells_do_not_lock() -> None:
-    """Errors at ν = 0.4999 at most twice those at 0.45 on the same mesh, where both formulations are one; with the
+    """Errors at ν = 0.4999 at most 1.5 times those at 0.45 on the same mesh, where both formulations are one; with the
     dilatation cell by cell more than 2.5 times."""
     moderate = np.array(layer_errors("P2", 0.45))
     assert np.array(layer_errors("P2", 0.45, "mean")) == pytest.approx(moderate, rel=1e-9)
-    assert (np.array(layer_errors("P2", 0.4999, "mean")) <= 2.0 * moderate).all()
+    assert (np.array(layer_errors("P2", 0.4999, "mean")) <= 1.5 * moderate).all()
     assert layer_errors("P2", 0.4999, "cell")[0] > 2.5 * moderate[0]
     moderate_frequency = lame_error("P2", 0.45, "cell")
-    assert lame_error("P2", 0.4999, "mean") <= 2.0 * moderate_frequency
+    assert lame_error("P2", 0.4999, "mean") <= 1.5 * moderate_frequency
     assert lame_error("P2", 0.4999, "cell") > 2.5 * moderate_frequency
 
 
@@ -167,6 +167,19 @@ def test_a_soft_half_takes_no_part_in_the_average() -> None:
     assert energy == pytest.approx(0.25, rel=1e-12)
 
 
+def test_tissue_at_the_limit_of_the_rest_takes_no_part_in_the_average() -> None:
+    """Independent check: a half with ν = 0.3, whose λ is the rest up to round-off, is that with ν a little smaller."""
+    mesh = MeshTet.init_tensor(*[np.linspace(0.0, 1.0, 3)] * 3)
+    soft = mesh.p[0, mesh.t].mean(axis=0) > 0.5
+    one, other = (
+        tissue.elasticity(mesh, tissue.Material(1e5, np.where(soft, nu, 0.499), 1.0), "P1").K
+        for nu in (0.3, 0.3 - 1e-9)
+    )
+    assert abs(one - other).max() <= 1e-7 * abs(one).max()
+
+
 def test_unknown_dilatation_is_refused() -> None:
+    with pytest.raises(tissue.TissueError, match="P1 cell"):
+        tissue.elasticity(MeshTet(), tissue.Material(1.0, 0.3, 1.0), dilatation="mean")
     with pytest.raises(tissue.TissueError, match="dilatation = 'edge'"):
         tissue.elasticity(MeshTet(), tissue.Material(1.0, 0.3, 1.0), dilatation="edge")

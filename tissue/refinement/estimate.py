@@ -11,7 +11,7 @@ Numer. Meth. Eng. 24, 1987):
 
 σ* has the order of the element. It is averaged only within one material, because stress jumps
 between two materials. A pressure that is averaged at the vertices (`tissue.elasticity`) is the same
-in σ* and in σ_h, and is left out of both.
+in σ* and in σ_h, and is left out of both. With averages Galerkin orthogonality holds only nearly.
 
 At the edges of a clamp the stress is singular, and σ* misses most of the error. η_T² of the cells
 with a held node is therefore multiplied by SINGULAR.
