@@ -104,7 +104,7 @@ def stiffness_and_mass(
     cells [kg], `(c,)` each.
     """
     n = graph.cells.shape[1]
-    K, M, mass = _zeros(graph, graph.nodes, 3, 3), _zeros(graph, graph.nodes, 3, 1), np.zeros(len(graph.neighbours))
+    K, M, mass = _zeros(graph, 3), _zeros(graph, 1), np.zeros(len(graph.neighbours))
     slopes = means.slopes.reshape(n * n, 16)
     pair, term = np.nonzero(slopes)
     sums = np.searchsorted(pair, np.arange(n * n + 1)), term, slopes[pair, term]
@@ -113,18 +113,17 @@ def stiffness_and_mass(
     return K, M
 
 
-def _zeros(graph: CellGraph, nodes: int, rows: int, width: int) -> csr_matrix:
-    """Return a matrix of zeros with `rows` rows for each of the first `nodes` nodes.
+def _zeros(graph: CellGraph, width: int) -> csr_matrix:
+    """Return a matrix of zeros with three rows for each node.
 
     A row has entries for all three unknowns of each neighbour. With `width` 1 it has entries only
     for the component of the row.
     """
-    first, neighbours = graph.first[: nodes + 1], graph.neighbours[: graph.first[nodes]]
-    entries, columns = rows * width * len(neighbours), 3 * graph.nodes
-    whole: type[np.integer] = np.int32 if max(entries, columns) <= LARGEST_INT32 else np.int64
-    indptr, indices = np.zeros(rows * nodes + 1, whole), np.empty(entries, whole)
-    _number(first, neighbours, rows, width, indptr, indices)
-    return csr_matrix((np.zeros(entries), indices, indptr), shape=(rows * nodes, columns))
+    entries, size = 3 * width * len(graph.neighbours), 3 * graph.nodes
+    whole: type[np.integer] = np.int32 if max(entries, size) <= LARGEST_INT32 else np.int64
+    indptr, indices = np.zeros(size + 1, whole), np.empty(entries, whole)
+    _number(graph.first, graph.neighbours, width, indptr, indices)
+    return csr_matrix((np.zeros(entries), indices, indptr), shape=(size, size))
 
 
 @compiled
@@ -168,16 +167,16 @@ def _neighbours(cells: Whole, begin: Whole, around: Whole) -> tuple[Whole, Whole
 
 
 @compiled
-def _number(first: Whole, neighbours: Whole, rows: int, width: int, indptr: Whole, indices: Whole) -> None:
+def _number(first: Whole, neighbours: Whole, width: int, indptr: Whole, indices: Whole) -> None:
     """Write the row starts and the columns of the matrix of `_zeros`."""
     at = 0
     for a in range(len(first) - 1):
-        for p in range(rows):
+        for p in range(3):
             for k in range(first[a], first[a + 1]):
                 for q in range(width):
                     indices[at] = 3 * neighbours[k] + (q if width == 3 else p)
                     at += 1
-            indptr[rows * a + p + 1] = at
+            indptr[3 * a + p + 1] = at
 
 
 @compiled

@@ -376,6 +376,12 @@ def cellwise_lambda(material: Material, dilatation: str) -> PerCell:
     return np.where(material.lame_lambda <= part * (1.0 + ROUND_OFF), material.lame_lambda, part)
 
 
+def excess_lambda(body: Elasticity, dilatation: str) -> Array:
+    """Return λ̄, the part of λ beyond `cellwise_lambda`, shape `(c,)` [Pa]."""
+    excess = body.material.lame_lambda - cellwise_lambda(body.material, dilatation)
+    return np.broadcast_to(np.asarray(excess, dtype=float), body.mesh.nelements)
+
+
 def stiffness(basis: Basis, lam: PerCell, mu: PerCell) -> csr_matrix:
     """Assemble K_ij = ∫ λ div φ_i div φ_j + 2μ ε(φ_i) : ε(φ_j) dx, shape `(N, N)` [N/m]."""
     # The strain of P_k has degree k − 1. K therefore needs no rule of degree 2k, as the load does.
@@ -398,8 +404,7 @@ def averaged_dilatation(body: Elasticity, kind: str) -> tuple[csr_matrix, csr_ma
     without excess do not contribute, and p is zero at an average of such cells. The energy is ½
     UᵀDᵀpU.
     """
-    lam = body.material.lame_lambda - cellwise_lambda(body.material, kind)
-    excess = np.broadcast_to(np.asarray(lam, float), body.mesh.nelements)
+    excess = excess_lambda(body, kind)
     volumes = np.where(excess > 0.0, body.six_volumes / 6.0, 0.0)
     numbers, element = averages_of(body.mesh, kind)
     places, weights = get_quadrature(body.cell, max(1, element.maxdeg + body.cell.maxdeg - 1))

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import bsr_matrix, csr_matrix, diags_array
 
 from tissue.arrays import Array, Indices
-from tissue.elasticity import Elasticity, cellwise_lambda, shape_gradients
+from tissue.elasticity import Elasticity, cellwise_lambda, excess_lambda, shape_gradients
 from tissue.errors import TissueError
 from tissue.loops import compiled
 from tissue.material import PerCell
@@ -182,10 +182,8 @@ class Hyperelasticity:
 
     @cached_property
     def _excess(self) -> Array:
-        """λ̄, the part of λ beyond the part that acts at each point, shape `(c,)` [Pa]."""
-        material = self.body.material
-        excess = material.lame_lambda - cellwise_lambda(material, self.body.dilatation)
-        return np.broadcast_to(np.asarray(excess, dtype=float), self.body.mesh.nelements)
+        """λ̄, the averaged part of λ, shape `(c,)` [Pa]."""
+        return excess_lambda(self.body, self.body.dilatation)
 
     @cached_property
     def _before(self) -> Array:
