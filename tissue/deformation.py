@@ -3,6 +3,7 @@
 import numpy as np
 
 from tissue.arrays import Array
+from tissue.elasticity import Elasticity
 from tissue.hyperelasticity import Hyperelasticity
 from tissue.materials.density import Density, determinant
 
@@ -29,25 +30,30 @@ def cell_energy(hyper: Hyperelasticity, U: Array, density: Density | None = None
     return np.asarray(hyper.energy_at_points(hyper.gradient(U), density).sum(axis=0) / hyper.weights.sum(axis=0))
 
 
-def cell_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the mean of the Cauchy stress σ = P Fᵀ/J over each cell, shape `(c, 3, 3)` [Pa]."""
-    F = hyper.gradient(U)
-    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / determinant(F)
-    return _cell_means(hyper, sigma)
-
-
 def cauchy_stress(hyper: Hyperelasticity, U: Array, density: Density | None = None) -> Array:
-    """Return the Cauchy stress xx, yy, zz, xy, yz, xz at the nodes, shape `(m, 6)` [Pa].
+    """Return the Cauchy stress σ = P Fᵀ/J at the nodes: xx, yy, zz, xy, yz, xz, shape `(m, 6)` [Pa].
 
-    The stress at a node is the mean of its cells, weighted by volume.
+    The stress at a node is the mean of its cells, weighted by volume. The field of a cell is linear.
+    It is fitted to the quadrature points, as for a linear material (`tissue.stress`).
     """
-    body, sigma = hyper.body, cell_stress(hyper, U, density)
-    volume, cells = hyper.weights.sum(axis=0), body.cells
-    flat = np.column_stack([sigma[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
-    each = np.repeat(volume[:, None] * flat, cells.shape[1], axis=0)
-    m, at = len(body.nodes), cells.ravel()
-    total = np.bincount(at, np.repeat(volume, cells.shape[1]), m)
-    return np.column_stack([np.bincount(at, part, m) / total for part in each.T])
+    body, F = hyper.body, hyper.gradient(U)
+    sigma = np.einsum("ikqc,jkqc->ijqc", hyper.stress(F, density), F) / determinant(F)
+    six = np.stack([sigma[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))])
+    volume, m, at = hyper.weights.sum(axis=0), len(body.nodes), body.cells.ravel()
+    each = np.einsum("nq,sqc->scn", _to_nodes(body), six * volume).reshape(6, -1)
+    total = np.bincount(at, np.repeat(volume, body.cells.shape[1]), m)
+    return np.column_stack([np.bincount(at, part, m) / total for part in each])
+
+
+def _to_nodes(body: Elasticity) -> Array:
+    """Return the matrix from values at the quadrature points of a cell to its nodes, shape `(n, q)`.
+
+    A linear field is fitted by least squares, or a constant one to the point of a linear cell.
+    """
+    points = np.asarray(body.rule[0])
+    terms = 4 if len(points) > 1 else 1
+    of_nodes, of_points = (np.insert(x, 0, 1.0, axis=1)[:, :terms] for x in (np.asarray(body.cell.doflocs), points))
+    return np.asarray(of_nodes @ np.linalg.pinv(of_points))
 
 
 def _cell_means(hyper: Hyperelasticity, field: Array) -> Array:
