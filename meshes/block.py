@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, in_unit, session
-from meshes.grading import Grading, require_positive, site_points
+from meshes.grading import Grading, Gradings, require_positive, site_points
 from meshes.named import bare_mesh, with_boundaries
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def _least_tets(size: Sequence[float], grading: Grading, sites: ArrayLike) -> fl
 
 
 def graded_block_gmsh(
-    size: Sequence[float], grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
+    size: Sequence[float], grading: Gradings, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
     """Return an unstructured mesh of a block by gmsh, with facets along the planes.
 

@@ -3,14 +3,14 @@
 The estimates are made before the mesh is made.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from meshes.grading import Grading
+from meshes.grading import Grading, Gradings, grading_at
 
 Array = NDArray[np.float64]
 
@@ -48,30 +48,32 @@ def budget(tets: float, element: str) -> Budget:
     return Budget(tets, unknowns, BYTES_PER_UNKNOWN[element] * unknowns)
 
 
-def expected_tets(volume: float, grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
+def expected_tets(
+    volume: float, grading: Gradings, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]
+) -> float:
     """Return the estimated number of tetrahedra, ∫ dV / (c h³) over a body of a volume [m³].
 
-    Sites have shape `(p, 3)` [m]; `inside` returns which points `(k, 3)` lie in the body. The sites
-    increase 1/h³. This increase is summed on spheres about each site, over the points that have
-    this site as the nearest one.
+    Sites have shape `(p, 3)` [m], and `grading` is for all or for each. `inside` returns which points
+    `(k, 3)` lie in the body. The sites increase 1/h³. This increase is summed on spheres about each
+    site, over the points that have this site as the nearest one.
     """
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        cells = volume / np.float64(grading.h) ** 3 + _added(grading, sites, inside)
+        each = grading_at(grading, len(sites))
+        h = grading.h if isinstance(grading, Grading) else each[0].h
+        cells = volume / np.float64(h) ** 3 + (_added(each, sites, inside) if each else 0.0)
     return float(np.nan_to_num(cells, nan=np.inf, posinf=np.inf)) / TETRAHEDRON
 
 
-def _added(grading: Grading, sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
+def _added(gradings: Sequence[Grading], sites: Array, inside: Callable[[Array], NDArray[np.bool_]]) -> float:
     """Return ∫ (1/size³ − 1/h³) dV about the sites."""
-    if not len(sites) or grading.h_site == grading.h:
-        return 0.0
     # Shells with equal numbers of elements resolve the fine zone as well as the coarse one.
-    edges = np.asarray(grading.distance(np.linspace(0.0, float(grading.cells(grading.reach)), SHELLS + 1)))
-    middle, content = (edges[1:] + edges[:-1]) / 2, 4 * np.pi / 3 * np.diff(edges**3)
-    density = (grading.size(middle) ** -3 - np.float64(grading.h) ** -3) * content
-    points = sites[:, None, None] + middle[:, None, None] * _directions()
+    edges = np.stack([each.distance(np.linspace(0.0, float(each.cells(each.reach)), SHELLS + 1)) for each in gradings])
+    middle, content = (edges[:, 1:] + edges[:, :-1]) / 2, 4 * np.pi / 3 * np.diff(edges**3)
+    density = [each.size(m) ** -3 - np.float64(each.h) ** -3 for each, m in zip(gradings, middle, strict=True)]
+    points = sites[:, None, None] + middle[..., None, None] * _directions()
     nearest = cKDTree(sites).query(points.reshape(-1, 3))[1].reshape(points.shape[:3])
     own = (nearest == np.arange(len(sites))[:, None, None]) & inside(points.reshape(-1, 3)).reshape(points.shape[:3])
-    return float(np.sum(own.mean(axis=2) * density))
+    return float(np.sum(own.mean(axis=2) * content * density))
 
 
 def _directions() -> Array:

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, in_unit, session
-from meshes.grading import Grading, require_positive, site_points
+from meshes.grading import Gradings, require_positive, site_points
 from meshes.named import checked_mesh
 
 Array = NDArray[np.float64]
 
 
-def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+def cylinder(radius: float, length: float, grading: Gradings, sites: ArrayLike = ()) -> skfem.MeshTet:
     """Return a mesh of the cylinder y² + z² ≤ radius², |x| ≤ length/2 [m].
 
     The mesh is graded toward sites `(p, 3)` [m]. Boundaries are left (x = −length/2), right (x =
@@ -37,7 +37,7 @@ def cylinder(radius: float, length: float, grading: Grading, sites: ArrayLike = 
         return _with_faces(generate(gmsh, grading, points, unit), length, {"side": radius})
 
 
-def tube(radius: float, wall: float, length: float, grading: Grading, sites: ArrayLike = ()) -> skfem.MeshTet:
+def tube(radius: float, wall: float, length: float, grading: Gradings, sites: ArrayLike = ()) -> skfem.MeshTet:
     """Return a mesh of the tube (radius − wall)² ≤ y² + z² ≤ radius², |x| ≤ length/2 [m].
 
     The mesh is graded toward sites `(p, 3)` [m]. Boundaries are left, right, inner and outer. Both
@@ -63,7 +63,7 @@ def add_bar(gmsh: Any, radius: float, length: float, unit: float) -> int:
 
 
 def stumps(
-    radius: float, wall: float, length: float, gap: float, grading: Grading, sites: ArrayLike = ()
+    radius: float, wall: float, length: float, gap: float, grading: Gradings, sites: ArrayLike = ()
 ) -> skfem.MeshTet:
     """Return a mesh of the `tube` cut in the middle, with two stumps `gap` [m] apart.
 

@@ -5,7 +5,7 @@ finalised.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -15,7 +15,7 @@ import skfem
 from numpy.typing import ArrayLike, NDArray
 
 from meshes.errors import MeshError
-from meshes.grading import Grading
+from meshes.grading import Grading, Gradings, grading_at
 from meshes.named import Named, named_mesh
 
 Array = NDArray[np.float64]
@@ -88,31 +88,36 @@ def in_unit(lengths: ArrayLike, unit: float) -> Array:
     return np.round(np.asarray(lengths, dtype=float) / unit, DIGITS)
 
 
-def generate(gmsh: Any, grading: Grading, sites: Array, unit: float) -> skfem.MeshTet:
+def generate(gmsh: Any, gradings: Gradings, sites: Array, unit: float) -> skfem.MeshTet:
     """Return a mesh of the current model, with the size graded toward sites `(p, 3)` [m].
 
-    The model is drawn in the `unit` [m]. Raises `MeshError` if gmsh fails.
+    `gradings` has one grading for all sites, or one for each. The model is drawn in the `unit` [m].
+    Raises `MeshError` if gmsh fails.
     """
-    gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(grading.h, unit)))
-    _set_size_field(gmsh, grading, sites, unit)
+    each = grading_at(gradings, len(sites))
+    largest = gradings.h if isinstance(gradings, Grading) else max(grading.h for grading in each)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float(in_unit(largest, unit)))
+    _set_size_field(gmsh, each, sites, unit)
     try:
         gmsh.model.mesh.generate(3)
     except Exception as error:  # gmsh raises no more specific error
         raise MeshError(
-            f"gmsh cannot mesh this shape with h = {grading.h}, h_site = {grading.h_site}: {error}"
+            f"gmsh cannot mesh this shape with sizes from {min((g.h_site for g in each), default=largest):.3g} to "
+            f"{largest:.3g} m: {error}"
         ) from error
     return current_mesh(gmsh, unit)
 
 
-def _set_size_field(gmsh: Any, grading: Grading, sites: Array, unit: float) -> None:
+def _set_size_field(gmsh: Any, gradings: Sequence[Grading], sites: Array, unit: float) -> None:
     """Set a size field of one ball per site (gmsh manual, Ball and Min).
 
     The size is linear in the shell of a ball. The smallest size of all balls is used.
     """
     field = gmsh.model.mesh.field
-    balls, shell = [], (grading.flat, grading.reach - grading.flat, grading.h_site, grading.h)
+    balls = []
     names = ("XCenter", "YCenter", "ZCenter", "Radius", "Thickness", "VIn", "VOut")
-    for site in sites:
+    for site, grading in zip(sites, gradings, strict=True):
+        shell = grading.flat, grading.reach - grading.flat, grading.h_site, grading.h
         ball = field.add("Ball")
         for key, value in zip(names, in_unit([*site, *shell], unit).tolist(), strict=True):
             field.setNumber(ball, key, value)

@@ -1,6 +1,7 @@
 """Element size as a function of the distance to the nearest site, shared by every graded mesh."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,6 +91,20 @@ class Grading:
             + np.expm1(self.slope * growing) * self.h_site / self.slope
             + np.maximum(n - n_reach, 0.0) * self.h
         )
+
+
+Gradings = Grading | Sequence[Grading]  # one for all sites, or one for each
+
+
+def grading_at(gradings: Gradings, count: int) -> list[Grading]:
+    """Return the grading of each of `count` sites.
+
+    Raises `MeshError` unless there is one grading for all sites, or one for each.
+    """
+    each = [gradings] * count if isinstance(gradings, Grading) else list(gradings)
+    if len(each) != count:
+        raise MeshError(f"{len(each)} gradings for {count} sites: give one for all sites, or one for each")
+    return each
 
 
 def site_points(sites: ArrayLike) -> Array:

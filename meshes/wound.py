@@ -31,7 +31,7 @@ from meshes.block import (
 )
 from meshes.errors import MeshError
 from meshes.gmsh_session import generate, in_unit, session
-from meshes.grading import Grading, require_positive
+from meshes.grading import Grading, Gradings, grading_at, require_positive
 from meshes.named import checked_mesh
 
 Array = NDArray[np.float64]
@@ -126,7 +126,7 @@ def wounded_block_structured(
 
 
 def wounded_block_gmsh(
-    size: Sequence[float], wound: Wound, grading: Grading, sites: ArrayLike = (), planes: Planes = NO_PLANES
+    size: Sequence[float], wound: Wound, grading: Gradings, sites: ArrayLike = (), planes: Planes = NO_PLANES
 ) -> skfem.MeshTet:
     """Return a mesh of the wounded block by gmsh.
 
@@ -142,7 +142,10 @@ def wounded_block_gmsh(
     points[:, 0] = np.abs(points[:, 0])
     across, along, depths = frame.planes
     planes = sorted({abs(x) for x in across}), along, depths
-    quarter = _is_symmetric(points[:, 1:], frame) and _is_symmetric(np.reshape(along, (-1, 1)), frame)
+    sizes = [each.h_site for each in grading_at(grading, len(points))]
+    quarter = _is_symmetric(np.column_stack([points[:, 1:], sizes]), frame) and _is_symmetric(
+        np.reshape(along, (-1, 1)), frame
+    )
     with session() as gmsh:
         lower = np.array([0.0, 0.0 if quarter else frame.lower[1], frame.lower[2]])
         add_box(gmsh, lower, frame.upper, planes, frame.unit)

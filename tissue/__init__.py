@@ -22,6 +22,7 @@ from tissue.organs.rim import Rim
 from tissue.organs.skin import skin_of
 from tissue.refinement.bound import relative_bounds
 from tissue.refinement.estimate import Estimate
+from tissue.refinement.mark import Zone, zones
 from tissue.refinement.rounds import Fitted, fitted
 from tissue.relaxation import Prony
 from tissue.sites.site import Site, build_sites, cells_at
@@ -60,6 +61,7 @@ __all__ = [
     "StressRecovery",
     "SurfaceLoad",
     "TissueError",
+    "Zone",
     "build_gaps",
     "build_sites",
     "cauchy_stress",
@@ -91,4 +93,5 @@ __all__ = [
     "surface_gaps",
     "volume_ratio",
     "von_mises",
+    "zones",
 ]

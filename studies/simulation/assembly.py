@@ -7,6 +7,7 @@ from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
+import skfem
 
 import tissue
 from coupling.rest.laying import start
@@ -20,7 +21,7 @@ from studies.scenario.organ import ACCURACY
 from studies.scenario.scenario import check_cuts, check_order, check_spans, resolved
 from studies.simulation.given import NOTHING, Given
 from studies.simulation.laid import LaidPath, moved_with, over_surface, through_holes
-from studies.simulation.meshing import check_inside, organ_mesh, strength_at, with_places
+from studies.simulation.meshing import Holes, check_inside, organ_mesh, strength_at, with_places
 from studies.simulation.organ import AnyOrgan, course_of, depths_of, loads_of, organ_of, recovery_of, stored_body
 from studies.simulation.sharing import Shared, mesh_key, organ_key, thread_key
 from studies.simulation.tracts import Ball, Distances, bites_of, check_balls, of_piercings, with_balls
@@ -106,15 +107,20 @@ def assemble(scenario: Scenario, store: Shared | None = None, given: Given = NOT
     length = length_of(scenario, path)
     store = shareable(store, given)
     scenario = with_places(given.applied_to(scenario), store, given.volume)
-    make_mesh = partial(organ_mesh, scenario, given.volume)
-    mesh = None if scenario.tissue is None else store.take("mesh", mesh_key(scenario), make_mesh)
-    if mesh is not None:
-        check_inside(scenario.piercing, mesh)
     own = abscissae(scenario, path, length)
+    through = path_through(scenario.piercing, path, np.array(own) * (path.length / length))
+
+    def holes_on(mesh: skfem.MeshTet | None) -> tuple[Holes, list[float]]:
+        """Return the holes with the balls of tracts in a mesh, and their abscissae."""
+        if mesh is not None:
+            check_inside(scenario.piercing, mesh)
+        return with_balls(scenario, through, own, length, mesh)
+
+    make_mesh = partial(organ_mesh, scenario, given.volume, lambda mesh: [site_of(hole) for hole in holes_on(mesh)[0]])
+    mesh = None if scenario.tissue is None else store.take("mesh", mesh_key(scenario), make_mesh)
     known = [(hole, at) for hole, at in zip(scenario.piercing, own, strict=True) if is_known(hole)]
     check_order(known, length)
-    through = path_through(scenario.piercing, path, np.array(own) * (path.length / length))
-    holes, s = with_balls(scenario, through, own, length, mesh)
+    holes, s = holes_on(mesh)
     check_balls(scenario.thread, holes)
     sites = [site_of(hole) for hole in holes]
     body, fit = stored_body(scenario, sites, mesh, store, given)

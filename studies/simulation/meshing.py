@@ -21,7 +21,7 @@ from meshes.checks import parts
 from meshes.cylinder import cylinder, stumps, tube
 from meshes.facets import sharp_edges
 from meshes.file import ENDINGS, read
-from meshes.grading import Grading
+from meshes.grading import Grading, Gradings
 from meshes.named import with_boundaries
 from meshes.skin import fill, read_surface
 from meshes.units import metres_per_unit
@@ -34,13 +34,14 @@ from studies.scenario.piercing import place_refused
 from studies.scenario.scenario import check_apart
 from studies.scenario.values import Vector
 from studies.simulation.sharing import Shared, places_key
-from tissue.refinement.mark import SIZES
+from tissue.refinement.mark import BISECTED
 from tissue.sites.surface import ON_SURFACE
 
 log = logging.getLogger(__name__)
 
 Cells = NDArray[np.integer]
 Holes = tuple[model.Piercing, ...]
+SitesOn = Callable[[skfem.MeshTet], Sequence[tissue.Site]]
 
 SHARP = 45.0  # degrees between facets above which their common edge belongs to the organ and not only to the mesh
 ON_EDGE = 1e-9  # of the organ's diagonal: a hole this near to an edge is on the edge
@@ -55,17 +56,40 @@ class Body:
     nearest: Callable[[Array], Array]
 
 
-def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.MeshTet:
+def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None, sites: SitesOn | None = None) -> skfem.MeshTet:
     """Return the mesh with the additional boundaries and regions of the scenario.
 
-    `given` is a mesh from Python. Raises `ScenarioError` or `MeshError` for a mesh that cannot be
-    made or used.
+    `given` is a mesh from Python. `sites` returns the sites of the holes on a mesh; a mesh by gmsh
+    is then made again with small cells there. Raises `ScenarioError` or `MeshError` for a mesh that
+    cannot be made or used.
     """
     table = scenario.tissue
     if table is None:
         raise ScenarioError("tissue is missing: without an organ there is no mesh; add [tissue] and [tissue.mesh]")
     log.info("making the mesh: a %s", table.mesh.kind)
-    mesh = with_boxes(mesh_of(table, scenario.piercing) if given is None else given, table.boundary)
+    mesh = named_mesh(scenario, table, mesh_of(table, scenario.piercing) if given is None else given)
+    accuracy = table.mesh.accuracy
+    if given is None and sites is not None and accuracy != "given" and is_sized(scenario):
+        around = tissue.zones(mesh, table.element, accuracy, sites(mesh))
+        mesh = named_mesh(scenario, table, mesh_of(table, scenario.piercing, around))
+    return mesh
+
+
+def is_sized(scenario: Scenario) -> bool:
+    """Return whether gmsh makes the small cells at the holes, so that cells are not bisected there.
+
+    A hole with `near` lies on a facet of the first mesh, which a new mesh does not have.
+    """
+    shape = None if scenario.tissue is None else scenario.tissue.mesh
+    if shape is None or isinstance(shape, model.GivenMesh) or shape.h is None or shape.h_site is not None:
+        return False
+    found = any(hole.near is not None for hole in scenario.piercing)
+    return not found and getattr(shape, "generator", "gmsh") == "gmsh"
+
+
+def named_mesh(scenario: Scenario, table: model.Tissue, mesh: skfem.MeshTet) -> skfem.MeshTet:
+    """Return a checked mesh with the additional boundaries and regions of the scenario."""
+    mesh = with_boxes(mesh, table.boundary)
     for key, names in (("clamp", table.clamp), ("roller", table.roller)):
         report(unknown_clamp(names, sorted(mesh.boundaries or {}), key))
         check_outer(mesh, names, key)
@@ -75,18 +99,18 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None) -> skfem.
     return with_regions(mesh, table.region)
 
 
-def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
+def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing], around: Sequence[tissue.Zone] = ()) -> skfem.MeshTet:
     """Return the mesh from its generator or file.
 
-    It is graded towards the holes if a mesh size is given there.
+    It is graded towards the holes if a mesh size is given there, or towards the zones `around` them.
     """
     shape, planes = table.mesh, planes_of(table)
     if isinstance(shape, model.GivenMesh):
         raise refused("tissue.mesh.kind", shape.kind, "mesh-given")
     if isinstance(shape, model.FileMesh):
-        return _from_file(table, shape, holes)
+        return _from_file(table, shape, holes, around)
     body = body_of(shape)
-    grading, sites = grading_of(table, holes), body.nearest(places(holes))
+    grading, sites = sizes_of(table, holes, around, body)
     check_memory(table, grading, sites, body, planes)
     match shape:
         case model.CylinderMesh():
@@ -98,13 +122,22 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> skfem.MeshT
             return stumps(shape.radius, shape.wall, shape.length, shape.gap, grading, sites)
         case model.WoundMesh():
             check_clear(shape, holes)
-            wounded = wounded_block_structured if shape.generator == "structured" else wounded_block_gmsh
-            return wounded(shape.size, wound_of(shape), grading, sites, planes)
-    graded = graded_block_structured if shape.generator == "structured" else graded_block_gmsh
+    return _block(shape, grading, sites, planes)
+
+
+def _block(shape: model.BlockMesh | model.WoundMesh, grading: Gradings, sites: Array, planes: Planes) -> skfem.MeshTet:
+    """Return the mesh of a block or of a block with a wound."""
+    structured = isinstance(grading, Grading) and shape.generator == "structured"
+    if isinstance(shape, model.WoundMesh):
+        wounded: Callable[..., skfem.MeshTet] = wounded_block_structured if structured else wounded_block_gmsh
+        return wounded(shape.size, wound_of(shape), grading, sites, planes)
+    graded: Callable[..., skfem.MeshTet] = graded_block_structured if structured else graded_block_gmsh
     return graded(shape.size, grading, sites, planes)
 
 
-def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
+def _from_file(
+    table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing], around: Sequence[tissue.Zone]
+) -> skfem.MeshTet:
     """Return the tetrahedra of a file, or a closed surface filled."""
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
@@ -116,7 +149,7 @@ def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
-    grading, sites = grading_of(table, holes), body.nearest(places(holes))
+    grading, sites = sizes_of(table, holes, around, body)
     check_memory(table, grading, sites, body, NO_PLANES)
     return fill(skin, grading, sites)
 
@@ -139,6 +172,17 @@ def places(holes: Sequence[model.Piercing]) -> Array:
     return np.reshape([hole.place for hole in holes], (-1, 3)).astype(float)
 
 
+def sizes_of(
+    table: model.Tissue, holes: Sequence[model.Piercing], around: Sequence[tissue.Zone], body: Body
+) -> tuple[Gradings, Array]:
+    """Return the gradings of a generated mesh, one for all holes or one for each zone, and their places (k, 3) [m]."""
+    whole = grading_of(table, holes)
+    if not around:
+        return whole, body.nearest(places(holes))
+    each = [Grading(whole.h, min(zone.size, whole.h), float(np.exp(zone.growth)), zone.radius) for zone in around]
+    return each, body.nearest(np.array([zone.centre for zone in around]))
+
+
 def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
     """Return the sizes of a generated mesh; `h_site` reaches to the largest footprint.
 
@@ -152,7 +196,7 @@ def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
     radius = max(footprints, default=0.0)
     is_round = isinstance(shape, model.CylinderMesh | model.TubeMesh)
     if shape.h_site is None and is_round and shape.accuracy != "given":
-        least, growth = min([shape.h, *footprints]), float(np.exp(SIZES[table.element][2]))
+        least, growth = min([shape.h, *footprints]), float(np.exp(BISECTED[table.element][-1]))
         return Grading(shape.h, least, growth, least)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 
@@ -204,14 +248,17 @@ def _round(inner: float, radius: float, length: float, gap: float = 0.0) -> Body
     return Body(np.pi * (radius**2 - inner**2) * (length - gap), inside, nearest)
 
 
-def check_memory(table: model.Tissue, grading: Grading, sites: Array, body: Body, planes: Planes) -> None:
+def check_memory(table: model.Tissue, grading: Gradings, sites: Array, body: Body, planes: Planes) -> None:
     """Refuse a mesh whose organ needs more than the available memory, before the mesh is made."""
     shape = table.mesh
     if isinstance(shape, model.BlockMesh | model.WoundMesh) and shape.generator == "structured":
+        assert isinstance(grading, Grading)  # cells of a structured mesh are bisected
         tets = structured_tets(shape.size, grading, sites, planes)
     else:
         tets = expected_tets(body.volume, grading, sites, body.inside)
     if size := too_large(tets, table.element):
+        if not isinstance(grading, Grading):
+            raise refused("tissue.mesh.accuracy", shape.accuracy, "cells-many", holes=len(grading), size=size)
         key = "h" if grading.h_site == grading.h else "h_site"
         raise refused(f"tissue.mesh.{key}", getattr(grading, key), "mesh-large", h=grading.h, size=size)
 

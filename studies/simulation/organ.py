@@ -25,7 +25,7 @@ from studies.scenario import PulledEnd, Scenario, Solve, Tissue, WoundMesh, refu
 from studies.scenario.organ import LIPS, Load, Reduction
 from studies.scenario.values import Turn
 from studies.simulation.given import Given
-from studies.simulation.meshing import check_loaded, material_of, motions_left, owned, wound_of
+from studies.simulation.meshing import check_loaded, is_sized, material_of, motions_left, owned, wound_of
 from studies.simulation.sharing import Shared, body_key, reduction_key
 from tissue.elasticity import formulation
 from tissue.materials.density import Sum
@@ -205,8 +205,9 @@ def fitted(
     if shape.accuracy == "given":
         return body_on(mesh), None
     mirror = wound_of(shape).normal_axis if isinstance(shape, WoundMesh) and shape.width else None
+    sized = given.volume is None and is_sized(scenario)
     most = psutil.virtual_memory().available / BYTES_PER_UNKNOWN[table.element]
-    fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror)
+    fit = tissue.fitted(mesh, table.element, body_on, sites, shape.accuracy, most, mirror, sized)
     return fit.body, fit
 
 

@@ -217,6 +217,22 @@ def test_gmsh_edges_are_near_h_site_at_a_site_and_near_h_far_off():
 
 
 @NEEDS_GMSH
+def test_gmsh_makes_the_size_of_each_site():
+    """Independent check: the mean edges within the zones of two sites are near their own sizes, a third of one another;
+    edges inside are up to a half longer. One grading too few is refused."""
+    each = Grading(6e-3, 0.5e-3, radius=1e-3), Grading(6e-3, 1.5e-3, radius=3e-3)
+    sites = np.array([[-0.012, 0.0, 0.0], [0.012, 0.0, -0.005]])
+    mesh = graded_block_gmsh(SIZE, each, sites)
+    ends = mesh.p.T[mesh.edges.T]
+    lengths, middles = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), ends.mean(axis=1)
+    for site, grading in zip(sites, each, strict=True):
+        near = np.linalg.norm(middles - site, axis=1) < grading.radius
+        assert 0.8 <= lengths[near].mean() / grading.h_site <= 1.6
+    with pytest.raises(MeshError, match="1 gradings for 2 sites"):
+        graded_block_gmsh(SIZE, each[:1], sites)
+
+
+@NEEDS_GMSH
 def test_gmsh_block_is_far_smaller_than_the_tensor_grid_for_the_same_sizes():
     arguments = (SIZE, Grading(6e-3, 0.8e-3), SITES)
     assert graded_block_gmsh(*arguments).nvertices < graded_block_structured(*arguments).nvertices / 2

@@ -50,7 +50,14 @@ def test_a_site_on_a_face_counts_half_and_two_at_one_place_once():
 
 @NEEDS_GMSH
 @pytest.mark.parametrize(
-    "grading", [Grading(2e-3, 2e-3), Grading(4e-3, 0.5e-3, radius=1e-3), Grading(3e-3, 0.8e-3)], ids=str
+    "grading",
+    [
+        Grading(2e-3, 2e-3),
+        Grading(4e-3, 0.5e-3, radius=1e-3),
+        Grading(3e-3, 0.8e-3),
+        (Grading(4e-3, 0.5e-3, radius=1e-3), Grading(4e-3, 2e-3, growth=2.0)),
+    ],
+    ids=str,
 )
 def test_the_estimate_is_within_a_third_of_the_mesh(grading):
     mesh = graded_block_gmsh(SIZE, grading, SITES)

@@ -3,7 +3,8 @@
 At first the distance of a cell from the holes decides, and then its contribution to the error.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,10 +15,14 @@ from tissue.sites.site import Site
 from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, outer_surface
 
 # For each element: size of cells over the footprint's radius at which a half-space has the error
-# REACHED; this size for a ball inside, whose force is distributed over a volume; growth of the size
-# with the distance; order of the compliance error in the size. P1 comes near to REACHED in two
-# rounds.
-SIZES = {"P1": (0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.05, 0.8, 4.0)}
+# REACHED; this size for a ball inside, whose force is distributed over a volume, alone and in a line
+# of balls, where the zones of several balls overlap; growth of the size with the distance. Bisected
+# cells are between half the wanted size and the whole, and need twice as many unknowns for the same
+# error as generated ones, whose edges have the wanted size. P1 comes near to REACHED in two rounds.
+BISECTED = {"P1": (0.2, 0.2, 0.2, 0.4), "P2": (0.6, 1.05, 1.05, 0.8)}
+GENERATED = {"P1": (0.15, 0.15, 0.15, 0.3), "P2": (0.42, 0.45, 0.7, 0.7)}
+ORDER = {"P1": 2.0, "P2": 4.0}  # of the compliance error in the size
+Sizes = tuple[float, float, float, float]
 REACHED = 0.03
 THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
 BULK = 0.7  # largest share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
@@ -25,33 +30,55 @@ SAFETY = 0.95  # of the error asked: a further round is expensive, and the error
 ALIKE = 1e-6  # of an indicator: cells that differ by less are mirror images and are marked together
 
 
-def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
-    """Return a function that returns the largest allowed size [m] of cells.
+@dataclass(frozen=True)
+class Zone:
+    """Cells of a `size` [m] within a `radius` [m] of a `centre` (3,) [m], and a `growth` of the size with the distance.
 
-    The cells have corners `(c, 4, 3)`. The size is used before an error is known. The compliance of
-    the holes at `sites` is to have a relative `accuracy` [-].
+    `axis` (3,) is the normal of a disc on the surface. It is NaN for a ball inside.
+    """
+
+    centre: Array
+    axis: Array
+    radius: float
+    size: float
+    growth: float
+
+
+def zones(
+    mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site], sizes: Mapping[str, Sizes] = GENERATED
+) -> list[Zone]:
+    """Return the zones of small cells around the holes at `sites`; bare points have none.
+
+    They are used before an error is known. The compliance of the holes is to have a relative
+    `accuracy` [-]. `sizes` depend on how the cells are made.
 
     A region of the mesh that begins or ends within the radius of a surface hole is a thin layer
     there. Such a layer needs proportionally smaller cells.
     """
-    on_surface, inside, growth, order = SIZES[element]
-    looser, surface = (accuracy / REACHED) ** (1.0 / order), outer_surface(mesh)
-    holes, layers = [], borders(mesh)
+    on_surface, inside, in_line, growth = sizes[element]
+    looser, surface = (accuracy / REACHED) ** (1.0 / ORDER[element]), outer_surface(mesh)
+    out, layers = [], borders(mesh)
     for site in (site for site in sites if site.radius > 0.0):
         point, axis = place(surface, site)
         if np.isfinite(axis).all():
             depth = np.linalg.norm(closest_on_triangles(point, layers) - point, axis=1).min(initial=site.radius)
             least = on_surface * max(depth, THINNEST * site.radius)
         else:
-            least = inside * site.radius
-        holes.append((looser * least, site.radius, point, axis))
+            least = (in_line if site.line else inside) * site.radius
+        out.append(Zone(point, axis, site.radius, looser * least, growth))
+    return out
+
+
+def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) -> Callable[[Array], Array]:
+    """Return a function that returns the largest allowed size [m] of bisected cells.
+
+    The cells have corners `(c, 4, 3)`. Arguments are as in `zones`.
+    """
+    around = zones(mesh, element, accuracy, sites, BISECTED)
 
     def size(corners: Array) -> Array:
         middle, own = corners.mean(axis=1), 0.5 * np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])))
-        each = [
-            least + growth * np.maximum(away(middle, radius, point, axis) - own, 0.0)
-            for least, radius, point, axis in holes
-        ]
+        each = [z.size + z.growth * np.maximum(away(middle, z) - own, 0.0) for z in around]
         return np.asarray(np.min(each, axis=0, initial=np.inf))
 
     return size
@@ -80,15 +107,12 @@ def place(surface: Surface, site: Site) -> tuple[Array, Array]:
     return nearest, normal / np.linalg.norm(normal)
 
 
-def away(points: Array, radius: float, centre: Array, axis: Array) -> Array:
-    """Return the distance of points `(k, 3)` from a disc normal to an `axis`, `(k,)` [m].
-
-    If the axis is NaN, the distance from a ball is returned.
-    """
-    offset = points - centre
-    height = offset @ axis if np.isfinite(axis).all() else np.zeros(len(points))
+def away(points: Array, zone: Zone) -> Array:
+    """Return the distance of points `(k, 3)` from the disc or the ball of a zone, `(k,)` [m]."""
+    offset = points - zone.centre
+    height = offset @ zone.axis if np.isfinite(zone.axis).all() else np.zeros(len(points))
     across = np.sqrt(np.maximum(np.sum(offset**2, axis=1) - height**2, 0.0))
-    return np.asarray(np.hypot(height, np.maximum(across - radius, 0.0)))
+    return np.asarray(np.hypot(height, np.maximum(across - zone.radius, 0.0)))
 
 
 def share_to_mark(element: str, excess: float) -> float:
@@ -97,8 +121,7 @@ def share_to_mark(element: str, excess: float) -> float:
     The errors are larger than asked by the factor `excess` (> 1). A bisection halves the volume of
     a cell, so that an indicator of order p in the size becomes smaller by the factor 2^(p/3).
     """
-    order = SIZES[element][3]
-    return min(BULK, (1.0 - SAFETY / excess) / (1.0 - 2.0 ** (-order / 3.0)))
+    return min(BULK, (1.0 - SAFETY / excess) / (1.0 - 2.0 ** (-ORDER[element] / 3.0)))
 
 
 def marked(mesh: MeshTet, indicators: Array, share: float = BULK, mirror: int | None = None) -> Indices:

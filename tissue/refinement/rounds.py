@@ -64,6 +64,7 @@ def fitted(
     accuracy: float,
     most: float = np.inf,
     mirror: int | None = None,
+    sized: bool = False,
 ) -> Fitted:
     """Return a body on a mesh that is refined until every site's compliance is accurate enough.
 
@@ -71,10 +72,14 @@ def fitted(
     within the `accuracy`, or if the next round could have more than `most` unknowns.
 
     A mesh that is symmetric about the plane normal to the axis `mirror` stays symmetric, because
-    matching lips need this symmetry.
+    matching lips need this symmetry. The cells of a mesh that is `sized` are small at the sites
+    already (`tissue.refinement.mark.zones`).
     """
-    begun, size = perf_counter(), wanted(mesh, element, accuracy, sites)
-    body = body_on(refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh)
+    begun = perf_counter()
+    if not sized:
+        size = wanted(mesh, element, accuracy, sites)
+        mesh = refine_to(mesh, size if mirror is None else mirrored(size, mirror)).mesh
+    body = body_on(mesh)
     rounds: list[Round] = []
     while True:
         placed = build_sites(body, sites)
