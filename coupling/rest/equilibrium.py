@@ -193,27 +193,30 @@ def settle(
     be shortened to less than a quarter, or prolonged. Raises `EquilibriumError`, and `FarError` if
     one is.
     """
-    step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near))
+    step = stand_firm(go_downhill(system, state, share, duration, given, began or state, near), near)
     return snapped(step, share, duration, began or state) if given is None else step
 
 
-def stand_firm(step: Step[Body]) -> Step[Body]:
+def stand_firm(step: Step[Body], near: bool) -> Step[Body]:
     """Return a step to a stable equilibrium of the thread.
 
-    The step is unchanged if the thread is stable, or if no other equilibrium is found. A thread
-    that would buckle moves to a neighbouring equilibrium.
+    The step is unchanged if the thread is stable. A thread that would buckle moves to a
+    neighbouring equilibrium. If none is found, the step is unchanged too. If it has to be `near`, a
+    `StepError` is raised instead, because a folded thread is often the end of too long a way.
     """
     problem, z = step.solution.problem, step.solution.iterate
     if not is_squeezed(step.solution) or would_stay(step.solution, step.new):
         return step
     try:
         solution = let_lie(settle_stretch(solve(problem, aside(problem, z), BOWING), find))
+        new = equilibrium_state(replace(step.old, frame=problem.frame), solution)
+        if would_stay(solution, new):
+            return Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
     except StepError as error:
-        log.debug("the thread is unstable, and no other equilibrium is found: %s", error)
-        return step
-    new = equilibrium_state(replace(step.old, frame=problem.frame), solution)
-    found = Step(step.old, new, problem.dt, solution, end_configuration(new, solution), snapped=True)
-    return found if would_stay(solution, new) else step
+        log.debug("no other equilibrium of the thread is found: %s", error)
+    if near:
+        raise StepError(step.old.time, step.dt, "the thread would buckle, and no stable equilibrium is found")
+    return step
 
 
 def snapped(step: Step[Body], share: float, duration: float, began: State[Body]) -> Step[Body]:

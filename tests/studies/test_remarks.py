@@ -247,8 +247,8 @@ def test_a_thread_that_is_balanced_goes_aside(monkeypatch: pytest.MonkeyPatch) -
         assert [event.kind for event in run.events] == ["snaps"] and "would-not-stay" not in said
         assert abs(tip[0] - along) <= BUCKLING and abs(np.linalg.norm(tip[1:]) - aside) <= BUCKLING
     monkeypatch.setattr(equilibrium, "aside", lambda problem, z: z)
-    run, said = under(1.02)
-    assert not run.events and "would-not-stay" in said
+    run, said = under(1.02)  # the loads are halved before an unstable thread is accepted
+    assert {event.kind for event in run.events} == {"halved"} and "would-not-stay" in said
 
 
 HANGING = """
