@@ -142,10 +142,9 @@ def wounded_block_gmsh(
     points[:, 0] = np.abs(points[:, 0])
     across, along, depths = frame.planes
     planes = sorted({abs(x) for x in across}), along, depths
-    sizes = [each.h_site for each in grading_at(grading, len(points))]
-    quarter = _is_symmetric(np.column_stack([points[:, 1:], sizes]), frame) and _is_symmetric(
-        np.reshape(along, (-1, 1)), frame
-    )
+    sizes = [(each.h_site, each.flat) for each in grading_at(grading, len(points))]
+    by_y = np.column_stack([points[:, [1, 0, 2]], np.reshape(sizes, (-1, 2))])
+    quarter = _is_symmetric(by_y, frame) and _is_symmetric(np.reshape(along, (-1, 1)), frame)
     with session() as gmsh:
         lower = np.array([0.0, 0.0 if quarter else frame.lower[1], frame.lower[2]])
         add_box(gmsh, lower, frame.upper, planes, frame.unit)

@@ -34,7 +34,7 @@ from studies.scenario.piercing import place_refused
 from studies.scenario.scenario import check_apart
 from studies.scenario.values import Vector
 from studies.simulation.sharing import Shared, places_key
-from tissue.refinement.mark import BISECTED
+from tissue.refinement.mark import BISECTED, GROWTH
 from tissue.sites.surface import ON_SURFACE
 
 log = logging.getLogger(__name__)
@@ -71,17 +71,18 @@ def organ_mesh(scenario: Scenario, given: skfem.MeshTet | None = None, sites: Si
     accuracy = table.mesh.accuracy
     if given is None and sites is not None and accuracy != "given" and is_sized(scenario):
         around = tissue.zones(mesh, table.element, accuracy, sites(mesh))
-        mesh = named_mesh(scenario, table, mesh_of(table, scenario.piercing, around))
+        return named_mesh(scenario, table, mesh_of(table, scenario.piercing, around)) if around else mesh
     return mesh
 
 
 def is_sized(scenario: Scenario) -> bool:
     """Return whether gmsh makes the small cells at the holes, so that cells are not bisected there.
 
-    A hole with `near` lies on a facet of the first mesh, which a new mesh does not have.
+    A hole with `near`, or on a surface from a file, lies on a facet of the first mesh, which a new
+    mesh does not have.
     """
     shape = None if scenario.tissue is None else scenario.tissue.mesh
-    if shape is None or isinstance(shape, model.GivenMesh) or shape.h is None or shape.h_site is not None:
+    if shape is None or isinstance(shape, model.GivenMesh | model.FileMesh) or shape.h_site is not None:
         return False
     found = any(hole.near is not None for hole in scenario.piercing)
     return not found and getattr(shape, "generator", "gmsh") == "gmsh"
@@ -108,7 +109,7 @@ def mesh_of(table: model.Tissue, holes: Sequence[model.Piercing], around: Sequen
     if isinstance(shape, model.GivenMesh):
         raise refused("tissue.mesh.kind", shape.kind, "mesh-given")
     if isinstance(shape, model.FileMesh):
-        return _from_file(table, shape, holes, around)
+        return _from_file(table, shape, holes)
     body = body_of(shape)
     grading, sites = sizes_of(table, holes, around, body)
     check_memory(table, grading, sites, body, planes)
@@ -135,9 +136,7 @@ def _block(shape: model.BlockMesh | model.WoundMesh, grading: Gradings, sites: A
     return graded(shape.size, grading, sites, planes)
 
 
-def _from_file(
-    table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing], around: Sequence[tissue.Zone]
-) -> skfem.MeshTet:
+def _from_file(table: model.Tissue, shape: model.FileMesh, holes: Sequence[model.Piercing]) -> skfem.MeshTet:
     """Return the tetrahedra of a file, or a closed surface filled."""
     unit = metres_per_unit(shape.unit)
     if not shape.is_surface:
@@ -149,7 +148,7 @@ def _from_file(
         return mesh
     skin = read_surface(shape.path, unit)
     body = _box(skin.points.min(axis=0), skin.points.max(axis=0), skin.volume)
-    grading, sites = sizes_of(table, holes, around, body)
+    grading, sites = grading_of(table, holes), body.nearest(places(holes))
     check_memory(table, grading, sites, body, NO_PLANES)
     return fill(skin, grading, sites)
 
@@ -175,12 +174,17 @@ def places(holes: Sequence[model.Piercing]) -> Array:
 def sizes_of(
     table: model.Tissue, holes: Sequence[model.Piercing], around: Sequence[tissue.Zone], body: Body
 ) -> tuple[Gradings, Array]:
-    """Return the gradings of a generated mesh, one for all holes or one for each zone, and their places (k, 3) [m]."""
+    """Return the gradings of a generated mesh and their places (k, 3) [m].
+
+    They are one for all holes, or one for each zone and bare point.
+    """
     whole = grading_of(table, holes)
     if not around:
         return whole, body.nearest(places(holes))
+    bare = [hole for hole in holes if not hole.footprint]
     each = [Grading(whole.h, min(zone.size, whole.h), float(np.exp(zone.growth)), zone.radius) for zone in around]
-    return each, body.nearest(np.array([zone.centre for zone in around]))
+    centres = np.array([zone.centre for zone in around])
+    return [*each, *[whole] * len(bare)], body.nearest(np.vstack([centres, places(bare)]))
 
 
 def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
@@ -196,7 +200,7 @@ def grading_of(table: model.Tissue, holes: Sequence[model.Piercing]) -> Grading:
     radius = max(footprints, default=0.0)
     is_round = isinstance(shape, model.CylinderMesh | model.TubeMesh)
     if shape.h_site is None and is_round and shape.accuracy != "given":
-        least, growth = min([shape.h, *footprints]), float(np.exp(BISECTED[table.element][-1]))
+        least, growth = min([shape.h, *footprints]), float(np.exp(BISECTED[table.element][GROWTH]))
         return Grading(shape.h, least, growth, least)
     return Grading(shape.h, shape.h_site or shape.h, shape.growth, radius)
 

@@ -16,13 +16,15 @@ from tissue.sites.surface import ON_SURFACE, Surface, closest_on_triangles, oute
 
 # For each element: size of cells over the footprint's radius at which a half-space has the error
 # REACHED; this size for a ball inside, whose force is distributed over a volume, alone and in a line
-# of balls, where the zones of several balls overlap; growth of the size with the distance. Bisected
-# cells are between half the wanted size and the whole, and need twice as many unknowns for the same
-# error as generated ones, whose edges have the wanted size. P1 comes near to REACHED in two rounds.
-BISECTED = {"P1": (0.2, 0.2, 0.2, 0.4), "P2": (0.6, 1.05, 1.05, 0.8)}
-GENERATED = {"P1": (0.15, 0.15, 0.15, 0.3), "P2": (0.42, 0.45, 0.7, 0.7)}
+# of balls, where the zones of several balls overlap; growth of the size with the distance; order of
+# the error in the size below REACHED. Bisected cells are between half the wanted size and the whole,
+# and need up to twice as many unknowns for the same error as generated ones, whose edges have the
+# wanted size. P1 comes near to REACHED in two rounds.
+BISECTED = {"P1": (0.2, 0.2, 0.2, 0.4, 2.0), "P2": (0.6, 1.05, 1.05, 0.8, 4.0)}
+GENERATED = {"P1": (0.15, 0.15, 0.15, 0.3, 2.0), "P2": (0.42, 0.45, 0.7, 0.7, 2.6)}
 ORDER = {"P1": 2.0, "P2": 4.0}  # of the compliance error in the size
-Sizes = tuple[float, float, float, float]
+Sizes = tuple[float, float, float, float, float]
+GROWTH = 3  # place of the growth among the sizes
 REACHED = 0.03
 THINNEST = 0.4  # of the radius: thinner layers are refined by the estimate only
 BULK = 0.7  # largest share of the marked cells in the sum of the indicators (Dörfler, SIAM J. Numer. Anal. 33, 1996)
@@ -55,8 +57,9 @@ def zones(
     A region of the mesh that begins or ends within the radius of a surface hole is a thin layer
     there. Such a layer needs proportionally smaller cells.
     """
-    on_surface, inside, in_line, growth = sizes[element]
-    looser, surface = (accuracy / REACHED) ** (1.0 / ORDER[element]), outer_surface(mesh)
+    on_surface, inside, in_line, growth, order = sizes[element]
+    looser = (accuracy / REACHED) ** (1.0 / (ORDER[element] if accuracy > REACHED else order))
+    surface = outer_surface(mesh)
     out, layers = [], borders(mesh)
     for site in (site for site in sites if site.radius > 0.0):
         point, axis = place(surface, site)
@@ -65,7 +68,7 @@ def zones(
             least = on_surface * max(depth, THINNEST * site.radius)
         else:
             least = (in_line if site.line else inside) * site.radius
-        out.append(Zone(point, axis, site.radius, looser * least, growth))
+        out.append(Zone(point, axis, site.radius, looser * least, min(looser, 1.0) * growth))
     return out
 
 
@@ -74,11 +77,11 @@ def wanted(mesh: MeshTet, element: str, accuracy: float, sites: Sequence[Site]) 
 
     The cells have corners `(c, 4, 3)`. Arguments are as in `zones`.
     """
-    around = zones(mesh, element, accuracy, sites, BISECTED)
+    around, growth = zones(mesh, element, accuracy, sites, BISECTED), BISECTED[element][GROWTH]
 
     def size(corners: Array) -> Array:
         middle, own = corners.mean(axis=1), 0.5 * np.cbrt(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])))
-        each = [z.size + z.growth * np.maximum(away(middle, z) - own, 0.0) for z in around]
+        each = [z.size + growth * np.maximum(away(middle, z) - own, 0.0) for z in around]
         return np.asarray(np.min(each, axis=0, initial=np.inf))
 
     return size
